@@ -1,0 +1,14 @@
+#pragma once
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+
+namespace nb = nanobind;
+
+// One function a link of the chain; bind.cpp calls them in the order of the data.
+void bind_projection(nb::module_& m);     // projector and its transpose
+void bind_reconstruction(nb::module_& m); // likelihood, prior, descent
+void bind_mechanics(nb::module_& m);      // springs, blocks
+void bind_simulation(nb::module_& m);     // the 1 kHz loop
+
+template <class T, int rank> using Array = nb::ndarray<T, nb::ndim<rank>, nb::c_contig, nb::device::cpu>;
+template <class T, int rank> using In = nb::ndarray<const T, nb::ndim<rank>, nb::c_contig, nb::device::cpu>;

@@ -1,0 +1,45 @@
+"""The array types of the public functions, and the one check that every array passes on its way in."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from palpate.errors import DataError
+
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+Int32 = NDArray[np.int32]
+Int64 = NDArray[np.int64]
+Bool = NDArray[np.bool_]
+AnyArray = NDArray[Any]
+
+
+def float32(name: str, values: ArrayLike, shape: Sequence[int | None] | None = None) -> Float32:
+    """`values` as a finite, C-contiguous float32 array of `shape` (None leaves an axis free), or a `DataError`."""
+    return _checked(name, values, shape).astype(np.float32, order="C", copy=False)
+
+
+def float64(name: str, values: ArrayLike, shape: Sequence[int | None] | None = None) -> Float64:
+    """`values` as a finite, C-contiguous float64 array of `shape` (None leaves an axis free), or a `DataError`."""
+    return _checked(name, values, shape).astype(np.float64, order="C", copy=False)
+
+
+def _checked(name: str, values: ArrayLike, shape: Sequence[int | None] | None) -> AnyArray:
+    array = np.asarray(values)
+    if array.dtype.kind not in "fiub":
+        raise DataError(f"{name}: expected real numbers, got dtype {array.dtype}; convert with .astype(float)")
+    if shape is not None and (
+        array.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, array.shape, strict=True))
+    ):
+        wanted = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
+        raise DataError(f"{name}: expected shape {wanted}, got {array.shape}")
+    if array.dtype.kind == "f" and not np.isfinite(array).all():
+        first = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        bad = int(np.count_nonzero(~np.isfinite(array)))
+        raise DataError(
+            f"{name}: {bad} values are not finite (first at index {first}: {array[first]}); "
+            f"mask or replace them, for example with numpy.nan_to_num"
+        )
+    return np.ascontiguousarray(array)

@@ -1,0 +1,29 @@
+"""What can go wrong, each error derived from the matching built-in, so that `except ValueError` works."""
+
+
+class PalpateError(Exception):
+    """Anything palpate refuses. The message names the thing, the value found, and the way out."""
+
+
+class GeometryError(PalpateError, ValueError):
+    """A source, panel or grid that cannot be, or that do not meet."""
+
+
+class DataError(PalpateError, ValueError):
+    """Counts, volumes or labels of the wrong shape, type or value."""
+
+
+class MeshError(PalpateError, ValueError):
+    """A mesh that is not a valid solid."""
+
+
+class MaterialError(PalpateError, ValueError):
+    """Elastic constants or supports that no tissue can have."""
+
+
+class FileError(PalpateError, OSError):
+    """A file that is missing, truncated, of another kind, or cannot be written."""
+
+
+class PortError(PalpateError, OSError):
+    """A network port that is taken."""

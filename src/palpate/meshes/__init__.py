@@ -1,0 +1,1 @@
+"""From labels to a solid of tetrahedra."""

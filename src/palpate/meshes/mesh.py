@@ -1,0 +1,91 @@
+"""A solid made of tetrahedra."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from palpate.arrays import Float64, Int32, float64
+from palpate.errors import MeshError
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class TetMesh:
+    """nodes: (N, 3) mm in x, y, z. tets: (M, 4) node indices, positive orientation. region: (M,) label of each tet.
+
+    names: region value to name. Raises `MeshError` on indices out of range, inverted or flat tets, unused nodes.
+    """
+
+    nodes: Float64
+    tets: Int32
+    region: Int32
+    names: dict[int, str]
+
+    def __init__(
+        self,
+        nodes: ArrayLike,
+        tets: ArrayLike,
+        region: ArrayLike | None = None,
+        names: dict[int, str] | None = None,
+    ) -> None:
+        x = float64("nodes", nodes, (None, 3)).copy()
+        t = np.array(tets)
+        if t.ndim != 2 or t.shape[1] != 4 or len(t) == 0 or t.dtype.kind not in "iu":
+            raise MeshError(f"tets: expected whole numbers of shape (M, 4) with M > 0, got {t.shape} {t.dtype}")
+        if t.min() < 0 or t.max() >= len(x):
+            bad = int(np.flatnonzero((t < 0).any(axis=1) | (t >= len(x)).any(axis=1))[0])
+            raise MeshError(f"tet {bad} names node {t[bad].tolist()}, but nodes are 0 to {len(x) - 1}")
+        volume = signed_volumes(x, t)
+        if (volume <= 0).any():
+            bad = int(np.flatnonzero(volume <= 0)[0])
+            raise MeshError(
+                f"{np.count_nonzero(volume <= 0)} tets inverted or flat (first: tet {bad}, nodes {t[bad].tolist()}, "
+                f"volume {volume[bad]:g} mm³); swap two nodes of an inverted tet, remove flat ones"
+            )
+        used = np.zeros(len(x), dtype=bool)
+        used[t] = True
+        if not used.all():
+            raise MeshError(f"{np.count_nonzero(~used)} nodes belong to no tet (first: {int(np.argmin(used))})")
+        labels = np.ones(len(t), dtype=np.int32) if region is None else np.array(region, dtype=np.int32)
+        if labels.shape != (len(t),):
+            raise MeshError(f"region: expected one label a tet, shape ({len(t)},), got {labels.shape}")
+        for name, value in (("nodes", x), ("tets", t.astype(np.int32)), ("region", labels)):
+            value.flags.writeable = False
+            object.__setattr__(self, name, value)
+        object.__setattr__(self, "names", dict(names or {}))
+
+    @cached_property
+    def surface(self) -> Int32:
+        """(F, 3) triangles that belong to one tet only, wound so that normals point outwards."""
+        return boundary_faces(self.tets)
+
+    @cached_property
+    def surface_nodes(self) -> Int32:
+        """Sorted indices of the nodes on the surface."""
+        return np.unique(self.surface).astype(np.int32)
+
+    @cached_property
+    def volumes(self) -> Float64:
+        """(M,) mm³ of each tet."""
+        return signed_volumes(self.nodes, self.tets)
+
+
+def signed_volumes(nodes: Float64, tets: ArrayLike) -> Float64:
+    """(M,) mm³, positive where the fourth node lies on the side from which the first three run anticlockwise."""
+    a, b, c, d = (nodes[np.asarray(tets)[:, i]] for i in range(4))
+    volumes: Float64 = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) / 6
+    return volumes
+
+
+def boundary_faces(tets: Int32) -> Int32:
+    """(F, 3) faces that belong to exactly one tet, normals outwards; a face of three tets or more is a `MeshError`."""
+    faces = np.concatenate([tets[:, [1, 2, 3]], tets[:, [0, 3, 2]], tets[:, [0, 1, 3]], tets[:, [0, 2, 1]]])
+    key = np.sort(faces, axis=1)
+    _, first, count = np.unique(key, axis=0, return_index=True, return_counts=True)
+    if (count > 2).any():
+        bad = key[first[np.argmax(count)]]
+        raise MeshError(
+            f"face {bad.tolist()} is shared by {count.max()} tets, at most 2 can meet there; remove overlapping tets"
+        )
+    return np.ascontiguousarray(faces[np.sort(first[count == 1])])

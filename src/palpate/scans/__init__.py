@@ -1,0 +1,1 @@
+"""Projections: geometry, counts, files, and simulated scans."""

@@ -1,0 +1,84 @@
+"""What the panel counted."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from palpate.arrays import AnyArray, Bool, Float32, float32
+from palpate.errors import DataError
+from palpate.scans.views import Views
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class Scan:
+    """Projections of an object: what is measured, and all that is needed to say what it means.
+
+    counts: photons (views, rows, columns), may be non-integer. incident: photons a pixel would count with nothing in
+    the beam; scalar, (views,) or full. background: expected scatter and dark counts, likewise. mask: True = measured,
+    (views, rows, columns) or broadcastable. Raises `DataError`.
+    """
+
+    counts: Float32
+    incident: Float32
+    views: Views
+    background: Float32
+    mask: Bool
+
+    def __init__(
+        self,
+        counts: ArrayLike,
+        incident: ArrayLike,
+        views: Views,
+        background: ArrayLike = 0,
+        mask: ArrayLike | None = None,
+    ) -> None:
+        y = float32("counts", counts, views.shape)
+        b = _full("incident", incident, views.shape)
+        r = _full("background", background, views.shape)
+        measured = np.ones(views.shape, dtype=bool) if mask is None else np.asarray(mask)
+        if measured.dtype != bool:
+            raise DataError(f"mask: expected dtype bool (True = measured), got {measured.dtype}")
+        try:
+            measured = np.ascontiguousarray(np.broadcast_to(measured, views.shape))
+        except ValueError:
+            raise DataError(f"mask: shape {measured.shape} does not broadcast to {views.shape}") from None
+        if not measured.any():
+            raise DataError("mask: no pixel is measured; True marks a measured pixel")
+        _refuse("counts", y, (y < 0) & measured, "negative", "subtract no more than the offset, or mask them")
+        _refuse("background", r, (r < 0) & measured, "negative", "expected counts cannot be below 0")
+        _refuse("incident", b, (b <= 0) & measured, "0 or less", "mask dead pixels with mask=False there")
+        for name, value in (("counts", y), ("incident", b), ("background", r), ("mask", measured)):
+            value = value.view()
+            value.flags.writeable = False
+            object.__setattr__(self, name, value)
+        object.__setattr__(self, "views", views)
+
+    def __getitem__(self, views: int | slice | list[int]) -> "Scan":
+        """The same scan with some of its views."""
+        k = np.atleast_1d(np.arange(len(self.views))[views])
+        return Scan(self.counts[k], self.incident[k], self.views[list(map(int, k))], self.background[k], self.mask[k])
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """(views, rows, columns)."""
+        return self.views.shape
+
+
+def _full(name: str, values: ArrayLike, shape: tuple[int, int, int]) -> Float32:
+    array = float32(name, values)
+    if array.shape == (shape[0],) and array.ndim == 1:
+        array = array[:, None, None]
+    try:
+        return np.broadcast_to(array, shape)
+    except ValueError:
+        raise DataError(f"{name}: expected a scalar, ({shape[0]},) one a view, or {shape}; got {array.shape}") from None
+
+
+def _refuse(name: str, values: AnyArray, bad: Bool, what: str, remedy: str) -> None:
+    if bad.any():
+        view, row, column = (int(i) for i in np.argwhere(bad)[0])
+        raise DataError(
+            f"{name}: {np.count_nonzero(bad)} measured pixels are {what} (first at view {view}, row {row}, column "
+            f"{column}: {values[view, row, column]:g}); {remedy}"
+        )

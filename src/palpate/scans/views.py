@@ -1,0 +1,142 @@
+"""Where the X-rays come from and where they land: one focal spot and one flat panel a view."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from palpate.arrays import Float64
+from palpate.errors import GeometryError
+
+FAR = 10_000.0  # mm; no X-ray room is longer, but 1,500 mm given in micrometres is
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class Panel:
+    """A flat panel.
+
+    shape: (rows, columns). pitch: (dv, du) mm between rows and between columns. origin: centre (x, y, z) of pixel
+    (0, 0), mm. row_axis, column_axis: directions in which the row and the column index grow, orthogonal; made unit
+    length. Raises `GeometryError`.
+    """
+
+    shape: tuple[int, int]
+    pitch: tuple[float, float]
+    origin: Float64
+    row_axis: Float64
+    column_axis: Float64
+
+    def __init__(
+        self,
+        shape: ArrayLike,
+        pitch: ArrayLike,
+        origin: ArrayLike,
+        row_axis: ArrayLike = (0, 1, 0),
+        column_axis: ArrayLike = (1, 0, 0),
+    ) -> None:
+        n, d = _numbers("panel shape", shape, 2), _numbers("panel pitch", pitch, 2)
+        o = _numbers("panel origin", origin, 3)
+        row, column = _numbers("panel row_axis", row_axis, 3), _numbers("panel column_axis", column_axis, 3)
+        if (n < 1).any() or (n != np.round(n)).any():
+            raise GeometryError(f"panel shape: expected 2 whole numbers (rows, columns) of at least 1, got {shape!r}")
+        if (d <= 0).any():
+            raise GeometryError(f"panel pitch: expected 2 positive lengths (dv, du) in mm, got {pitch!r}")
+        if (n * d > FAR).any() or (np.abs(o) > FAR).any():
+            raise GeometryError(
+                f"panel of {tuple(n * d)} mm at {tuple(o)} mm is larger or farther than {FAR:g} mm; check the units"
+            )
+        lengths = np.linalg.norm(row), np.linalg.norm(column)
+        if min(lengths) < 1e-9 or abs(row @ column) > 1e-6 * lengths[0] * lengths[1]:
+            raise GeometryError(
+                f"panel axes: row_axis {tuple(row)} and column_axis {tuple(column)} are not orthogonal directions"
+            )
+        object.__setattr__(self, "shape", (int(n[0]), int(n[1])))
+        object.__setattr__(self, "pitch", (float(d[0]), float(d[1])))
+        object.__setattr__(self, "origin", _frozen(o))
+        object.__setattr__(self, "row_axis", _frozen(row / lengths[0]))
+        object.__setattr__(self, "column_axis", _frozen(column / lengths[1]))
+
+    @property
+    def normal(self) -> Float64:
+        """Unit vector column_axis x row_axis: towards the source for an unmirrored panel seen from above."""
+        return np.cross(self.column_axis, self.row_axis)
+
+    def points(self, pixels: ArrayLike) -> Float64:
+        """Positions (N, 3) mm of (possibly fractional) pixels (N, 2) in (row, column) order."""
+        rc = np.atleast_2d(np.asarray(pixels, dtype=np.float64))
+        steps = rc[:, :1] * self.pitch[0] * self.row_axis + rc[:, 1:] * self.pitch[1] * self.column_axis
+        points: Float64 = self.origin + steps
+        return points
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class Views:
+    """source: focal spots (views, 3) mm. panels: one panel a view, all of one shape. Raises `GeometryError`.
+
+    `views[::2]` is every second view.
+    """
+
+    source: Float64
+    panels: tuple[Panel, ...]
+
+    def __init__(self, source: ArrayLike, panel: Panel | Sequence[Panel]) -> None:
+        s = np.array(source, dtype=np.float64)
+        if s.ndim != 2 or s.shape[1] != 3 or len(s) == 0:
+            raise GeometryError(f"source: expected shape (views, 3), got {s.shape}")
+        panels = (panel,) * len(s) if isinstance(panel, Panel) else tuple(panel)
+        if len(panels) != len(s):
+            raise GeometryError(f"panels: expected one, or {len(s)} (one a view), got {len(panels)}")
+        if len({p.shape for p in panels}) > 1:
+            raise GeometryError(f"panels: all must share one shape, got {sorted({p.shape for p in panels})}")
+        for view, (position, p) in enumerate(zip(s, panels, strict=True)):
+            if not np.isfinite(position).all():
+                raise GeometryError(f"source of view {view} is not finite: {position}")
+            distance = float((position - p.origin) @ p.normal)
+            if np.abs(position).max() > FAR:
+                raise GeometryError(
+                    f"source of view {view} is {np.abs(position).max() / 1000:g} m away at {tuple(position)} mm; "
+                    f"lengths are mm: check the units"
+                )
+            if abs(distance) < 1:
+                raise GeometryError(
+                    f"source of view {view} at {tuple(position)} mm lies in its panel's plane; check origin and axes"
+                )
+        object.__setattr__(self, "source", _frozen(s))
+        object.__setattr__(self, "panels", panels)
+
+    def __len__(self) -> int:
+        return len(self.source)
+
+    def __getitem__(self, views: int | slice | Sequence[int]) -> "Views":
+        chosen = np.atleast_1d(np.arange(len(self))[views])
+        return Views(self.source[chosen], [self.panels[i] for i in chosen])
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """(views, rows, columns)."""
+        return (len(self), *self.panels[0].shape)
+
+    def project(self, points: ArrayLike) -> Float64:
+        """Where rays through points (N, 3) mm land: (views, N, 2) fractional (row, column)."""
+        points = np.atleast_2d(np.asarray(points, dtype=np.float64))
+        landed = np.empty((len(self), len(points), 2))
+        for view, (s, panel) in enumerate(zip(self.source, self.panels, strict=True)):
+            ray = points - s
+            reach = ((panel.origin - s) @ panel.normal) / (ray @ panel.normal)
+            hit = s + reach[:, None] * ray - panel.origin
+            landed[view, :, 0] = hit @ panel.row_axis / panel.pitch[0]
+            landed[view, :, 1] = hit @ panel.column_axis / panel.pitch[1]
+        return landed
+
+
+def _numbers(name: str, values: ArrayLike, count: int) -> Float64:
+    array = np.array(values, dtype=np.float64)
+    if array.shape != (count,) or not np.isfinite(array).all():
+        raise GeometryError(f"{name}: expected {count} finite numbers, got {values!r}")
+    return array
+
+
+def _frozen(array: Float64) -> Float64:
+    array.flags.writeable = False
+    return array

@@ -1,0 +1,1 @@
+"""The loopback server that shows the organ in a web page."""

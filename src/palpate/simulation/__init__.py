@@ -1,0 +1,1 @@
+"""The 1 kHz loop, and the devices that hold the other end."""

@@ -1,0 +1,1 @@
+"""What the loop needs of a device: a position in, a force out."""

@@ -1,0 +1,1 @@
+"""Whole experiments, each ending in one HTML report."""
