@@ -14,6 +14,11 @@ if TYPE_CHECKING:
     from palpate.scans.views import Panel as Panel
     from palpate.scans.views import Views as Views
     from palpate.tissue.elasticity import finite_elements as finite_elements
+    from palpate.tissue.files import read_tissue as read_tissue
+    from palpate.tissue.files import write_tissue as write_tissue
+    from palpate.tissue.fit import fit as fit
+    from palpate.tissue.lump import force_map as force_map
+    from palpate.tissue.lump import lump_map as lump_map
     from palpate.tissue.models import model as model
     from palpate.tissue.tissue import SpringLaw as SpringLaw
     from palpate.tissue.tissue import Tissue as Tissue
@@ -35,6 +40,11 @@ _HOME = {
     "resting_on": "tissue.tissue",
     "finite_elements": "tissue.elasticity",
     "model": "tissue.models",
+    "fit": "tissue.fit",
+    "read_tissue": "tissue.files",
+    "write_tissue": "tissue.files",
+    "force_map": "tissue.lump",
+    "lump_map": "tissue.lump",
 }
 __all__ = sorted(_HOME)
 

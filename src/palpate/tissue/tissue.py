@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,6 +11,7 @@ from palpate import _core
 from palpate.arrays import Bool, Float64, Int32, float64
 from palpate.errors import MaterialError
 from palpate.meshes.mesh import TetMesh
+from palpate.tissue.report import FitReport
 
 KPA = 1e-3  # N/mm² in a kPa
 
@@ -67,7 +67,7 @@ class Tissue:
     fixed: Int32
     element: str
     springs: SpringLaw | None
-    report: Any
+    report: FitReport | None
 
     def __init__(
         self,
@@ -78,7 +78,7 @@ class Tissue:
         *,
         element: str = "P1",
         springs: SpringLaw | None = None,
-        report: Any = None,
+        report: FitReport | None = None,
     ) -> None:
         modulus = _constants("young", young, mesh)
         ratio = _constants("poisson", poisson, mesh)
