@@ -76,7 +76,7 @@ class Grid:
     def axis(self, name: str) -> Float64:
         """Voxel centres along "x", "y" or "z" in the grid's own frame, mm."""
         i = "xyz".index(name)
-        values: Float64 = self.origin[i] + self.spacing[2 - i] * np.arange(self.shape[2 - i])
+        values: Float64 = self.origin[i] + self.spacing[2 - i] * np.arange(self.shape[2 - i], dtype=np.float64)
         return values
 
     @property
