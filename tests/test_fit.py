@@ -2,14 +2,14 @@
 
 import meshio
 import numpy as np
-import palpate as pp
 import pytest
+from solids import brick
+
+import palpate as pp
 from palpate.tissue.fit import compare
 from palpate.tissue.lump import THRESHOLDS, without_region
 from palpate.tissue.materials import MATERIALS
 from palpate.tissue.springs import SpringModel
-
-from solids import brick
 
 MESH = brick((6, 6, 6), region=lambda c: np.where(np.linalg.norm(c - [25, 25, 33], axis=1) < 11, 2, 1))
 
@@ -163,6 +163,6 @@ def test_without_the_region_the_tissue_is_even(lump):
 
 
 def test_materials_say_where_they_are_from():
-    assert all(m.young > 0 and "doi" in m.source or "J. Magn" in m.source for m in MATERIALS.values())
+    assert all((m.young > 0 and "doi" in m.source) or "J. Magn" in m.source for m in MATERIALS.values())
     ratio = MATERIALS["breast carcinoma, ductal, high grade"].young / MATERIALS["breast fibroglandular"].young
     assert 12 < ratio < 14  # "up to a 13-fold increase", says the abstract
