@@ -13,6 +13,10 @@ if TYPE_CHECKING:
     from palpate.scans.scan import Scan as Scan
     from palpate.scans.views import Panel as Panel
     from palpate.scans.views import Views as Views
+    from palpate.volumes.files import read_labels as read_labels
+    from palpate.volumes.files import read_volume as read_volume
+    from palpate.volumes.files import write_labels as write_labels
+    from palpate.volumes.files import write_volume as write_volume
     from palpate.volumes.grid import Grid as Grid
     from palpate.volumes.volume import Labels as Labels
     from palpate.volumes.volume import Volume as Volume
@@ -21,6 +25,10 @@ _HOME = {
     "Grid": "volumes.grid",
     "Volume": "volumes.volume",
     "Labels": "volumes.volume",
+    "read_volume": "volumes.files",
+    "write_volume": "volumes.files",
+    "read_labels": "volumes.files",
+    "write_labels": "volumes.files",
     "Panel": "scans.views",
     "Views": "scans.views",
     "Scan": "scans.scan",
