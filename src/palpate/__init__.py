@@ -10,6 +10,8 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from palpate.meshes.mesh import TetMesh as TetMesh
+    from palpate.scans.files import read_scan as read_scan
+    from palpate.scans.files import write_scan as write_scan
     from palpate.scans.scan import Scan as Scan
     from palpate.scans.views import Panel as Panel
     from palpate.scans.views import Views as Views
@@ -32,6 +34,8 @@ _HOME = {
     "Panel": "scans.views",
     "Views": "scans.views",
     "Scan": "scans.scan",
+    "read_scan": "scans.files",
+    "write_scan": "scans.files",
     "TetMesh": "meshes.mesh",
 }
 __all__ = sorted(_HOME)
