@@ -12,7 +12,19 @@ if TYPE_CHECKING:
     from palpate.meshes.mesh import TetMesh as TetMesh
     from palpate.scans.files import read_scan as read_scan
     from palpate.scans.files import write_scan as write_scan
+    from palpate.scans.motion import arc_views as arc_views
+    from palpate.scans.motion import circular_views as circular_views
+    from palpate.scans.motion import hypocycloid_views as hypocycloid_views
+    from palpate.scans.motion import linear_views as linear_views
+    from palpate.scans.motion import rotating_views as rotating_views
+    from palpate.scans.phantom import Box as Box
+    from palpate.scans.phantom import Common as Common
+    from palpate.scans.phantom import Ellipsoid as Ellipsoid
+    from palpate.scans.phantom import Phantom as Phantom
+    from palpate.scans.phantom import breast_phantom as breast_phantom
+    from palpate.scans.phantom import slab_phantom as slab_phantom
     from palpate.scans.scan import Scan as Scan
+    from palpate.scans.simulate import simulate_scan as simulate_scan
     from palpate.scans.views import Panel as Panel
     from palpate.scans.views import Views as Views
     from palpate.volumes.files import read_labels as read_labels
@@ -33,9 +45,21 @@ _HOME = {
     "write_labels": "volumes.files",
     "Panel": "scans.views",
     "Views": "scans.views",
+    "circular_views": "scans.motion",
+    "linear_views": "scans.motion",
+    "arc_views": "scans.motion",
+    "rotating_views": "scans.motion",
+    "hypocycloid_views": "scans.motion",
     "Scan": "scans.scan",
     "read_scan": "scans.files",
     "write_scan": "scans.files",
+    "Phantom": "scans.phantom",
+    "Ellipsoid": "scans.phantom",
+    "Box": "scans.phantom",
+    "Common": "scans.phantom",
+    "slab_phantom": "scans.phantom",
+    "breast_phantom": "scans.phantom",
+    "simulate_scan": "scans.simulate",
     "TetMesh": "meshes.mesh",
 }
 __all__ = sorted(_HOME)
