@@ -10,8 +10,11 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from palpate.meshes.mesh import TetMesh as TetMesh
+    from palpate.scans.correct import open_beam as open_beam
     from palpate.scans.files import read_scan as read_scan
     from palpate.scans.files import write_scan as write_scan
+    from palpate.scans.geometry_file import read_geometry as read_geometry
+    from palpate.scans.importers import import_scan as import_scan
     from palpate.scans.motion import arc_views as arc_views
     from palpate.scans.motion import circular_views as circular_views
     from palpate.scans.motion import hypocycloid_views as hypocycloid_views
@@ -53,6 +56,9 @@ _HOME = {
     "Scan": "scans.scan",
     "read_scan": "scans.files",
     "write_scan": "scans.files",
+    "import_scan": "scans.importers",
+    "read_geometry": "scans.geometry_file",
+    "open_beam": "scans.correct",
     "Phantom": "scans.phantom",
     "Ellipsoid": "scans.phantom",
     "Box": "scans.phantom",

@@ -161,6 +161,12 @@ class Phantom:
         corners = np.array([solid.bounds() for solid, _ in self.parts])
         return np.stack([corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)])
 
+    def grid(self, spacing: float) -> Grid:
+        """Cubic voxels of `spacing` mm that cover all parts."""
+        low, high = self.bounds()
+        n = np.ceil((high - low) / spacing).astype(int)
+        return Grid(n[::-1], (spacing,) * 3, low + spacing / 2)
+
 
 def slab_phantom() -> Phantom:
     """A slab of soft tissue, 120 x 120 x 44 mm from z = 32 mm, with inserts at four depths, brighter and darker.

@@ -4,7 +4,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.arrays import Float64
-from palpate.errors import DataError
+from palpate.errors import DataError, GeometryError
+from palpate.scans import motion as motions
 from palpate.scans.phantom import Phantom
 from palpate.scans.scan import Scan
 from palpate.scans.views import Panel, Views
@@ -59,3 +60,33 @@ def transmission(phantom: Phantom, source: Float64, panel: Panel, subrays: int =
         fine = np.exp(-phantom.line_integrals(source, ends))
         passed[first:last] = fine.reshape(last - first, subrays, columns, subrays).mean(axis=(1, 3))
     return passed
+
+
+def standard_views(
+    motion: str,
+    count: int,
+    shape: tuple[int, int] = (512, 512),
+    pitch: float = 0.4,
+    distance: float = 1000.0,
+    extent: float = 250.0,
+    angle: float = 20.0,
+) -> Views:
+    """Views of the built-in phantoms: a panel in the plane z = 0, the tube `distance` mm above it.
+
+    motion: circular, hypocycloid (extent: radius, mm), linear (extent: length, mm), arc or rotating (angle: half the
+    range, degrees; pivot 50 mm above the panel). Raises `GeometryError`.
+    """
+    rows, columns = shape
+    corner = (-(columns - 1) / 2 * pitch, -(rows - 1) / 2 * pitch, 0)
+    panel, pivot = Panel(shape, (pitch, pitch), corner), (0, 0, 50)
+    if motion == "circular":
+        return motions.circular_views(panel, radius=extent, height=distance, count=count)
+    if motion == "hypocycloid":
+        return motions.hypocycloid_views(panel, radius=extent, height=distance, count=count)
+    if motion == "linear":
+        return motions.linear_views(panel, length=extent, height=distance, count=count)
+    if motion == "arc":
+        return motions.arc_views(panel, np.linspace(-angle, angle, count), radius=distance - 50, pivot=pivot)
+    if motion == "rotating":
+        return motions.rotating_views(panel, np.linspace(-angle, angle, count), source=(0, 0, distance), pivot=pivot)
+    raise GeometryError(f"motion: {motion!r} cannot be simulated; choose circular, hypocycloid, linear, arc, rotating")
