@@ -1,8 +1,9 @@
 """The geometry file: what the templates say, in any unit, and what is wrong is named by its key."""
 
 import numpy as np
-import palpate as pp
 import pytest
+
+import palpate as pp
 from palpate.errors import FileError, GeometryError
 from palpate.scans.template import VIEWS, template
 

@@ -1,8 +1,9 @@
 """What a scan holds and what it refuses."""
 
 import numpy as np
-import palpate as pp
 import pytest
+
+import palpate as pp
 from palpate.errors import DataError
 
 VIEWS = pp.circular_views(pp.Panel((5, 6), (1, 1), (-2.5, -2, 0)), radius=100, height=500, count=3)

@@ -2,10 +2,11 @@
 
 import h5py
 import numpy as np
-import palpate as pp
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
+import palpate as pp
 from palpate.errors import DataError, FileError, GeometryError
 from palpate.scans.files import smallest
 

@@ -1,10 +1,11 @@
 """Where rays start and land."""
 
 import numpy as np
-import palpate as pp
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
+import palpate as pp
 from palpate.errors import GeometryError
 
 PANEL = pp.Panel((40, 60), (0.5, 0.4), (-20, 3, 7))

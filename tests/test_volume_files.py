@@ -4,11 +4,12 @@ import gzip
 
 import nibabel
 import numpy as np
-import palpate as pp
 import pytest
+from scipy.spatial.transform import Rotation
+
+import palpate as pp
 from palpate.errors import DataError, FileError, GeometryError
 from palpate.samples import sample
-from scipy.spatial.transform import Rotation
 
 TURN = Rotation.from_euler("xyz", [20, -35, 50], degrees=True).as_matrix()
 GRID = pp.Grid((4, 5, 6), (1.5, 0.7, 0.4), (10, -20, 30), TURN)
