@@ -157,7 +157,7 @@ REFUSED = {
     "NaN": ("v.nii", lambda p: nifti(p, NAN), DataError, ["v.nii", "nan", "replace"]),
     "complex": ("v.nii", lambda p: nifti(p, CUBE.astype(complex)), DataError, ["complex128", "split"]),
     "metres": ("v.nii", lambda p: nifti(p, CUBE, 9e3 * np.eye(4)), GeometryError, ["27000", "check the units"]),
-    "space": ("v.nrrd", lambda p: p.write_text(NRRD + "space: scanner-xyz\n\n1"), FileError, ["scanner-xyz"]),
+    "space": ("v.nrrd", lambda p: p.write_text(NRRD + "space: scanner-xyz\n\n" + 8 * "x"), FileError, ["scanner-xyz"]),
     "encoding": ("v.nrrd", lambda p: p.write_text(NRRD.replace("raw", "bz") + "\n"), FileError, ["'bz'", "as raw"]),
     "parted": ("v.nrrd", lambda p: p.write_text(NRRD + "data file: v.raw\n\n"), FileError, ["v.raw is not beside it"]),
     "no voxels": ("v.mhd", lambda p: p.write_text(META.replace("LOCAL", "v.raw")), FileError, ["v.raw", "one folder"]),

@@ -55,7 +55,7 @@ def _scan(values: AnyArray, g: Geometry) -> Scan:
     if g.dead is not None:
         mask &= ~_dead(g.dead, g.views.shape[1:])
     counts = np.where(mask, values, 0)
-    incident = open_beam(counts, mask) if isinstance(g.incident, str) else g.incident
+    incident = open_beam(counts, mask, g.values == "photons") if isinstance(g.incident, str) else g.incident
     if isinstance(g.background, str):
         raise DataError("background: cannot be estimated; give a number, or one a view")
     return Scan(counts, incident, g.views, g.background, mask)
