@@ -10,9 +10,30 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from palpate.meshes.mesh import TetMesh as TetMesh
+    from palpate.scans.correct import open_beam as open_beam
+    from palpate.scans.files import read_scan as read_scan
+    from palpate.scans.files import write_scan as write_scan
+    from palpate.scans.geometry_file import read_geometry as read_geometry
+    from palpate.scans.importers import import_scan as import_scan
+    from palpate.scans.motion import arc_views as arc_views
+    from palpate.scans.motion import circular_views as circular_views
+    from palpate.scans.motion import hypocycloid_views as hypocycloid_views
+    from palpate.scans.motion import linear_views as linear_views
+    from palpate.scans.motion import rotating_views as rotating_views
+    from palpate.scans.phantom import Box as Box
+    from palpate.scans.phantom import Common as Common
+    from palpate.scans.phantom import Ellipsoid as Ellipsoid
+    from palpate.scans.phantom import Phantom as Phantom
+    from palpate.scans.phantom import breast_phantom as breast_phantom
+    from palpate.scans.phantom import slab_phantom as slab_phantom
     from palpate.scans.scan import Scan as Scan
+    from palpate.scans.simulate import simulate_scan as simulate_scan
     from palpate.scans.views import Panel as Panel
     from palpate.scans.views import Views as Views
+    from palpate.volumes.files import read_labels as read_labels
+    from palpate.volumes.files import read_volume as read_volume
+    from palpate.volumes.files import write_labels as write_labels
+    from palpate.volumes.files import write_volume as write_volume
     from palpate.volumes.grid import Grid as Grid
     from palpate.volumes.volume import Labels as Labels
     from palpate.volumes.volume import Volume as Volume
@@ -21,9 +42,30 @@ _HOME = {
     "Grid": "volumes.grid",
     "Volume": "volumes.volume",
     "Labels": "volumes.volume",
+    "read_volume": "volumes.files",
+    "write_volume": "volumes.files",
+    "read_labels": "volumes.files",
+    "write_labels": "volumes.files",
     "Panel": "scans.views",
     "Views": "scans.views",
+    "circular_views": "scans.motion",
+    "linear_views": "scans.motion",
+    "arc_views": "scans.motion",
+    "rotating_views": "scans.motion",
+    "hypocycloid_views": "scans.motion",
     "Scan": "scans.scan",
+    "read_scan": "scans.files",
+    "write_scan": "scans.files",
+    "import_scan": "scans.importers",
+    "read_geometry": "scans.geometry_file",
+    "open_beam": "scans.correct",
+    "Phantom": "scans.phantom",
+    "Ellipsoid": "scans.phantom",
+    "Box": "scans.phantom",
+    "Common": "scans.phantom",
+    "slab_phantom": "scans.phantom",
+    "breast_phantom": "scans.phantom",
+    "simulate_scan": "scans.simulate",
     "TetMesh": "meshes.mesh",
 }
 __all__ = sorted(_HOME)
