@@ -9,7 +9,11 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
+    from palpate.meshes.files import read_mesh as read_mesh
+    from palpate.meshes.files import write_mesh as write_mesh
     from palpate.meshes.mesh import TetMesh as TetMesh
+    from palpate.meshes.quality import mesh_quality as mesh_quality
+    from palpate.meshes.stuffing import tetrahedralize as tetrahedralize
     from palpate.scans.files import read_scan as read_scan
     from palpate.scans.files import write_scan as write_scan
     from palpate.scans.scan import Scan as Scan
@@ -20,6 +24,7 @@ if TYPE_CHECKING:
     from palpate.volumes.files import write_labels as write_labels
     from palpate.volumes.files import write_volume as write_volume
     from palpate.volumes.grid import Grid as Grid
+    from palpate.volumes.segment import segment as segment
     from palpate.volumes.volume import Labels as Labels
     from palpate.volumes.volume import Volume as Volume
 
@@ -31,12 +36,17 @@ _HOME = {
     "write_volume": "volumes.files",
     "read_labels": "volumes.files",
     "write_labels": "volumes.files",
+    "segment": "volumes.segment",
     "Panel": "scans.views",
     "Views": "scans.views",
     "Scan": "scans.scan",
     "read_scan": "scans.files",
     "write_scan": "scans.files",
     "TetMesh": "meshes.mesh",
+    "tetrahedralize": "meshes.stuffing",
+    "mesh_quality": "meshes.quality",
+    "read_mesh": "meshes.files",
+    "write_mesh": "meshes.files",
 }
 __all__ = sorted(_HOME)
 
