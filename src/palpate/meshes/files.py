@@ -11,9 +11,9 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.arrays import AnyArray, Int64
+from palpate.arrays import AnyArray, Int64, float64
 from palpate.atomic import replacing
-from palpate.errors import FileError, MeshError
+from palpate.errors import DataError, FileError, MeshError
 from palpate.meshes.gmsh import is_gmsh_1, read_gmsh_1, write_gmsh
 from palpate.meshes.mesh import TetMesh, boundary_faces, signed_volumes
 from palpate.meshes.surface import pinches
@@ -50,7 +50,7 @@ def read_mesh(path: str | Path) -> TetMesh:
     """The tetrahedra of a .vtu or .msh file (Gmsh 1, 2 and 4), their regions and names.
 
     Inverted tets are turned round and nodes of no tet dropped, with a warning. Raises `FileError` for a file that is
-    missing or cannot be read, `MeshError` for one without tetrahedra, with flat ones, or with a skin that is not a
+    missing or cannot be read, `DataError` for nodes that are not finite, `MeshError` for one without tetrahedra, with flat ones, or with a skin that is not a
     2-manifold.
     """
     path = Path(path)
@@ -58,8 +58,8 @@ def read_mesh(path: str | Path) -> TetMesh:
     stored = _stored(path)
     try:
         return _valid(path, stored)
-    except MeshError as problem:
-        raise MeshError(str(problem) if str(problem).startswith(str(path)) else f"{path}: {problem}") from None
+    except (MeshError, DataError) as problem:
+        raise type(problem)(f"{path}: {problem}") from None
 
 
 def mesh_format(path: str | Path) -> str:
@@ -125,13 +125,13 @@ def _valid(path: Path, stored: Any) -> TetMesh:
     blocks = [i for i, block in enumerate(stored.cells) if block.type == "tetra" and len(block.data)]
     if not blocks:
         kinds = ", ".join(sorted({block.type for block in stored.cells})) or "none"
-        raise MeshError(f"{path}: no tetrahedra with 4 nodes, cells there: {kinds}; mesh the solid, not its surface")
+        raise MeshError(f"no tetrahedra with 4 nodes, cells there: {kinds}; mesh the solid, not its surface")
+    nodes = float64("nodes", stored.points, (None, 3))
     tets: Int64 = np.concatenate([stored.cells[i].data for i in blocks]).astype(np.int64)
-    nodes = np.asarray(stored.points, dtype=np.float64)
     if tets.min() < 0 or tets.max() >= len(nodes):
         bad = int(np.flatnonzero((tets < 0).any(axis=1) | (tets >= len(nodes)).any(axis=1))[0])
         raise MeshError(
-            f"{path}: tet {bad} names node {tets[bad].tolist()}, but nodes are 0 to {len(nodes) - 1}; "
+            f"tet {bad} names node {tets[bad].tolist()}, but nodes are 0 to {len(nodes) - 1}; "
             f"the file is damaged: write it again"
         )
     region = _region(stored, blocks)

@@ -93,7 +93,7 @@ def _fill(
 ) -> tuple[Float64, Int64, Bool]:
     """Stuffs, then moves each level until flat facets in round surfaces cost no volume; the best of six rounds."""
     wanted = np.array([body.volume for body in bodies])
-    aim = wanted.copy()
+    aim, before = wanted.copy(), None
     best, off = None, np.inf
     for attempt in range(6):
         try:
@@ -113,13 +113,24 @@ def _fill(
             best, off = (nodes, tets, inside), error
         if error < 0.005:
             break
-        aim *= wanted / made
+        aim, before = _next_aim(aim, made, wanted, before), (aim, made)
         for level, target in zip(levels, aim, strict=True):
             level.enclose(target)
     assert best is not None
     if off > 0.03:
         warnings.warn(f"the mesh's volume is {off:.1%} off the label's; a shorter edge is closer", stacklevel=3)
     return best
+
+
+def _next_aim(aim: Float64, made: Float64, wanted: Float64, before: tuple[Float64, Float64] | None) -> Float64:
+    """The volume to enclose in the next round: Newton's step in logarithms, the slope from the last two rounds."""
+    slope = np.ones_like(aim)
+    if before is not None:
+        step = np.log(aim / before[0])
+        there = np.abs(step) > 1e-6
+        slope[there] = np.clip(np.log(made / before[1])[there] / step[there], 0.7, 3)
+    answer: Float64 = aim * (wanted / made) ** (1 / slope)
+    return answer
 
 
 def _vanished(body: Solid, edge: float) -> str:
@@ -206,11 +217,11 @@ def stuff(fields: Sequence[Field], origin: Float64, size: Float64, cell: float) 
     key = snapped.cuts[:, 0] * np.int64(len(points)) + snapped.cuts[:, 1]
     order = np.argsort(key, kind="stable")
     signs = snapped.sign[:, tets]  # (fields, M, 4)
-    crossed = (signs > 0).any(axis=2) & (signs < 0).any(axis=2)
+    crossed: Bool = np.asarray((signs > 0).any(axis=2) & (signs < 0).any(axis=2))
     if (crossed.sum(axis=0) > 1).any():
         raise MeshError("two surfaces pass through one tetrahedron")
     nodes = np.concatenate([snapped.points, snapped.cut_points[order]])
-    whole = np.asarray(~crossed.any(axis=0))
+    whole: Bool = np.asarray(crossed.sum(axis=0) == 0)
     made, inside = [tets[whole]], [_side(fields, nodes, tets[whole], signs[:, whole])]
     inside[0][0] &= (signs[0][whole] > 0).any(axis=1)  # all four on the skin: can be flat, and is not missed
     for s in range(len(fields)):

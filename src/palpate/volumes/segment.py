@@ -174,8 +174,8 @@ def _check(
 
 
 def _chosen(mask: Bool, grid: Grid, keep: str, seed: ArrayLike | None, least_volume: float, name: str) -> Bool:
-    part, count = ndimage.label(mask)
-    part = part.astype(np.int32)
+    found, count = ndimage.label(mask)
+    part: Int32 = found.astype(np.int32)
     if count == 0:
         raise DataError(f"segment: the opening leaves nothing of {name!r}; use a smaller radius")
     if seed is not None:
