@@ -9,8 +9,12 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
+    from palpate.meshes.files import read_mesh as read_mesh
+    from palpate.meshes.files import write_mesh as write_mesh
     from palpate.meshes.mesh import TetMesh as TetMesh
     from palpate.scans.correct import open_beam as open_beam
+    from palpate.meshes.quality import mesh_quality as mesh_quality
+    from palpate.meshes.stuffing import tetrahedralize as tetrahedralize
     from palpate.scans.files import read_scan as read_scan
     from palpate.scans.files import write_scan as write_scan
     from palpate.scans.geometry_file import read_geometry as read_geometry
@@ -35,6 +39,7 @@ if TYPE_CHECKING:
     from palpate.volumes.files import write_labels as write_labels
     from palpate.volumes.files import write_volume as write_volume
     from palpate.volumes.grid import Grid as Grid
+    from palpate.volumes.segment import segment as segment
     from palpate.volumes.volume import Labels as Labels
     from palpate.volumes.volume import Volume as Volume
 
@@ -46,6 +51,7 @@ _HOME = {
     "write_volume": "volumes.files",
     "read_labels": "volumes.files",
     "write_labels": "volumes.files",
+    "segment": "volumes.segment",
     "Panel": "scans.views",
     "Views": "scans.views",
     "circular_views": "scans.motion",
@@ -67,6 +73,10 @@ _HOME = {
     "breast_phantom": "scans.phantom",
     "simulate_scan": "scans.simulate",
     "TetMesh": "meshes.mesh",
+    "tetrahedralize": "meshes.stuffing",
+    "mesh_quality": "meshes.quality",
+    "read_mesh": "meshes.files",
+    "write_mesh": "meshes.files",
 }
 __all__ = sorted(_HOME)
 
