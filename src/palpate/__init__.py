@@ -38,6 +38,16 @@ if TYPE_CHECKING:
     from palpate.volumes.files import read_volume as read_volume
     from palpate.volumes.files import write_labels as write_labels
     from palpate.volumes.files import write_volume as write_volume
+    from palpate.tissue.elasticity import finite_elements as finite_elements
+    from palpate.tissue.files import read_tissue as read_tissue
+    from palpate.tissue.files import write_tissue as write_tissue
+    from palpate.tissue.fit import fit as fit
+    from palpate.tissue.lump import force_map as force_map
+    from palpate.tissue.lump import lump_map as lump_map
+    from palpate.tissue.models import model as model
+    from palpate.tissue.tissue import SpringLaw as SpringLaw
+    from palpate.tissue.tissue import Tissue as Tissue
+    from palpate.tissue.tissue import resting_on as resting_on
     from palpate.volumes.grid import Grid as Grid
     from palpate.volumes.segment import segment as segment
     from palpate.volumes.volume import Labels as Labels
@@ -77,6 +87,16 @@ _HOME = {
     "mesh_quality": "meshes.quality",
     "read_mesh": "meshes.files",
     "write_mesh": "meshes.files",
+    "Tissue": "tissue.tissue",
+    "SpringLaw": "tissue.tissue",
+    "resting_on": "tissue.tissue",
+    "finite_elements": "tissue.elasticity",
+    "model": "tissue.models",
+    "fit": "tissue.fit",
+    "read_tissue": "tissue.files",
+    "write_tissue": "tissue.files",
+    "force_map": "tissue.lump",
+    "lump_map": "tissue.lump",
 }
 __all__ = sorted(_HOME)
 
