@@ -34,7 +34,7 @@ class Pointer:
         self.core.send(command.held, command.point, command.displacement, self._serial)
 
 
-def reach(name: str, vector: Float64 | Vector, most: float) -> Vector:
+def within(name: str, vector: Float64 | Vector, most: float) -> Vector:
     """`vector` as three finite numbers no longer than `most` mm, or a `DataError`."""
     x, y, z = float64(name, vector, (3,)).tolist()
     if x * x + y * y + z * z > most * most:

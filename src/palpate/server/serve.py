@@ -1,0 +1,124 @@
+"""Opens the simulator: a session, a server on loopback, a page."""
+
+import contextlib
+import getpass
+import logging
+import secrets
+import socket
+import threading
+import time
+import webbrowser
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import uvicorn
+
+from palpate.atomic import writable
+from palpate.errors import PortError
+from palpate.server.app import MESSAGE_BYTES, application
+from palpate.simulation.devices.pointer import Pointer
+from palpate.simulation.devices.replay import Replay
+from palpate.simulation.record import Record, write_record
+from palpate.simulation.session import Model, Session, recorded_settings
+
+HOST = "127.0.0.1"
+PORT = 8765
+TRIES = 20
+
+
+def loopback_socket(port: int | None) -> socket.socket:
+    """A bound socket on loopback: `port`, or the first free one from `PORT` on. Raises `PortError`."""
+    if port is not None and not 0 <= port < 65536:
+        raise PortError(f"port {port}: expected 1 to 65535, or leave --port out to have one chosen")
+    ports = range(PORT, PORT + TRIES) if port is None else [port]
+    for number in ports:
+        listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            listener.bind((HOST, number))
+            listener.listen(64)
+        except OSError as problem:
+            listener.close()
+            why = problem.strerror
+            continue
+        return listener
+    if port is None:
+        raise PortError(f"ports {PORT} to {PORT + TRIES - 1} are all in use; name a free one with --port")
+    raise PortError(f"port {port}: {why}; choose another with --port {port + 1}, or leave --port out")
+
+
+def touch(
+    tissue: Any,
+    model: str = "blocks",
+    *,
+    port: int | None = None,
+    open_browser: bool = True,
+    record: str | Path | None = None,
+    replay: Record | None = None,
+    title: str = "organ",
+) -> None:
+    """Opens the simulator in a browser and stays until Ctrl-C.
+
+    tissue: a `Tissue`. model: "springs" or "blocks". port: on loopback (default: the first free one from 8765 on).
+    record: a file for the session, written when it ends. replay: a recorded session to look at instead of a pointer.
+    Raises `PortError` if the port is taken, `FileError` if `record` cannot be written, before anything starts.
+    """
+    if record is not None:
+        writable(record)
+    listener = loopback_socket(port)
+    with contextlib.closing(listener):
+        touched = make_model(tissue, replay.model if replay else model)
+        session = Session(touched, **(recorded_settings(replay) if replay else {}))
+        with serving(session, listener, title=title, replay=replay) as address:
+            announce(address)
+            if open_browser:
+                webbrowser.open(address)
+            with contextlib.suppress(KeyboardInterrupt):
+                threading.Event().wait()
+    print("\npalpate: closed")
+    if record is not None:
+        write_record(record, session.record())
+        print(f"palpate: session recorded in {record}")
+
+
+def make_model(tissue: Any, name: str) -> Model:
+    """The tissue's model of that name."""
+    import palpate
+
+    return palpate.model(tissue, name)
+
+
+@contextlib.contextmanager
+def serving(
+    session: Session, listener: socket.socket, *, title: str = "organ", replay: Record | None = None
+) -> Iterator[str]:
+    """Runs `session` by the clock and its server, in threads, while the block lasts. Gives the address of the page."""
+    token = secrets.token_urlsafe(16)
+    pointer = Pointer()
+    app = application(session, pointer, token, title, replay is not None)
+    logging.getLogger("uvicorn.error").setLevel(logging.ERROR)
+    config = uvicorn.Config(
+        app, log_level="error", access_log=False, ws_max_size=MESSAGE_BYTES, ws_per_message_deflate=False,
+        timeout_graceful_shutdown=1,
+    )
+    server = uvicorn.Server(config)
+    thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, daemon=True)
+    session.start(pointer if replay is None else Replay(replay))
+    thread.start()
+    try:
+        while not server.started and thread.is_alive():
+            time.sleep(0.005)
+        yield f"http://{HOST}:{listener.getsockname()[1]}/?token={token}"
+    finally:
+        server.should_exit = True
+        thread.join(5)
+        session.stop()
+
+
+def announce(address: str) -> None:
+    """Says where the page is, and how to reach it from another machine."""
+    port = address.split(":")[2].split("/")[0]
+    print(f"palpate: touch it at  {address}")
+    print(f"         from another machine first:  ssh -N -L {port}:{HOST}:{port} {getpass.getuser()}@{socket.gethostname()}")
+    print("         Ctrl-C closes it. Research software, not a medical device.", flush=True)
