@@ -1,6 +1,5 @@
 #include "bind.h"
 #include "loop.h"
-#include "standin.h"
 #include <algorithm>
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/string.h>
@@ -31,27 +30,15 @@ template <class T> nb::ndarray<nb::numpy, T, nb::ndim<2>> rows(std::vector<T> va
     return {kept->data(), {kept->size() / 3, 3}, owner};
 }
 
-Surface surface_of(In<double, 2> nodes, In<int32_t, 2> triangles, In<bool, 1> fixed) {
-    if (nodes.shape(1) != 3 || triangles.shape(1) != 3 || fixed.shape(0) != nodes.shape(0))
-        throw std::invalid_argument("nodes (N, 3), triangles (F, 3), fixed (N,)");
-    std::vector<uint8_t> held(fixed.data(), fixed.data() + fixed.shape(0));
-    return Surface(nodes.data(), int(nodes.shape(0)), triangles.data(), int(triangles.shape(0)), held.data());
-}
-
 struct Driven { // the loop and the surface it looks at
-    Surface surface;
+    const Surface& surface;
     Loop loop;
-    Driven(const Model& model, In<double, 2> nodes, In<int32_t, 2> triangles, In<bool, 1> fixed, In<int32_t, 1> shown,
-           const Settings& settings)
-        : surface(surface_of(nodes, triangles, fixed)),
-          loop(model, surface, settings, {shown.data(), shown.data() + shown.shape(0)}) {
+    Driven(const Model& model, const Surface& surface, In<int32_t, 1> shown, const Settings& settings)
+        : surface(surface), loop(model, surface, settings, {shown.data(), shown.data() + shown.shape(0)}) {
         if (int at = crowded(settings.radius); at >= 0)
             throw std::invalid_argument("a contact of radius " + std::to_string(settings.radius) +
                                         " mm covers more than " + std::to_string(Patch::capacity) +
                                         " nodes, for example about node " + std::to_string(at));
-        if (model.nodes() != int(nodes.shape(0)))
-            throw std::invalid_argument("the model has " + std::to_string(model.nodes()) + " nodes, the mesh " +
-                                        std::to_string(nodes.shape(0)));
     }
     int crowded(double radius) const { // a node whose patch would be too big, or -1
         auto scratch = surface.scratch();
@@ -150,14 +137,12 @@ void bind_frame(nb::module_& m) {
         .def_prop_ro("displacement", [](const Frame& f) { return vector(f.displacement); })
         .def_prop_ro("force", [](const Frame& f) { return vector(f.force); })
         .def_prop_ro("pushed", [](const Frame& f) { return vector(f.pushed); })
-        .def_prop_ro("shown", [](const Frame& f) { return rows(f.shown); });
+        .def_prop_ro("shown", [](const Frame& f) { return rows(f.shown); }, nb::rv_policy::automatic);
 }
 
 } // namespace
 
 void bind_simulation(nb::module_& m) {
-    nb::class_<Model>(m, "Model");
-    nb::class_<StandIn, Model>(m, "StandIn").def(nb::init<int>());
     bind_devices(m);
     bind_frame(m);
     nb::class_<Settings>(m, "Settings", "What a tick does besides the model; mm, N, a tick.")
@@ -173,8 +158,8 @@ void bind_simulation(nb::module_& m) {
             "reach", [](const Settings& s) { return s.pace.reach; },
             [](Settings& s, double value) { s.pace.reach = value; });
     nb::class_<Driven>(m, "Loop", "A model, a surface and a tool: by the clock (start, stop) or in lockstep (step).")
-        .def(nb::init<const Model&, In<double, 2>, In<int32_t, 2>, In<bool, 1>, In<int32_t, 1>, const Settings&>(),
-             "model"_a, "nodes"_a, "triangles"_a, "fixed"_a, "shown"_a, "settings"_a, nb::keep_alive<1, 2>())
+        .def(nb::init<const Model&, const Surface&, In<int32_t, 1>, const Settings&>(), "model"_a, "surface"_a, "shown"_a,
+             "settings"_a, nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>())
         .def("start", [](Driven& d, Device& device) { d.loop.start(device); }, "device"_a, nb::keep_alive<1, 2>())
         .def("stop", [](Driven& d) { d.loop.stop(); }, nb::call_guard<nb::gil_scoped_release>())
         .def_prop_ro("running", [](const Driven& d) { return d.loop.running(); })
@@ -184,12 +169,8 @@ void bind_simulation(nb::module_& m) {
         .def("displacement", [](const Driven& d) { return rows(d.loop.now().u()); }, "(N, 3) mm; not while it runs")
         .def("drain", &drain, "Commands obeyed and digests since the last call.")
         .def("dropped", [](const Driven& d) { return d.loop.obeyed.dropped() + d.loop.digests.dropped(); });
-    m.def(
-        "sweep_seconds",
-        [](const Model& model, In<double, 2> nodes, In<int32_t, 2> triangles, In<bool, 1> fixed, double radius) {
-            return sweep_seconds(model, surface_of(nodes, triangles, fixed), radius);
-        },
-        "model"_a, "nodes"_a, "triangles"_a, "fixed"_a, "radius"_a, "Of the model's sweep, here and now, at best.");
+    m.def("sweep_seconds", &sweep_seconds, "model"_a, "surface"_a, "radius"_a,
+          "Of the model's sweep, here and now, at best.");
     m.attr("RATE") = int(Loop::rate);
     m.attr("DIGEST_TICKS") = int(Loop::digest_ticks);
 }

@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import logging
 import secrets
 from collections.abc import AsyncIterator
 from dataclasses import dataclass, field
@@ -56,6 +57,7 @@ def application(session: Session, pointer: Pointer, token: str, title: str = "or
     @contextlib.asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:
         pump = asyncio.create_task(publish(room))
+        pump.add_done_callback(complain)
         yield
         pump.cancel()
 
@@ -71,6 +73,12 @@ def application(session: Session, pointer: Pointer, token: str, title: str = "or
     )
     app.state.room = room
     return app
+
+
+def complain(task: "asyncio.Task[None]") -> None:
+    """A task that dies would leave the pages without frames and nobody told."""
+    if not task.cancelled() and (problem := task.exception()):
+        logging.getLogger("palpate").error("the server cannot publish frames", exc_info=problem)
 
 
 async def headers(request: Request, answer: RequestResponseEndpoint) -> Response:

@@ -10,7 +10,6 @@ import time
 import webbrowser
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import uvicorn
 
@@ -20,7 +19,9 @@ from palpate.server.app import MESSAGE_BYTES, application
 from palpate.simulation.devices.pointer import Pointer
 from palpate.simulation.devices.replay import Replay
 from palpate.simulation.record import Record, write_record
-from palpate.simulation.session import Model, Session, recorded_settings
+from palpate.simulation.session import Session, recorded_settings
+from palpate.tissue.models import model as build
+from palpate.tissue.tissue import Tissue
 
 HOST = "127.0.0.1"
 PORT = 8765
@@ -49,7 +50,7 @@ def loopback_socket(port: int | None) -> socket.socket:
 
 
 def touch(
-    tissue: Any,
+    tissue: Tissue,
     model: str = "blocks",
     *,
     port: int | None = None,
@@ -68,7 +69,7 @@ def touch(
         writable(record)
     listener = loopback_socket(port)
     with contextlib.closing(listener):
-        touched = make_model(tissue, replay.model if replay else model)
+        touched = build(tissue, replay.model if replay else model)
         session = Session(touched, **(recorded_settings(replay) if replay else {}))
         with serving(session, listener, title=title, replay=replay) as address:
             announce(address)
@@ -80,13 +81,6 @@ def touch(
     if record is not None:
         write_record(record, session.record())
         print(f"palpate: session recorded in {record}")
-
-
-def make_model(tissue: Any, name: str) -> Model:
-    """The tissue's model of that name."""
-    import palpate
-
-    return palpate.model(tissue, name)
 
 
 @contextlib.contextmanager

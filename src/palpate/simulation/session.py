@@ -8,24 +8,18 @@ from typing import Any, Protocol, Self
 import numpy as np
 
 from palpate import _core
-from palpate.arrays import Bool, Float64, Int32
+from palpate.arrays import Float64, Int32
 from palpate.errors import DataError, FileError
-from palpate.meshes.mesh import TetMesh
+from palpate.meshes.mesh import TetMesh, boundary_faces
 from palpate.simulation.devices.pointer import Command
 from palpate.simulation.record import Record
+from palpate.tissue.rings import RingModel
+from palpate.tissue.tissue import Tissue
 
 RATE: int = _core.RATE  # ticks a second
 TICK_BUDGET = 0.4e-3  # s of each tick that sweeps may take
 MOST_SWEEPS = 40
 IDLE = Command()
-
-
-class Model(Protocol):
-    """What a session asks of a tissue model."""
-
-    name: str
-    core: Any
-    tissue: Any
 
 
 class Device(Protocol):
@@ -43,25 +37,23 @@ class Session:
     """
 
     def __init__(
-        self, model: Model, *, radius: float | None = None, sweeps: int | None = None, limit: float = 20.0
+        self, model: RingModel, *, radius: float | None = None, sweeps: int | None = None, limit: float = 20.0
     ) -> None:
         self.model = model
         self.mesh: TetMesh = model.tissue.mesh
-        self.fixed = held_nodes(model.tissue)
         self.shown = shown_nodes(self.mesh)
         radius = 2 * mean_edge(self.mesh) if radius is None else float(radius)
         for name, value in (("radius", radius), ("limit", limit)):
             if not value > 0 or not np.isfinite(value):
                 raise DataError(f"{name}: {value:g}, expected more than 0; leave it out for the default")
         if sweeps is None:
-            sweeps = affordable_sweeps(model, self.mesh, self.fixed, radius)
+            sweeps = affordable_sweeps(model, radius)
         elif not 0 < sweeps <= 10_000:
             raise DataError(f"sweeps: {sweeps}, expected 1 to 10000; leave it out to have it measured")
         self.settings = _core.Settings()
         self.settings.sweeps, self.settings.radius, self.settings.limit = int(sweeps), radius, float(limit)
-        surface = (self.mesh.nodes, self.mesh.surface, self.fixed)
         try:
-            self.loop = _core.Loop(model.core, *surface, self.shown, self.settings)
+            self.loop = _core.Loop(model.native, model.tissue.surface, self.shown, self.settings)
         except ValueError as problem:
             raise DataError(f"{problem}; choose a smaller radius") from None
         self._ticks = 0
@@ -151,7 +143,7 @@ class Session:
             length=int(self.loop.frame().tick),
             digest_ticks=digest_ticks,
             digests=digests,
-            model=self.model.name,
+            model=model_name(self.model),
             tissue=fingerprint(self.model.tissue),
             settings=settings_of(self.settings),
             instructions=_core.instruction_set(),
@@ -175,27 +167,21 @@ def agrees(record: Record, session: Session) -> None:
     """Raises `DataError` if `record` was not made with the session's tissue, model and settings."""
     if record.tissue != fingerprint(session.model.tissue):
         raise DataError("record: it was made on another tissue; open the one it was recorded with")
-    if record.model != session.model.name:
-        raise DataError(f"record: made with model {record.model!r}, not {session.model.name!r}; say --model {record.model}")
+    if record.model != model_name(session.model):
+        raise DataError(f"record: made with model {record.model!r}, not {model_name(session.model)!r}; say --model {record.model}")
     for name, value in settings_of(session.settings).items():
         if record.settings.get(name) != value:
             raise DataError(f"record: made with {name} = {record.settings.get(name)}, not {value:g}; use the record's")
 
 
-def fingerprint(tissue: Any) -> str:
-    """A hash of mesh, elastic constants and held nodes."""
+def fingerprint(tissue: Tissue) -> str:
+    """A hash of mesh, elastic constants, held nodes and spring law."""
     mesh, hash_ = tissue.mesh, hashlib.sha256()
-    for part in (mesh.nodes, mesh.tets, mesh.region, tissue.young, tissue.poisson, held_nodes(tissue)):
+    for part in (mesh.nodes, mesh.tets, mesh.region, tissue.young, tissue.poisson, tissue.fixed):
         array = np.ascontiguousarray(part)
         hash_.update(f"{array.dtype}{array.shape}".encode() + array.tobytes())
+    hash_.update(repr(tissue.springs).encode())
     return hash_.hexdigest()[:32]
-
-
-def held_nodes(tissue: Any) -> Bool:
-    """(N,) True where the tissue's node is held still."""
-    mask = np.zeros(len(tissue.mesh.nodes), dtype=bool)
-    mask[tissue.fixed] = True
-    return mask
 
 
 def shown_nodes(mesh: TetMesh) -> Int32:
@@ -206,8 +192,6 @@ def shown_nodes(mesh: TetMesh) -> Int32:
 
 def region_faces(mesh: TetMesh) -> dict[int, Int32]:
     """Triangles around each region that lies inside another, by label: all regions but the biggest."""
-    from palpate.meshes.mesh import boundary_faces
-
     labels, count = np.unique(mesh.region, return_counts=True)
     return {
         int(label): boundary_faces(np.ascontiguousarray(mesh.tets[mesh.region == label]))
@@ -222,9 +206,9 @@ def mean_edge(mesh: TetMesh) -> float:
     return float(np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).mean())
 
 
-def affordable_sweeps(model: Model, mesh: TetMesh, fixed: Bool, radius: float) -> int:
+def affordable_sweeps(model: RingModel, radius: float) -> int:
     """Sweeps that fit into `TICK_BUDGET` on this machine."""
-    seconds = _core.sweep_seconds(model.core, mesh.nodes, mesh.surface, fixed, radius)
+    seconds = _core.sweep_seconds(model.native, model.tissue.surface, radius)
     return max(1, min(MOST_SWEEPS, int(TICK_BUDGET / seconds)))
 
 
@@ -238,3 +222,8 @@ def recorded_settings(record: Record) -> dict[str, Any]:
         }
     except KeyError as missing:
         raise FileError(f"record: it does not say {missing}; record the session again") from None
+
+
+def model_name(model: RingModel) -> str:
+    """The name by which `palpate.model` makes it."""
+    return {"BlockModel": "blocks", "SpringModel": "springs"}[type(model).__name__]
