@@ -13,6 +13,11 @@ if TYPE_CHECKING:
     from palpate.scans.scan import Scan as Scan
     from palpate.scans.views import Panel as Panel
     from palpate.scans.views import Views as Views
+    from palpate.tissue.elasticity import finite_elements as finite_elements
+    from palpate.tissue.models import model as model
+    from palpate.tissue.tissue import SpringLaw as SpringLaw
+    from palpate.tissue.tissue import Tissue as Tissue
+    from palpate.tissue.tissue import resting_on as resting_on
     from palpate.volumes.grid import Grid as Grid
     from palpate.volumes.volume import Labels as Labels
     from palpate.volumes.volume import Volume as Volume
@@ -25,6 +30,11 @@ _HOME = {
     "Views": "scans.views",
     "Scan": "scans.scan",
     "TetMesh": "meshes.mesh",
+    "Tissue": "tissue.tissue",
+    "SpringLaw": "tissue.tissue",
+    "resting_on": "tissue.tissue",
+    "finite_elements": "tissue.elasticity",
+    "model": "tissue.models",
 }
 __all__ = sorted(_HOME)
 
