@@ -118,7 +118,8 @@ void bind_devices(nb::module_& m) {
     nb::class_<Replay, Device>(m, "Replay", "Commands of a record, each obeyed from its tick on.")
         .def(
             "__init__",
-            [](Replay* self, In<int64_t, 1> ticks, In<bool, 1> held, In<double, 2> points, In<double, 2> displacements) {
+            [](Replay* self, In<int64_t, 1> ticks, In<bool, 1> held, In<double, 2> points,
+               In<double, 2> displacements) {
                 new (self) Replay({ticks.data(), ticks.data() + ticks.shape(0)}, commands(held, points, displacements));
             },
             "ticks"_a, "held"_a, "points"_a, "displacements"_a);
@@ -158,15 +159,20 @@ void bind_simulation(nb::module_& m) {
             "reach", [](const Settings& s) { return s.pace.reach; },
             [](Settings& s, double value) { s.pace.reach = value; });
     nb::class_<Driven>(m, "Loop", "A model, a surface and a tool: by the clock (start, stop) or in lockstep (step).")
-        .def(nb::init<const Model&, const Surface&, In<int32_t, 1>, const Settings&>(), "model"_a, "surface"_a, "shown"_a,
-             "settings"_a, nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>())
-        .def("start", [](Driven& d, Device& device) { d.loop.start(device); }, "device"_a, nb::keep_alive<1, 2>())
-        .def("stop", [](Driven& d) { d.loop.stop(); }, nb::call_guard<nb::gil_scoped_release>())
+        .def(nb::init<const Model&, const Surface&, In<int32_t, 1>, const Settings&>(), "model"_a, "surface"_a,
+             "shown"_a, "settings"_a, nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>())
+        .def(
+            "start", [](Driven& d, Device& device) { d.loop.start(device); }, "device"_a, nb::keep_alive<1, 2>())
+        .def(
+            "stop", [](Driven& d) { d.loop.stop(); }, nb::call_guard<nb::gil_scoped_release>())
         .def_prop_ro("running", [](const Driven& d) { return d.loop.running(); })
         .def("step", &step, "device"_a, "ticks"_a, "(ticks, 3) N")
-        .def("fresh", [](const Driven& d) { return d.loop.frames.waiting(); }, "Is there a frame nobody has read?")
-        .def("frame", [](Driven& d) { return d.loop.frames.reading(); }, "The newest frame; from one thread only.")
-        .def("displacement", [](const Driven& d) { return rows(d.loop.now().u()); }, "(N, 3) mm; not while it runs")
+        .def(
+            "fresh", [](const Driven& d) { return d.loop.frames.waiting(); }, "Is there a frame nobody has read?")
+        .def(
+            "frame", [](Driven& d) { return d.loop.frames.reading(); }, "The newest frame; from one thread only.")
+        .def(
+            "displacement", [](const Driven& d) { return rows(d.loop.now().u()); }, "(N, 3) mm; not while it runs")
         .def("drain", &drain, "Commands obeyed and digests since the last call.")
         .def("dropped", [](const Driven& d) { return d.loop.obeyed.dropped() + d.loop.digests.dropped(); });
     m.def("sweep_seconds", &sweep_seconds, "model"_a, "surface"_a, "radius"_a,

@@ -3,8 +3,8 @@
 
 namespace palpate {
 
-// The newest value, from one writer to one reader; neither ever waits. Two slots would not do: a slow reader would see a
-// half-written value. Values have their full size from the start, so writing one allocates nothing.
+// The newest value, from one writer to one reader; neither ever waits. Two slots would not do: a slow reader would see
+// a half-written value. Values have their full size from the start, so writing one allocates nothing.
 template <class T> class Latest {
     static constexpr int fresh = 4; // set on `middle` while nobody has read it
     T slot[3];

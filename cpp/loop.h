@@ -31,8 +31,8 @@ struct Digest { // of the state after `ticks` ticks
 // Seconds that one sweep of the model takes on this machine, at best, with a contact of `radius` mm somewhere.
 double sweep_seconds(const Model& model, const Surface& surface, double radius);
 
-// Drives a simulation: with a thread and a clock (start, stop), or in lockstep (step). Either way every change of command
-// and a digest of the state now and then are kept for the record.
+// Drives a simulation: with a thread and a clock (start, stop), or in lockstep (step). Either way every change of
+// command and a digest of the state now and then are kept for the record.
 class Loop {
 public:
     static constexpr int rate = 1000;        // ticks a second

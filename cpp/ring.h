@@ -6,7 +6,8 @@
 
 namespace palpate {
 
-// Every value, in order, from one writer to one reader. A full ring drops the value and counts it: the writer never waits.
+// Every value, in order, from one writer to one reader. A full ring drops the value and counts it: the writer never
+// waits.
 template <class T> class Ring {
     std::vector<T> slot;
     std::atomic<size_t> written{0}, taken{0};

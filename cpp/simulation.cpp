@@ -6,6 +6,8 @@
 namespace palpate {
 namespace {
 
+constexpr double nearly_home = 1e-6; // mm: what is left of a displacement when the tissue counts as at rest
+
 double length(const double v[3]) { return std::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); }
 
 } // namespace
@@ -16,22 +18,31 @@ Simulation::Simulation(const Model& model, const Surface& surface, const Setting
 void Simulation::tick(const Command& command) {
     follow(proxy, command, surface, settings.radius, settings.pace, scratch);
     bool holding = proxy.grip == Proxy::Grip::holding;
-    double none[3] = {0, 0, 0};
-    model.advance(*state, holding ? &proxy.patch : nullptr, holding ? proxy.displacement : none, settings.sweeps, force);
-    if (!holding) std::fill_n(force, 3, 0.0);
-    watch();
+    if (holding || !home) {
+        double none[3] = {0, 0, 0};
+        model.advance(*state, holding ? &proxy.patch : nullptr, holding ? proxy.displacement : none, settings.sweeps,
+                      force);
+        if (!holding) std::fill_n(force, 3, 0.0);
+        watch(holding);
+    }
     push();
     ticks++;
 }
 
-void Simulation::watch() {
-    double sum = force[0] + force[1] + force[2];
-    for (double x : state->u) sum += x;
-    if (std::isfinite(sum)) return;
-    faults++;
-    std::fill(state->u.begin(), state->u.end(), 0.0);
-    std::fill_n(force, 3, 0.0);
-    proxy.grip = Proxy::Grip::refused; // the hand must let go first
+void Simulation::watch(bool holding) {
+    double sum = force[0] + force[1] + force[2], most = 0;
+    for (double x : state->u) {
+        sum += x;
+        most = std::max(most, std::abs(x));
+    }
+    bool sound = std::isfinite(sum);
+    if (!sound) {
+        faults++;
+        std::fill_n(force, 3, 0.0);
+        proxy.grip = Proxy::Grip::refused; // the hand must let go first
+    }
+    home = !sound || (!holding && most < nearly_home);
+    if (home) std::fill(state->u.begin(), state->u.end(), 0.0);
 }
 
 void Simulation::push() {

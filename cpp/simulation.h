@@ -6,10 +6,10 @@ namespace palpate {
 
 // What a tick does besides the model; all of it is part of a record.
 struct Settings {
-    int sweeps = 4;       // of the model, a tick
-    double radius = 5;    // of the contact, mm
-    double limit = 20;    // N, the most that a device is pushed with
-    double ramp = 0.1;    // N a tick, the fastest that the push may rise; it may fall at once
+    int sweeps = 4;    // of the model, a tick
+    double radius = 5; // of the contact, mm
+    double limit = 20; // N, the most that a device is pushed with
+    double ramp = 0.1; // N a tick, the fastest that the push may rise; it may fall at once
     Pace pace;
 };
 
@@ -24,9 +24,9 @@ public:
     uint64_t digest() const; // of the displacements and the force, to compare replays
 
     int64_t ticks = 0;
-    int64_t faults = 0;              // ticks whose answer was no number: force zero, tissue home
-    double force[3] = {0, 0, 0};     // N, of the tissue on the tool
-    double pushed[3] = {0, 0, 0};    // N, what the device feels: limited and ramped
+    int64_t faults = 0;           // ticks whose answer was no number: force zero, tissue home
+    double force[3] = {0, 0, 0};  // N, of the tissue on the tool
+    double pushed[3] = {0, 0, 0}; // N, what the device feels: limited and ramped
     Proxy proxy;
     const Settings settings;
     const std::vector<double>& u() const { return state->u; }
@@ -36,7 +36,8 @@ private:
     const Surface& surface;
     std::unique_ptr<State> state;
     SurfaceScratch scratch;
-    void watch(); // for answers that are no numbers
+    bool home = true;         // at rest and untouched: nothing to do
+    void watch(bool holding); // for answers that are no numbers, and for the way home to end
     void push();
 };
 

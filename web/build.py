@@ -32,7 +32,10 @@ def main(out: Path) -> None:
     with tempfile.TemporaryDirectory() as folder:
         work = Path(folder) / "web"
         shutil.copytree(HERE, work, ignore=shutil.ignore_patterns("node_modules", "dist", "__pycache__"))
-        for arguments in (["ci", "--include=dev", "--no-audit", "--no-fund", "--loglevel=error"], ["run", "--silent", "build"]):
+        for arguments in (
+            ["ci", "--include=dev", "--no-audit", "--no-fund", "--loglevel=error"],
+            ["run", "--silent", "build"],
+        ):
             subprocess.run([*npm, *arguments], cwd=work, env=environment, check=True)
         shutil.rmtree(out, ignore_errors=True)
         shutil.copytree(work / "dist", out)

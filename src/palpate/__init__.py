@@ -13,6 +13,14 @@ if TYPE_CHECKING:
     from palpate.scans.scan import Scan as Scan
     from palpate.scans.views import Panel as Panel
     from palpate.scans.views import Views as Views
+    from palpate.server.serve import touch as touch
+    from palpate.simulation.devices.pointer import Command as Command
+    from palpate.simulation.devices.pointer import Pointer as Pointer
+    from palpate.simulation.devices.replay import Replay as Replay
+    from palpate.simulation.record import Record as Record
+    from palpate.simulation.record import read_record as read_record
+    from palpate.simulation.record import write_record as write_record
+    from palpate.simulation.session import Session as Session
     from palpate.tissue.elasticity import finite_elements as finite_elements
     from palpate.tissue.models import model as model
     from palpate.tissue.tissue import SpringLaw as SpringLaw
@@ -35,6 +43,14 @@ _HOME = {
     "resting_on": "tissue.tissue",
     "finite_elements": "tissue.elasticity",
     "model": "tissue.models",
+    "Session": "simulation.session",
+    "Command": "simulation.devices.pointer",
+    "Pointer": "simulation.devices.pointer",
+    "Replay": "simulation.devices.replay",
+    "Record": "simulation.record",
+    "read_record": "simulation.record",
+    "write_record": "simulation.record",
+    "touch": "server.serve",
 }
 __all__ = sorted(_HOME)
 

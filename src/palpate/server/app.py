@@ -48,7 +48,9 @@ class Room:
     holder: WebSocket | None = None
 
 
-def application(session: Session, pointer: Pointer, token: str, title: str = "organ", replay: bool = False) -> Starlette:
+def application(
+    session: Session, pointer: Pointer, token: str, title: str = "organ", replay: bool = False
+) -> Starlette:
     """The app around a running session. Raises `FileError` if the page was not bundled."""
     if not (STATIC / "index.html").is_file():
         raise FileError(f"{STATIC}: the page is not bundled here; install the wheel, or: python web/build.py {STATIC}")

@@ -7,7 +7,8 @@ from dataclasses import asdict
 import numpy as np
 
 from palpate.server.messages import Part, Scene
-from palpate.simulation.session import RATE, Session, model_name, region_faces
+from palpate.simulation.session import RATE, Session, region_faces
+from palpate.tissue.models import name_of
 
 
 def reach(session: Session) -> float:
@@ -23,7 +24,7 @@ def scene_bytes(session: Session, title: str, replay: bool = False) -> bytes:
     first = np.concatenate([[0], np.cumsum([len(faces) for _, faces, _ in groups])])
     header = Scene(
         title=title,
-        model=model_name(session.model),
+        model=name_of(session.model),
         nodes=len(shown),
         triangles=int(first[-1]),
         parts=[Part(name, int(first[i]), len(faces), inside) for i, (name, faces, inside) in enumerate(groups)],

@@ -19,7 +19,7 @@ from palpate.server.app import MESSAGE_BYTES, application
 from palpate.simulation.devices.pointer import Pointer
 from palpate.simulation.devices.replay import Replay
 from palpate.simulation.record import Record, write_record
-from palpate.simulation.session import Session, recorded_settings
+from palpate.simulation.session import Session, agrees, recorded_settings
 from palpate.tissue.models import model as build
 from palpate.tissue.tissue import Tissue
 
@@ -69,8 +69,7 @@ def touch(
         writable(record)
     listener = loopback_socket(port)
     with contextlib.closing(listener):
-        touched = build(tissue, replay.model if replay else model)
-        session = Session(touched, **(recorded_settings(replay) if replay else {}))
+        session = Session(build(tissue, model)) if replay is None else like(replay, tissue)
         with serving(session, listener, title=title, replay=replay) as address:
             announce(address)
             if open_browser:
@@ -83,6 +82,14 @@ def touch(
         print(f"palpate: session recorded in {record}")
 
 
+def like(record: Record, tissue: Tissue) -> Session:
+    """A fresh session that can replay the record. Raises `DataError` if it was made on another tissue."""
+    model = build(tissue, record.model, relaxation=record.settings["relaxation"])
+    session = Session(model, **recorded_settings(record))
+    agrees(record, session)
+    return session
+
+
 @contextlib.contextmanager
 def serving(
     session: Session, listener: socket.socket, *, title: str = "organ", replay: Record | None = None
@@ -93,7 +100,11 @@ def serving(
     app = application(session, pointer, token, title, replay is not None)
     logging.getLogger("uvicorn.error").setLevel(logging.ERROR)
     config = uvicorn.Config(
-        app, log_level="error", access_log=False, ws_max_size=MESSAGE_BYTES, ws_per_message_deflate=False,
+        app,
+        log_level="error",
+        access_log=False,
+        ws_max_size=MESSAGE_BYTES,
+        ws_per_message_deflate=False,
         timeout_graceful_shutdown=1,
     )
     server = uvicorn.Server(config)
@@ -114,5 +125,7 @@ def announce(address: str) -> None:
     """Says where the page is, and how to reach it from another machine."""
     port = address.split(":")[2].split("/")[0]
     print(f"palpate: touch it at  {address}")
-    print(f"         from another machine first:  ssh -N -L {port}:{HOST}:{port} {getpass.getuser()}@{socket.gethostname()}")
+    print(
+        f"         from another machine first:  ssh -N -L {port}:{HOST}:{port} {getpass.getuser()}@{socket.gethostname()}"
+    )
     print("         Ctrl-C closes it. Research software, not a medical device.", flush=True)

@@ -98,6 +98,4 @@ def _check(path: Path, record: Record) -> None:
         if found != shape:
             raise FileError(f"{path}: {name} has shape {found}, expected {shape}; record the session again")
     if (np.diff(record.ticks) <= 0).any() or (n and (record.ticks[0] < 0 or record.ticks[-1] >= record.length)):
-        raise FileError(
-            f"{path}: ticks do not rise from 0 to the length {record.length}; record the session again"
-        )
+        raise FileError(f"{path}: ticks do not rise from 0 to the length {record.length}; record the session again")

@@ -13,8 +13,8 @@ from palpate.errors import DataError, FileError
 from palpate.meshes.mesh import TetMesh, boundary_faces
 from palpate.simulation.devices.pointer import Command
 from palpate.simulation.record import Record
+from palpate.tissue.models import name_of
 from palpate.tissue.rings import RingModel
-from palpate.tissue.tissue import Tissue
 
 RATE: int = _core.RATE  # ticks a second
 TICK_BUDGET = 0.4e-3  # s of each tick that sweeps may take
@@ -143,9 +143,9 @@ class Session:
             length=int(self.loop.frame().tick),
             digest_ticks=digest_ticks,
             digests=digests,
-            model=model_name(self.model),
-            tissue=fingerprint(self.model.tissue),
-            settings=settings_of(self.settings),
+            model=name_of(self.model),
+            tissue=fingerprint(self.model),
+            settings=settings_of(self),
             instructions=_core.instruction_set(),
         )
 
@@ -158,29 +158,34 @@ class Session:
 _SETTINGS = ("sweeps", "radius", "limit", "ramp", "approach", "reach")
 
 
-def settings_of(settings: Any) -> dict[str, float]:
-    """What a tick does besides the model, by name."""
-    return {name: float(getattr(settings, name)) for name in _SETTINGS}
+def settings_of(session: Session) -> dict[str, float]:
+    """What a tick does besides the model's equations, by name."""
+    settings = {name: float(getattr(session.settings, name)) for name in _SETTINGS}
+    return {**settings, "relaxation": session.model.relaxation}
 
 
 def agrees(record: Record, session: Session) -> None:
     """Raises `DataError` if `record` was not made with the session's tissue, model and settings."""
-    if record.tissue != fingerprint(session.model.tissue):
-        raise DataError("record: it was made on another tissue; open the one it was recorded with")
-    if record.model != model_name(session.model):
-        raise DataError(f"record: made with model {record.model!r}, not {model_name(session.model)!r}; say --model {record.model}")
-    for name, value in settings_of(session.settings).items():
+    if record.tissue != fingerprint(session.model):
+        raise DataError(
+            f"record: made on tissue {record.tissue}, not {fingerprint(session.model)}; open the tissue it was recorded with"
+        )
+    if record.model != name_of(session.model):
+        raise DataError(
+            f"record: made with model {record.model!r}, not {name_of(session.model)!r}; say --model {record.model}"
+        )
+    for name, value in settings_of(session).items():
         if record.settings.get(name) != value:
             raise DataError(f"record: made with {name} = {record.settings.get(name)}, not {value:g}; use the record's")
 
 
-def fingerprint(tissue: Tissue) -> str:
-    """A hash of mesh, elastic constants, held nodes and spring law."""
-    mesh, hash_ = tissue.mesh, hashlib.sha256()
+def fingerprint(model: RingModel) -> str:
+    """A hash of what the model was made of: mesh, elastic constants, held nodes, spring law."""
+    tissue, mesh, hash_ = model.tissue, model.tissue.mesh, hashlib.sha256()
     for part in (mesh.nodes, mesh.tets, mesh.region, tissue.young, tissue.poisson, tissue.fixed):
         array = np.ascontiguousarray(part)
         hash_.update(f"{array.dtype}{array.shape}".encode() + array.tobytes())
-    hash_.update(repr(tissue.springs).encode())
+    hash_.update(repr(getattr(model, "law", None)).encode())
     return hash_.hexdigest()[:32]
 
 
@@ -222,8 +227,3 @@ def recorded_settings(record: Record) -> dict[str, Any]:
         }
     except KeyError as missing:
         raise FileError(f"record: it does not say {missing}; record the session again") from None
-
-
-def model_name(model: RingModel) -> str:
-    """The name by which `palpate.model` makes it."""
-    return {"BlockModel": "blocks", "SpringModel": "springs"}[type(model).__name__]
