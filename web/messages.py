@@ -16,7 +16,7 @@ def plain(hint: object) -> str:
     """TypeScript's name of a Python type in a JSON message."""
     if get_origin(hint) is list:
         return f"{plain(get_args(hint)[0])}[]"
-    return PLAIN[hint] if hint in PLAIN else hint.__name__
+    return PLAIN.get(hint) or hint.__name__
 
 
 def sentence(message: type) -> str:

@@ -1,6 +1,6 @@
 """What page and server say to each other, defined once; `web/messages.py` writes the page's half from this.
 
-Binary messages are little-endian: a byte that says which one it is, then the fields in order, then nothing or one array.
+Binary messages are little-endian: a byte that says which it is, then the fields in order, then nothing or one array.
 """
 
 import struct
@@ -34,9 +34,9 @@ class Tool:
 
 @dataclass(frozen=True)
 class Frame:
-    """Server to page: one tick. Lengths in mm, force in N, of the tissue on the tool; grip 0 idle, 1 holding, 2 refused.
+    """Server to page: one tick. Lengths in mm; force in N, of the tissue on the tool; grip 0 idle, 1 holding, 2 refused.
 
-    serial: of the newest command obeyed. seconds: the loop's clock. busy: seconds of work in a tick, smoothed. Followed by
+    serial: of the newest command obeyed. seconds: the loop's clock. busy: seconds of work in a tick, smoothed. Then
     (count, 3) 16-bit whole numbers: the displacements of the first count shown nodes (0 or all) in units of `step` mm.
     """
 
@@ -68,8 +68,8 @@ class Part:
 class Scene:
     """Server to page, once, as JSON of `header` bytes (a 32-bit number before it), padded with blanks to 4 bytes.
 
-    Then (nodes, 3) float32 mm at rest, then (triangles, 3) 32-bit whole numbers, normals outwards. reach: mm, the longest
-    displacement that a tool may ask for. limit: N, what a device is pushed with at most.
+    Then (nodes, 3) float32 mm at rest, then (triangles, 3) 32-bit whole numbers, normals outwards. reach: mm, the
+    longest displacement that a tool may ask for. limit: N, what a device is pushed with at most.
     """
 
     title: str
@@ -120,7 +120,7 @@ def decode_tool(data: bytes) -> Tool:
 
 
 def frame_bytes(frame: Any) -> bytes:
-    """A frame of the loop as a message. A tissue at rest needs no array; else the step follows the biggest displacement.
+    """A frame of the loop as a message. At rest there is no array; else the step follows the biggest displacement.
 
     16 bits of the biggest displacement are 0.2 µm at 5 mm: finer than a pixel, and half the bytes of float32.
     """

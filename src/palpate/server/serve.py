@@ -126,6 +126,7 @@ def announce(address: str) -> None:
     port = address.split(":")[2].split("/")[0]
     print(f"palpate: touch it at  {address}")
     print(
-        f"         from another machine first:  ssh -N -L {port}:{HOST}:{port} {getpass.getuser()}@{socket.gethostname()}"
+        f"         from another machine first:  "
+        f"ssh -N -L {port}:{HOST}:{port} {getpass.getuser()}@{socket.gethostname()}"
     )
     print("         Ctrl-C closes it. Research software, not a medical device.", flush=True)

@@ -33,7 +33,8 @@ class Session:
 
     radius: of the contact, mm (default: two mean edge lengths of the surface). sweeps: of the model in each tick
     (default: as many as this machine does in 0.4 ms, measured now and kept in the record). limit: N, the most that a
-    device is pushed with. Raises `DataError` on a radius or limit that is not positive, or a contact with too many nodes.
+    device is pushed with. Raises `DataError` on a radius or limit that is not positive, or a contact that covers too
+    many nodes.
     """
 
     def __init__(
@@ -75,7 +76,7 @@ class Session:
         self._keep()
 
     def step(self, commands: Sequence[Command | None]) -> Float64:
-        """One tick a command without a clock (None: nothing touches). Returns (ticks, 3) N, of the tissue on the tool."""
+        """One tick a command without a clock (None: no touch). Returns (ticks, 3) N, of the tissue on the tool."""
         given = [IDLE if command is None else command for command in commands]
         ticks = np.arange(self._ticks, self._ticks + len(given), dtype=np.int64)
         return self._advance(
@@ -168,7 +169,8 @@ def agrees(record: Record, session: Session) -> None:
     """Raises `DataError` if `record` was not made with the session's tissue, model and settings."""
     if record.tissue != fingerprint(session.model):
         raise DataError(
-            f"record: made on tissue {record.tissue}, not {fingerprint(session.model)}; open the tissue it was recorded with"
+            f"record: made on tissue {record.tissue}, not {fingerprint(session.model)}; "
+            f"open the tissue it was recorded with"
         )
     if record.model != name_of(session.model):
         raise DataError(
