@@ -33,7 +33,7 @@ export function decodeTool(view: DataView): Tool {
   };
 }
 
-/** Server to page: one tick. Lengths in mm; force in N, of the tissue on the tool; grip 0 idle, 1 holding, 2 refused. */
+/** Server to page: one tick. mm; force in N, of the tissue on the tool; grip 0 idle, 1 holding, 2 refused. */
 export interface Frame {
   grip: number;
   tick: number;

@@ -30,6 +30,7 @@ export class Tools {
   private pull: Pull | null = null;
   private spot: Hit | null = null; // where the press is, on the surface at rest
   private pressure = 1;
+  private share = 0.85; // of the last pull: the next one starts with it
   private last: PointerEvent | null = null;
   private readonly turning = new Map<number, [number, number]>();
   private depthSet = 1; // mm
@@ -95,7 +96,7 @@ export class Tools {
     const { rest, triangles } = this.organ!;
     const pulls = (this.kind === "pull") !== event.shiftKey;
     if (pulls) {
-      this.pull = { hit, point: at(hit, rest, triangles), start: at(hit, this.view.positions, triangles), away: 0, share: 1 };
+      this.pull = { hit, point: at(hit, rest, triangles), start: at(hit, this.view.positions, triangles), away: 0, share: this.share };
     } else this.spot = this.under(event.clientX, event.clientY, true) ?? hit;
     this.follow(event);
   }
@@ -141,7 +142,7 @@ export class Tools {
     if (way < 0.02 * this.view.size) return;
     const gone = dot(minus(held, pull.point), wanted) / (way * way);
     if (Math.abs(gone - 1) < 0.01) return;
-    pull.share = Math.max(0.6, Math.min(1.1, pull.share - 0.15 * (gone - 1)));
+    this.share = pull.share = Math.max(0.6, Math.min(1.1, pull.share - 0.15 * (gone - 1)));
     this.command();
   }
 

@@ -30,6 +30,7 @@ export class View {
   private translucent = false;
   private colouring: Colouring = "plain";
   private due = true;
+  private still = true; // the last frame showed the organ at rest and untouched
   size = 1; // mm, radius of the organ
 
   constructor(private readonly canvas: HTMLCanvasElement) {
@@ -87,9 +88,11 @@ export class View {
     normal.array = shape.normals;
     position.needsUpdate = normal.needsUpdate = true;
     if (pressing) this.felt?.add(frame);
-    if (this.colouring !== "plain") this.paint();
+    if (this.colouring !== "plain" && !this.still) this.paint();
     this.point(frame);
-    this.due = true;
+    const still = frame.count === 0 && frame.grip !== 1;
+    if (!still || !this.still) this.due = true;
+    this.still = still;
     return old;
   }
 

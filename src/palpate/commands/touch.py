@@ -16,6 +16,7 @@ def add(app: typer.Typer) -> None:
 def touch_command(
     tissue: Annotated[Path, typer.Argument(help="what `palpate fit` or `palpate demo` wrote (.vtu)")],
     model: Annotated[str, typer.Option(help="springs or blocks")] = "blocks",
+    radius: Annotated[float | None, typer.Option(help="of the contact, mm; default: two edge lengths")] = None,
     port: Annotated[
         int | None, typer.Option(help="on this machine's loopback; default: a free one from 8765 on")
     ] = None,
@@ -34,6 +35,7 @@ def touch_command(
     pp.touch(
         pp.read_tissue(tissue),
         model,
+        radius=radius,
         port=port,
         open_browser=browser,
         record=record,

@@ -34,7 +34,7 @@ class Tool:
 
 @dataclass(frozen=True)
 class Frame:
-    """Server to page: one tick. Lengths in mm; force in N, of the tissue on the tool; grip 0 idle, 1 holding, 2 refused.
+    """Server to page: one tick. mm; force in N, of the tissue on the tool; grip 0 idle, 1 holding, 2 refused.
 
     serial: of the newest command obeyed. seconds: the loop's clock. busy: seconds of work in a tick, smoothed. Then
     (count, 3) 16-bit whole numbers: the displacements of the first count shown nodes (0 or all) in units of `step` mm.

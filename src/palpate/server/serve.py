@@ -3,8 +3,10 @@
 import contextlib
 import getpass
 import logging
+import os
 import secrets
 import socket
+import sys
 import threading
 import time
 import webbrowser
@@ -19,7 +21,7 @@ from palpate.server.app import MESSAGE_BYTES, application
 from palpate.simulation.devices.pointer import Pointer
 from palpate.simulation.devices.replay import Replay
 from palpate.simulation.record import Record, write_record
-from palpate.simulation.session import Session, agrees, recorded_settings
+from palpate.simulation.session import RATE, Session, agrees, recorded_settings
 from palpate.tissue.models import model as build
 from palpate.tissue.tissue import Tissue
 
@@ -53,6 +55,7 @@ def touch(
     tissue: Tissue,
     model: str = "blocks",
     *,
+    radius: float | None = None,
     port: int | None = None,
     open_browser: bool = True,
     record: str | Path | None = None,
@@ -61,18 +64,19 @@ def touch(
 ) -> None:
     """Opens the simulator in a browser and stays until Ctrl-C.
 
-    tissue: a `Tissue`. model: "springs" or "blocks". port: on loopback (default: the first free one from 8765 on).
-    record: a file for the session, written when it ends. replay: a recorded session to look at instead of a pointer.
+    tissue: a `Tissue`. model: "springs" or "blocks". radius: of the contact, mm (default: two edge lengths). port: on
+    loopback (default: the first free one from 8765 on). record: a file for the session, written when it ends. replay:
+    a recorded session to look at instead of a pointer; model and radius are then the record's.
     Raises `PortError` if the port is taken, `FileError` if `record` cannot be written, before anything starts.
     """
     if record is not None:
         writable(record)
     listener = loopback_socket(port)
     with contextlib.closing(listener):
-        session = Session(build(tissue, model)) if replay is None else like(replay, tissue)
+        session = Session(build(tissue, model), radius=radius) if replay is None else like(replay, tissue)
         with serving(session, listener, title=title, replay=replay) as address:
-            announce(address)
-            if open_browser:
+            announce(address, session)
+            if open_browser and has_display():
                 webbrowser.open(address)
             with contextlib.suppress(KeyboardInterrupt):
                 threading.Event().wait()
@@ -121,12 +125,22 @@ def serving(
         session.stop()
 
 
-def announce(address: str) -> None:
-    """Says where the page is, and how to reach it from another machine."""
+def has_display() -> bool:
+    """Is there a screen to open a browser on? Without one, Python might start a text browser in the terminal."""
+    return sys.platform in ("darwin", "win32") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+def announce(address: str, session: Session) -> None:
+    """Says where the page is, how to reach it from another machine, and whether this machine keeps up."""
     port = address.split(":")[2].split("/")[0]
     print(f"palpate: touch it at  {address}")
     print(
         f"         from another machine first:  "
         f"ssh -N -L {port}:{HOST}:{port} {getpass.getuser()}@{socket.gethostname()}"
     )
+    if session.sweep_seconds > 1 / RATE:
+        print(
+            f"         one sweep of this mesh takes {1e3 * session.sweep_seconds:.1f} ms here: the loop cannot keep "
+            f"{RATE} ticks a second; a coarser mesh can (palpate mesh --edge)"
+        )
     print("         Ctrl-C closes it. Research software, not a medical device.", flush=True)

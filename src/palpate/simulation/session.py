@@ -47,8 +47,9 @@ class Session:
         for name, value in (("radius", radius), ("limit", limit)):
             if not value > 0 or not np.isfinite(value):
                 raise DataError(f"{name}: {value:g}, expected more than 0; leave it out for the default")
+        self.sweep_seconds: float = _core.sweep_seconds(model.native, model.tissue.surface, radius)
         if sweeps is None:
-            sweeps = affordable_sweeps(model, radius)
+            sweeps = max(1, min(MOST_SWEEPS, int(TICK_BUDGET / self.sweep_seconds)))
         elif not 0 < sweeps <= 10_000:
             raise DataError(f"sweeps: {sweeps}, expected 1 to 10000; leave it out to have it measured")
         self.settings = _core.Settings()
@@ -211,12 +212,6 @@ def mean_edge(mesh: TetMesh) -> float:
     """mm, of the surface's edges."""
     corner = mesh.nodes[mesh.surface]
     return float(np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).mean())
-
-
-def affordable_sweeps(model: RingModel, radius: float) -> int:
-    """Sweeps that fit into `TICK_BUDGET` on this machine."""
-    seconds = _core.sweep_seconds(model.native, model.tissue.surface, radius)
-    return max(1, min(MOST_SWEEPS, int(TICK_BUDGET / seconds)))
 
 
 def recorded_settings(record: Record) -> dict[str, Any]:
