@@ -38,6 +38,14 @@ if TYPE_CHECKING:
     from palpate.volumes.files import read_volume as read_volume
     from palpate.volumes.files import write_labels as write_labels
     from palpate.volumes.files import write_volume as write_volume
+    from palpate.server.serve import touch as touch
+    from palpate.simulation.devices.pointer import Command as Command
+    from palpate.simulation.devices.pointer import Pointer as Pointer
+    from palpate.simulation.devices.replay import Replay as Replay
+    from palpate.simulation.record import Record as Record
+    from palpate.simulation.record import read_record as read_record
+    from palpate.simulation.record import write_record as write_record
+    from palpate.simulation.session import Session as Session
     from palpate.tissue.elasticity import finite_elements as finite_elements
     from palpate.tissue.files import read_tissue as read_tissue
     from palpate.tissue.files import write_tissue as write_tissue
@@ -97,6 +105,14 @@ _HOME = {
     "write_tissue": "tissue.files",
     "force_map": "tissue.lump",
     "lump_map": "tissue.lump",
+    "Session": "simulation.session",
+    "Command": "simulation.devices.pointer",
+    "Pointer": "simulation.devices.pointer",
+    "Replay": "simulation.devices.replay",
+    "Record": "simulation.record",
+    "read_record": "simulation.record",
+    "write_record": "simulation.record",
+    "touch": "server.serve",
 }
 __all__ = sorted(_HOME)
 
