@@ -10,6 +10,7 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from palpate.meshes.mesh import TetMesh as TetMesh
+    from palpate.reconstruction.projector import Projector as Projector
     from palpate.scans.scan import Scan as Scan
     from palpate.scans.views import Panel as Panel
     from palpate.scans.views import Views as Views
@@ -24,6 +25,7 @@ _HOME = {
     "Panel": "scans.views",
     "Views": "scans.views",
     "Scan": "scans.scan",
+    "Projector": "reconstruction.projector",
     "TetMesh": "meshes.mesh",
 }
 __all__ = sorted(_HOME)
