@@ -20,3 +20,8 @@ def model(tissue: Tissue, name: str = "blocks", **options: Any) -> RingModel:
     if name not in _MODELS:
         raise MaterialError(f"model: {name!r} is not built; choose one of {', '.join(_MODELS)}")
     return _MODELS[name](tissue, **options)
+
+
+def name_of(model: RingModel) -> str:
+    """The name by which `model` makes models of this kind."""
+    return next(name for name, kind in _MODELS.items() if type(model) is kind)
