@@ -72,7 +72,7 @@ def _check_edge(body: Solid, edge: float) -> None:
             f"edge {edge:g} mm makes about {tets / 1e6:.3g} million tets of {body.name!r} ({body.volume:.3g} mm³), "
             f"at most {MOST_TETS // 1_000_000} million are allowed; use an edge of {enough:.2g} mm or more"
         )
-    thickest = 2 * float(inner_distance(body.mask, body.grid).max())
+    thickest = body.thickness(edge / 8)
     if edge > thickest:
         raise MeshError(
             f"edge {edge:g} mm is longer than {body.name!r} is thick ({thickest:.3g} mm at its thickest); "
@@ -108,10 +108,10 @@ def _fill(
         made = np.array([volume[flag].sum() for flag in inside])
         if (made == 0).any():
             raise MeshError(_vanished(bodies[int(np.argmin(made))], cell / CELL))
-        error = float(np.abs(made / wanted - 1).max())
-        if error < off:
-            best, off = (nodes, tets, inside), error
-        if error < 0.005:
+        error = np.abs(made / wanted - 1)
+        if error.max() < off:
+            best, off = (nodes, tets, inside), float(error.max())
+        if (error < np.clip(1 / inside.sum(axis=1), 0.005, 0.01)).all():  # few tets get no closer than to a tet
             break
         aim, before = _next_aim(aim, made, wanted, before), (aim, made)
         for level, target in zip(levels, aim, strict=True):
@@ -134,7 +134,7 @@ def _next_aim(aim: Float64, made: Float64, wanted: Float64, before: tuple[Float6
 
 
 def _vanished(body: Solid, edge: float) -> str:
-    thick = 2 * float(inner_distance(body.mask, body.grid).max())
+    thick = body.thickness(edge / 8)
     return (
         f"{body.name!r} ({body.volume:.3g} mm³) falls between elements of {edge:g} mm; "
         f"use an edge of {min(thick / 3, 0.75 * edge):.2g} mm or less"
@@ -182,24 +182,23 @@ def _lost(body: Solid, nodes: Float64, tets: Int64, edge: float, most: float) ->
     """mm³ of the label that lie further from any tetrahedron than half an edge and half a voxel; refuses too much."""
     from scipy.spatial import cKDTree
 
-    spacing = np.array(body.grid.spacing)
     if len(tets) == 0:
         return 0.0
+    mask, spacing = body.coarse(edge / 8)
     inside = np.concatenate([nodes[np.unique(tets)], nodes[tets].mean(axis=1)])
-    index = np.argwhere(body.mask)
+    index = np.argwhere(mask)
     reach = 0.5 * edge + 0.5 * float(np.linalg.norm(spacing))
     far = np.isinf(cKDTree(inside).query(index[:, ::-1] * spacing[::-1], distance_upper_bound=reach)[0])
-    lost = float(far.sum() * spacing.prod())
-    part = lost / body.volume
+    part = float(far.mean())
     if part > most:
-        thin = 2 * float(inner_distance(body.mask, body.grid)[tuple(index[far].T)].max())
+        thin = 2 * float(inner_distance(mask, spacing)[tuple(index[far].T)].max())
         raise MeshError(
             f"{part:.1%} of {body.name!r} is thinner than elements of {edge:g} mm and would be lost (most_lost is "
             f"{most:.1%}); use an edge of {min(thin / 2, 0.75 * edge):.2g} mm or less, or open the label first"
         )
     if part > 0.002:
         warnings.warn(f"{part:.1%} of {body.name!r} is thinner than elements of {edge:g} mm: lost", stacklevel=4)
-    return lost
+    return part * body.volume
 
 
 def stuff(fields: Sequence[Field], origin: Float64, size: Float64, cell: float) -> tuple[Float64, Int64, Bool]:
