@@ -9,8 +9,8 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-import palpate
 from palpate.atomic import replacing
+from palpate.version import __version__
 
 _STYLE = """
 :root { color-scheme: light dark; --ink: #1c2530; --soft: #5b6775; --line: #d9dfe6; --paper: #fbfcfd; --card: #fff;
@@ -54,7 +54,7 @@ def write_report(path: str | Path, title: str, command: str, sections: Sequence[
     """
     body = [
         f"<h1>{html.escape(title)}</h1>",
-        f"<p class=made>palpate {palpate.__version__}. Made by <code>{html.escape(command)}</code>. "
+        f"<p class=made>palpate {__version__}. Made by <code>{html.escape(command)}</code>. "
         "Research software, not a medical device.</p>",
     ]
     for section in sections:
