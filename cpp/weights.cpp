@@ -1,76 +1,99 @@
 #include "weights.h"
+#include "dispatch.h"
 #include <algorithm>
 #include <cmath>
 
 namespace palpate {
 namespace {
 
-// Antiderivative of t -> clamp(t, 0, 1).
-inline double rise(double t) { return t <= 0 ? 0 : t < 1 ? 0.5 * t * t : t - 0.5; }
-
-// Mean over p from p1 to p2 of clamp(p - q, 0, 1): the part of the pixel [q, q + 1] left of an edge that moves from p1
-// to p2 while the ray crosses the sub-slice.
-inline double covered(double p1, double p2, double q) {
-    double move = p2 - p1;
-    if (std::fabs(move) < 1e-7) return std::clamp(0.5 * (p1 + p2) - q, 0.0, 1.0);
-    return (rise(p2 - q) - rise(p1 - q)) / move;
+// Antiderivative of t -> clamp(t, 0, 1), without branches.
+PALPATE_INLINE double rise(double t) {
+    const double c = t < 0 ? 0 : t > 1 ? 1 : t;
+    return 0.5 * c * c + (t > 1 ? t - 1 : 0);
 }
 
+// Mean of clamp(p - q, 0, 1) while p moves on by `move`: the part of the pixel [q, q + 1] left of an edge that moves
+// while the ray crosses the sub-slice.
+PALPATE_INLINE double covered(double p, double move, double q) {
+    const bool still = move < 1e-7 && move > -1e-7; // the quotient is 0 / 0; the middle is exact to 1e-8
+    double c = p + 0.5 * move - q;
+    c = c < 0 ? 0 : c > 1 ? 1 : c;
+    const double mean = (rise(p + move - q) - rise(p - q)) / (still ? 1 : move);
+    return still ? c : mean;
+}
+
+// Edge i lies at from + i * from_step when the ray enters the sub-slice and at to + i * to_step when it leaves.
+struct Edges {
+    double from, from_step, to, to_step;
+};
+
 } // namespace
+
+PALPATE_KERNEL void trapezoids(const double* edges, int n, int tap, const int32_t* __restrict first,
+                               float* __restrict weight) {
+    const double from = edges[0], from_step = edges[1], move = edges[2] - from, move_step = edges[3] - from_step;
+    for (int i = 0; i < n; i++) {
+        const double q = first[i] + tap;
+        const double right = covered(from + (i + 1) * from_step, move + (i + 1) * move_step, q);
+        const double w = right - covered(from + i * from_step, move + i * move_step, q);
+        weight[i] = w > 1e-9 ? float(w) : 0.0f; // rounding must not tie a voxel to pixels that it does not reach
+    }
+}
 
 void by_voxel(const Geometry& geometry, const View& view, int z, int sub, Axis axis, AxisWeights& out) {
     const Grid& grid = geometry.grid;
     const bool x = axis == Axis::x;
     const int n = x ? grid.nx : grid.ny, count = x ? view.na : view.nb;
-    const double spacing = x ? grid.dx : grid.dy, origin = x ? grid.x0 : grid.y0;
-    const double s = view.source[x ? 0 : 1], left = x ? view.left : view.low, pitch = x ? view.pa : view.pb;
-    const double thickness = grid.dz / view.subs;
-    const double z1 = grid.z0 + (z - 0.5) * grid.dz + sub * thickness;
-    const double m1 = (view.source[2] - view.height) / (view.source[2] - z1);
-    const double m2 = (view.source[2] - view.height) / (view.source[2] - z1 - thickness);
-    auto landed = [&](double m, int i) { return (s + (origin + (i - 0.5) * spacing - s) * m - left) / pitch; };
-
-    // Wide enough for any voxel: its shadow at the top of the sub-slice, and how far the farthest edge moves.
-    const double move = std::max(std::fabs(landed(m2, 0) - landed(m1, 0)), std::fabs(landed(m2, n) - landed(m1, n)));
-    const int taps = int(std::ceil(spacing * std::max(m1, m2) / pitch + move)) + 2;
+    const double spacing = x ? grid.dx : grid.dy, edge = (x ? grid.x0 : grid.y0) - 0.5 * spacing;
+    const double pitch = x ? view.pa : view.pb, left = (x ? view.left : view.low) - 0.5 * pitch;
+    const double s = view.source[x ? 0 : 1];
+    auto magnify = [&](int part) { // at the faces of the sub-slice
+        const double face = grid.z0 + (z - 0.5 + double(part) / view.subs) * grid.dz;
+        return (view.source[2] - view.height) / (view.source[2] - face);
+    };
+    const double m1 = magnify(sub), m2 = magnify(sub + 1);
+    // Pixel a is [a, a + 1] here.
+    const Edges e{(s + (edge - s) * m1 - left) / pitch, spacing * m1 / pitch, (s + (edge - s) * m2 - left) / pitch,
+                  spacing * m2 / pitch};
     out.n = n;
-    out.first.assign(n, 0);
-    out.weight.assign(size_t(taps) * n, 0);
-    int used = 1;
+    out.first.resize(n);
+    int taps = 1;
     for (int i = 0; i < n; i++) {
-        const double l1 = landed(m1, i), l2 = landed(m2, i), r1 = landed(m1, i + 1), r2 = landed(m2, i + 1);
-        const int low = std::max(0, int(std::floor(std::min(l1, l2) + 0.5)));
-        const int high = std::min(count - 1, int(std::floor(std::max(r1, r2) + 0.5)));
-        if (high < low) continue;
-        out.first[i] = low;
-        for (int a = low; a <= high && a - low < taps; a++) {
-            out.weight[size_t(a - low) * n + i] = float(covered(r1, r2, a - 0.5) - covered(l1, l2, a - 0.5));
-            used = std::max(used, a - low + 1);
-        }
+        const double low = std::max(0.0, std::min(e.from + i * e.from_step, e.to + i * e.to_step));
+        const double high =
+            std::min(double(count), std::max(e.from + (i + 1) * e.from_step, e.to + (i + 1) * e.to_step));
+        out.first[i] = low < count ? int(low) : count - 1;
+        if (low < high) taps = std::max(taps, int(std::ceil(high)) - int(low));
     }
-    out.taps = used;
-    out.weight.resize(size_t(used) * n);
+    out.taps = taps;
+    out.weight.resize(size_t(taps) * n);
+    // No tap leaves the panel: those before the shadow weigh nothing.
+    for (int i = 0; i < n; i++) out.first[i] = std::min(out.first[i], count - taps);
+    for (int t = 0; t < taps; t++) trapezoids(&e.from, n, t, out.first.data(), &out.weight[size_t(t) * n]);
 }
 
 void by_pixel(const AxisWeights& voxels, int count, AxisWeights& out) {
+    const int n = voxels.n;
     std::vector<int32_t> last(count, -1);
     out.n = count;
-    out.first.assign(count, 0);
-    for (int i = 0; i < voxels.n; i++)
-        for (int t = 0; t < voxels.taps; t++) {
-            if (voxels.weight[size_t(t) * voxels.n + i] == 0) continue;
-            int a = voxels.first[i] + t;
-            if (last[a] < 0) out.first[a] = i;
-            last[a] = i;
+    out.first.assign(count, INT32_MAX);
+    for (int t = 0; t < voxels.taps; t++)
+        for (int i = 0; i < n; i++) {
+            if (voxels.weight[size_t(t) * n + i] == 0) continue;
+            const int a = voxels.first[i] + t;
+            out.first[a] = std::min(out.first[a], i);
+            last[a] = std::max(last[a], i);
         }
     out.taps = 1;
-    for (int a = 0; a < count; a++) out.taps = std::max(out.taps, last[a] - out.first[a] + 1);
+    for (int a = 0; a < count; a++)
+        if (last[a] >= 0) out.taps = std::max(out.taps, last[a] - out.first[a] + 1);
+    for (int32_t& i : out.first) i = std::min(i, n - out.taps);
     out.weight.assign(size_t(out.taps) * count, 0);
-    for (int i = 0; i < voxels.n; i++)
-        for (int t = 0; t < voxels.taps; t++) {
-            float w = voxels.weight[size_t(t) * voxels.n + i];
+    for (int t = 0; t < voxels.taps; t++)
+        for (int i = 0; i < n; i++) {
+            const float w = voxels.weight[size_t(t) * n + i];
             if (w == 0) continue;
-            int a = voxels.first[i] + t;
+            const int a = voxels.first[i] + t;
             out.weight[size_t(i - out.first[a]) * count + a] = w;
         }
 }
