@@ -7,6 +7,7 @@
 #include "projector.h"
 #include "dispatch.h"
 #include "parallel.h"
+#include "turned.h"
 #include "weights.h"
 #include <algorithm>
 #include <cstring>
@@ -17,8 +18,8 @@ constexpr int lanes = 16;
 typedef float Lanes __attribute__((vector_size(4 * lanes), aligned(4))); // the compiler halves it where registers do
 
 // out[i] = sum over r of source[r * stride + i] * table[r], i from begin to end.
-PALPATE_KERNEL void mix_rows(const float* source, int64_t stride, int rows, const float* table_, int begin, int end,
-                             float* out_) {
+PALPATE_KERNEL void mix_lanes(const float* source, int64_t stride, int rows, const float* table_, int begin, int end,
+                              float* out_) {
     const Lanes* table = reinterpret_cast<const Lanes*>(table_);
     Lanes* out = reinterpret_cast<Lanes*>(out_);
     int i = begin;
@@ -42,8 +43,8 @@ PALPATE_KERNEL void mix_rows(const float* source, int64_t stride, int rows, cons
 }
 
 // out[j] += sum over t of weight[t * n + j] * in[first[j] + t], j from begin to end.
-PALPATE_KERNEL void add_taps(const float* in_, const int32_t* first, const float* weight, int taps, int n, int begin,
-                             int end, float* out_) {
+PALPATE_KERNEL void spread_lanes(const float* in_, const int32_t* first, const float* weight, int taps, int n,
+                                 int begin, int end, float* out_) {
     const Lanes* in = reinterpret_cast<const Lanes*>(in_);
     Lanes* out = reinterpret_cast<Lanes*>(out_);
     for (int j = begin; j < end; j++) {
@@ -123,13 +124,14 @@ void add_slice(Scratch& scratch, const float* source, int64_t stride, int begin,
             if (w.columns.begin >= w.columns.end) continue;
             scratch.table.fill(w.across, row);
             if (scratch.table.rows == 0) continue;
-            mix_rows(source + scratch.table.first * stride, stride, scratch.table.rows, scratch.table.weight.data(),
-                     w.sources.begin, w.sources.end, scratch.mixed.data());
-            add_taps(scratch.mixed.data(), w.along.first.data(), w.along.weight.data(), w.along.taps, w.along.n,
-                     w.columns.begin, w.columns.end, &scratch.sum[size_t(row - begin) * width]);
+            mix_lanes(source + scratch.table.first * stride, stride, scratch.table.rows, scratch.table.weight.data(),
+                      w.sources.begin, w.sources.end, scratch.mixed.data());
+            spread_lanes(scratch.mixed.data(), w.along.first.data(), w.along.weight.data(), w.along.taps, w.along.n,
+                         w.columns.begin, w.columns.end, &scratch.sum[size_t(row - begin) * width]);
         }
 }
 
+// Weights of a slice.
 void weigh(const Geometry& g, const View& v, int z, bool per_pixel, Scratch& s) {
     s.subs.resize(v.subs);
     for (int sub = 0; sub < v.subs; sub++) {
@@ -167,7 +169,7 @@ void project_strip(const Geometry& g, const View& v, const float* f, int begin, 
         weigh(g, v, z, true, s);
         add_slice(s, f + z * g.grid.slice(), g.grid.nx, begin, end, v.na);
     }
-    if (v.resampled)
+    if (v.pose == Pose::tilted)
         untangle(s.sum, begin, end, v.na, image, v.na, 1);
     else
         untangle(s.sum, begin, end, v.na, image + v.start, v.step_b, v.step_a);
@@ -185,7 +187,7 @@ std::vector<Strip> strips_of(int owner, int rows) {
 
 // Measured pixels, scaled by path -> the virtual panel, rows along y.
 void to_virtual(const View& v, const float* p, float* image) {
-    if (!v.resampled) {
+    if (v.pose != Pose::tilted) {
         for (int64_t b = 0; b < v.nb; b++)
             for (int64_t a = 0; a < v.na; a++) {
                 const int64_t i = v.start + b * v.step_b + a * v.step_a;
@@ -202,42 +204,38 @@ void to_virtual(const View& v, const float* p, float* image) {
     }
 }
 
-} // namespace
-
-void project(const Geometry& g, const float* f, float* p) {
+// The views that the lanes serve: all but the turned ones.
+void project_separable(const Geometry& g, const float* f, float* p) {
     const int views = int(g.views.size());
-    std::vector<std::vector<float>> fine(views); // images of the views that are resampled afterwards
+    std::vector<std::vector<float>> fine(views); // images of tilted panels, to be resampled
     std::vector<Strip> strips;
     for (int k = 0; k < views; k++) {
         const View& v = g.views[k];
-        if (v.resampled) fine[k].resize(size_t(v.na) * v.nb);
+        if (v.pose == Pose::turned) continue;
+        if (v.pose == Pose::tilted) fine[k].resize(size_t(v.na) * v.nb);
         for (const Strip& s : strips_of(k, v.nb)) strips.push_back(s);
     }
     parallel(int64_t(strips.size()), [&](int64_t begin, int64_t end, int) {
         Scratch scratch;
         for (int64_t i = begin; i < end; i++) {
             const auto [k, b0, b1] = strips[i];
-            float* image = g.views[k].resampled ? fine[k].data() : p + k * g.pixels();
+            float* image = g.views[k].pose == Pose::tilted ? fine[k].data() : p + k * g.pixels();
             project_strip(g, g.views[k], f, b0, b1, image, scratch);
         }
     });
-    for (int k = 0; k < views; k++) {
-        const View& v = g.views[k];
-        float* image = p + k * g.pixels();
-        if (v.resampled) apply(v.resampling.measured, fine[k].data(), image);
-        parallel(g.pixels(), [&](int64_t begin, int64_t end, int) {
-            for (int64_t i = begin; i < end; i++) image[i] *= v.path[i];
-        });
-    }
+    for (int k = 0; k < views; k++)
+        if (g.views[k].pose == Pose::tilted) apply(g.views[k].resampling.measured, fine[k].data(), p + k * g.pixels());
 }
 
-void backproject(const Geometry& g, const float* p, float* f) {
+// Writes all of f, with what those views add to it.
+void backproject_separable(const Geometry& g, const float* p, float* f) {
     const int views = int(g.views.size());
     const Grid& grid = g.grid;
     std::vector<std::vector<float>> images(views);
     parallel(views, [&](int64_t begin, int64_t end, int) {
         for (int64_t k = begin; k < end; k++) {
             const View& v = g.views[k];
+            if (v.pose == Pose::turned) continue;
             images[k].resize(size_t(v.na) * v.nb);
             to_virtual(v, p + k * g.pixels(), images[k].data());
         }
@@ -252,6 +250,7 @@ void backproject(const Geometry& g, const float* p, float* f) {
             s.sum.assign(padded(y1 - y0, grid.nx), 0);
             for (int k = 0; k < views; k++) {
                 const View& v = g.views[k];
+                if (v.pose == Pose::turned) continue;
                 weigh(g, v, z, false, s);
                 s.mixed.resize(std::max(s.mixed.size(), size_t(v.na) * lanes));
                 add_slice(s, images[k].data(), v.na, y0, y1, grid.nx);
@@ -259,6 +258,62 @@ void backproject(const Geometry& g, const float* p, float* f) {
             untangle(s.sum, y0, y1, grid.nx, f + z * grid.slice(), grid.nx, 1);
         }
     });
+}
+
+// Each slice with x and y exchanged, for views that see it so.
+void exchange(const float* in, int nz, int ny, int nx, bool add, float* out) {
+    parallel(nz, [&](int64_t begin, int64_t end, int) {
+        for (int64_t z = begin; z < end; z++)
+            for (int y = 0; y < ny; y++)
+                for (int x = 0; x < nx; x++) {
+                    float& to = out[(z * nx + x) * ny + y];
+                    to = (add ? to : 0) + in[(z * ny + y) * nx + x];
+                }
+    });
+}
+
+bool any_swapped(const Geometry& g) {
+    return std::any_of(g.views.begin(), g.views.end(), [](const View& v) { return v.swapped; });
+}
+
+} // namespace
+
+void project(const Geometry& g, const float* f, float* p) {
+    const Grid& grid = g.grid;
+    project_separable(g, f, p);
+    std::vector<float> image, exchanged;
+    if (any_swapped(g)) {
+        exchanged.resize(grid.nz * grid.slice());
+        exchange(f, grid.nz, grid.ny, grid.nx, false, exchanged.data());
+    }
+    for (size_t k = 0; k < g.views.size(); k++) {
+        const View& v = g.views[k];
+        float* measured = p + k * g.pixels();
+        if (v.pose == Pose::turned) {
+            image.resize(size_t(v.nb) * v.na);
+            project_turned(g, v, v.swapped ? exchanged.data() : f, image.data());
+            for (int64_t b = 0; b < v.nb; b++)
+                for (int64_t a = 0; a < v.na; a++)
+                    measured[v.start + b * v.step_b + a * v.step_a] = image[b * v.na + a];
+        }
+        parallel(g.pixels(), [&](int64_t begin, int64_t end, int) {
+            for (int64_t i = begin; i < end; i++) measured[i] *= v.path[i];
+        });
+    }
+}
+
+void backproject(const Geometry& g, const float* p, float* f) {
+    const Grid& grid = g.grid;
+    backproject_separable(g, p, f);
+    std::vector<float> image, exchanged(any_swapped(g) ? grid.nz * grid.slice() : 0, 0.0f);
+    for (size_t k = 0; k < g.views.size(); k++) {
+        const View& v = g.views[k];
+        if (v.pose != Pose::turned) continue;
+        image.resize(size_t(v.nb) * v.na);
+        to_virtual(v, p + k * g.pixels(), image.data());
+        backproject_turned(g, v, image.data(), v.swapped ? exchanged.data() : f);
+    }
+    if (!exchanged.empty()) exchange(exchanged.data(), grid.nz, grid.nx, grid.ny, true, f);
 }
 
 } // namespace palpate

@@ -82,9 +82,12 @@ struct Tally {
 } // namespace
 
 int sub_slices(const Geometry& g, const View& v) {
-    View bare{}; // without the resampling, which the weights do not read
+    const Grid grid = g.seen_by(v);
+    View
+        bare{}; // without the resampling, which the weights do not read; on a turned panel, rows as on its first column
     bare.source = v.source;
-    bare.height = v.height;
+    bare.pose = v.pose, bare.swapped = v.swapped;
+    bare.height = v.height, bare.run = v.run, bare.rise = v.rise;
     bare.pa = v.pa, bare.pb = v.pb, bare.left = v.left, bare.low = v.low;
     bare.na = v.na, bare.nb = v.nb;
     const int slices[3] = {0, g.grid.nz / 2, g.grid.nz - 1};
@@ -92,7 +95,7 @@ int sub_slices(const Geometry& g, const View& v) {
     for (int z : slices) reference.emplace_back(g, bare, z, most);
     for (int subs : {1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 24}) {
         Tally tally;
-        for (int i = 0; i < 3; i++) tally.add(Cut(g, bare, slices[i], subs), reference[i], g.grid);
+        for (int i = 0; i < 3; i++) tally.add(Cut(g, bare, slices[i], subs), reference[i], grid);
         if (tally.relative(g.grid.nz) <= g.tolerance) return subs;
     }
     return most;

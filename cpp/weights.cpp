@@ -4,72 +4,53 @@
 #include <cmath>
 
 namespace palpate {
-namespace {
 
-// Antiderivative of t -> clamp(t, 0, 1), without branches.
-PALPATE_INLINE double rise(double t) {
-    const double c = t < 0 ? 0 : t > 1 ? 1 : t;
-    return 0.5 * c * c + (t > 1 ? t - 1 : 0);
-}
-
-// Mean of clamp(p - q, 0, 1) while p moves on by `move`: the part of the pixel [q, q + 1] left of an edge that moves
-// while the ray crosses the sub-slice.
-PALPATE_INLINE double covered(double p, double move, double q) {
-    const bool still = move < 1e-7 && move > -1e-7; // the quotient is 0 / 0; the middle is exact to 1e-8
-    double c = p + 0.5 * move - q;
-    c = c < 0 ? 0 : c > 1 ? 1 : c;
-    const double mean = (rise(p + move - q) - rise(p - q)) / (still ? 1 : move);
-    return still ? c : mean;
-}
-
-// Edge i lies at from + i * from_step when the ray enters the sub-slice and at to + i * to_step when it leaves.
-struct Edges {
-    double from, from_step, to, to_step;
-};
-
-} // namespace
-
-PALPATE_KERNEL void trapezoids(const double* edges, int n, int tap, const int32_t* __restrict first,
-                               float* __restrict weight) {
-    const double from = edges[0], from_step = edges[1], move = edges[2] - from, move_step = edges[3] - from_step;
-    for (int i = 0; i < n; i++) {
+// weight[i] = the part of pixel first[i] + tap between edges i and i + 1, which move from `from` to `to`.
+PALPATE_KERNEL void trapezoids(const double* __restrict from, const double* __restrict to, int begin, int end, int tap,
+                               const int32_t* __restrict first, float* __restrict weight) {
+    for (int i = begin; i < end; i++) {
         const double q = first[i] + tap;
-        const double right = covered(from + (i + 1) * from_step, move + (i + 1) * move_step, q);
-        const double w = right - covered(from + i * from_step, move + i * move_step, q);
-        weight[i] = w > 1e-9 ? float(w) : 0.0f; // rounding must not tie a voxel to pixels that it does not reach
+        const double w = covered(from[i + 1], to[i + 1], q) - covered(from[i], to[i], q);
+        weight[i] = w > 1e-7 ? float(w) : 0.0f; // rounding must not tie a voxel to pixels that it does not reach
     }
 }
 
 void by_voxel(const Geometry& geometry, const View& view, int z, int sub, Axis axis, AxisWeights& out) {
-    const Grid& grid = geometry.grid;
+    const Grid grid = geometry.seen_by(view);
     const bool x = axis == Axis::x;
     const int n = x ? grid.nx : grid.ny, count = x ? view.na : view.nb;
     const double spacing = x ? grid.dx : grid.dy, edge = (x ? grid.x0 : grid.y0) - 0.5 * spacing;
-    const double pitch = x ? view.pa : view.pb, left = (x ? view.left : view.low) - 0.5 * pitch;
-    const double s = view.source[x ? 0 : 1];
-    auto magnify = [&](int part) { // at the faces of the sub-slice
-        const double face = grid.z0 + (z - 0.5 + double(part) / view.subs) * grid.dz;
-        return (view.source[2] - view.height) / (view.source[2] - face);
-    };
-    const double m1 = magnify(sub), m2 = magnify(sub + 1);
-    // Pixel a is [a, a + 1] here.
-    const Edges e{(s + (edge - s) * m1 - left) / pitch, spacing * m1 / pitch, (s + (edge - s) * m2 - left) / pitch,
-                  spacing * m2 / pitch};
+    // The ray from the focal spot s through (x, z) meets the line of pixel centres p0 + a * pitch * (run, rise) where
+    // a * pitch = cross(s - p0, d) / cross((run, rise), d), d = (x, z) - s.
+    const double s = view.source[x ? 0 : 1], p0 = x ? view.left : view.low, pitch = x ? view.pa : view.pb;
+    const double run = x ? view.run : 1, rise = x ? view.rise : 0, up = view.source[2] - view.height;
+    std::vector<double> edges(2 *
+                              size_t(n + 1)); // where they land at the two faces, counted so that pixel a is [a, a + 1]
+    double *from = edges.data(), *to = from + n + 1;
+    for (int face = 0; face < 2; face++) {
+        const double dz = grid.z0 + (z - 0.5 + double(sub + face) / view.subs) * grid.dz - view.source[2];
+        for (int i = 0; i <= n; i++) {
+            const double dx = edge + i * spacing - s;
+            edges[face * size_t(n + 1) + i] = ((s - p0) * dz - up * dx) / ((run * dz - rise * dx) * pitch) + 0.5;
+        }
+    }
     out.n = n;
-    out.first.resize(n);
-    int taps = 1;
+    out.first.assign(n, 0);
+    int taps = 1, begin = n, end = 0;
     for (int i = 0; i < n; i++) {
-        const double low = std::max(0.0, std::min(e.from + i * e.from_step, e.to + i * e.to_step));
-        const double high =
-            std::min(double(count), std::max(e.from + (i + 1) * e.from_step, e.to + (i + 1) * e.to_step));
-        out.first[i] = low < count ? int(low) : count - 1;
-        if (low < high) taps = std::max(taps, int(std::ceil(high)) - int(low));
+        const double low = std::max(0.0, std::min(from[i], to[i]));
+        const double high = std::min(double(count), std::max(from[i + 1], to[i + 1]));
+        if (!(low < high)) continue;
+        begin = std::min(begin, i);
+        end = i + 1;
+        out.first[i] = int(low);
+        taps = std::max(taps, int(std::ceil(high)) - int(low));
     }
     out.taps = taps;
-    out.weight.resize(size_t(taps) * n);
+    out.weight.assign(size_t(taps) * n, 0);
     // No tap leaves the panel: those before the shadow weigh nothing.
     for (int i = 0; i < n; i++) out.first[i] = std::min(out.first[i], count - taps);
-    for (int t = 0; t < taps; t++) trapezoids(&e.from, n, t, out.first.data(), &out.weight[size_t(t) * n]);
+    for (int t = 0; t < taps; t++) trapezoids(from, to, begin, end, t, out.first.data(), &out.weight[size_t(t) * n]);
 }
 
 void by_pixel(const AxisWeights& voxels, int count, AxisWeights& out) {
@@ -96,6 +77,29 @@ void by_pixel(const AxisWeights& voxels, int count, AxisWeights& out) {
             const int a = voxels.first[i] + t;
             out.weight[size_t(i - out.first[a]) * count + a] = w;
         }
+}
+
+void rows(const Geometry& geometry, const View& view, int z, int sub, Rows& out) {
+    const Grid grid = geometry.seen_by(view);
+    const double thickness = grid.dz / view.subs;
+    const double z1 = grid.z0 + (z - 0.5) * grid.dz + sub * thickness, z2 = z1 + thickness;
+    const double s = view.source[1], edge = grid.y0 - 0.5 * grid.dy;
+    for (auto* values : {&out.slope1, &out.offset1, &out.slope2, &out.offset2}) values->resize(view.na);
+    double width = 0, narrow = 1e300, move = 0;
+    for (int a = 0; a < view.na; a++) {
+        const double up = view.source[2] - view.height - a * view.pa * view.rise;
+        const double m1 = up / (view.source[2] - z1), m2 = up / (view.source[2] - z2);
+        out.slope1[a] = grid.dy * m1 / view.pb;
+        out.slope2[a] = grid.dy * m2 / view.pb;
+        out.offset1[a] = (s + (edge - s) * m1 - view.low) / view.pb;
+        out.offset2[a] = (s + (edge - s) * m2 - view.low) / view.pb;
+        width = std::max({width, out.slope1[a], out.slope2[a]});
+        narrow = std::min({narrow, out.slope1[a], out.slope2[a]});
+        for (int y : {0, grid.ny})
+            move = std::max(move, std::fabs((out.slope2[a] - out.slope1[a]) * y + out.offset2[a] - out.offset1[a]));
+    }
+    out.taps = int(std::ceil(width + move)) + 1;
+    out.voxels = int(std::ceil((1 + move) / narrow)) + 1;
 }
 
 } // namespace palpate

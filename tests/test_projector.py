@@ -159,7 +159,7 @@ def test_a_footprint_is_a_column_of_the_projector(scene):
     unit = np.zeros(grid.shape, np.float32)
     unit[z, y, x] = 1
     column = np.zeros(A.range_shape)
-    pixels, weights = A.geometry.footprint(z, y, x)
+    pixels, weights = A.geometry.column(z, y, x)
     column.reshape(-1)[pixels] = weights
     np.testing.assert_allclose(A(unit), column, rtol=1e-4, atol=1e-6 * max(1.0, column.max()))
 
