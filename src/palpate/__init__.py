@@ -6,11 +6,33 @@ The public names, in the order of the data. Each is imported when it is first us
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.1.0"
+from palpate.version import __version__ as __version__
 
 if TYPE_CHECKING:
+    from palpate.meshes.files import read_mesh as read_mesh
+    from palpate.meshes.files import write_mesh as write_mesh
     from palpate.meshes.mesh import TetMesh as TetMesh
+    from palpate.meshes.quality import mesh_quality as mesh_quality
+    from palpate.meshes.stuffing import tetrahedralize as tetrahedralize
+    from palpate.reconstruction.projector import Projector as Projector
+    from palpate.scans.correct import open_beam as open_beam
+    from palpate.scans.files import read_scan as read_scan
+    from palpate.scans.files import write_scan as write_scan
+    from palpate.scans.geometry_file import read_geometry as read_geometry
+    from palpate.scans.importers import import_scan as import_scan
+    from palpate.scans.motion import arc_views as arc_views
+    from palpate.scans.motion import circular_views as circular_views
+    from palpate.scans.motion import hypocycloid_views as hypocycloid_views
+    from palpate.scans.motion import linear_views as linear_views
+    from palpate.scans.motion import rotating_views as rotating_views
+    from palpate.scans.phantom import Box as Box
+    from palpate.scans.phantom import Common as Common
+    from palpate.scans.phantom import Ellipsoid as Ellipsoid
+    from palpate.scans.phantom import Phantom as Phantom
+    from palpate.scans.phantom import breast_phantom as breast_phantom
+    from palpate.scans.phantom import slab_phantom as slab_phantom
     from palpate.scans.scan import Scan as Scan
+    from palpate.scans.simulate import simulate_scan as simulate_scan
     from palpate.scans.views import Panel as Panel
     from palpate.scans.views import Views as Views
     from palpate.server.serve import touch as touch
@@ -22,11 +44,21 @@ if TYPE_CHECKING:
     from palpate.simulation.record import write_record as write_record
     from palpate.simulation.session import Session as Session
     from palpate.tissue.elasticity import finite_elements as finite_elements
+    from palpate.tissue.files import read_tissue as read_tissue
+    from palpate.tissue.files import write_tissue as write_tissue
+    from palpate.tissue.fit import fit as fit
+    from palpate.tissue.lump import force_map as force_map
+    from palpate.tissue.lump import lump_map as lump_map
     from palpate.tissue.models import model as model
     from palpate.tissue.tissue import SpringLaw as SpringLaw
     from palpate.tissue.tissue import Tissue as Tissue
     from palpate.tissue.tissue import resting_on as resting_on
+    from palpate.volumes.files import read_labels as read_labels
+    from palpate.volumes.files import read_volume as read_volume
+    from palpate.volumes.files import write_labels as write_labels
+    from palpate.volumes.files import write_volume as write_volume
     from palpate.volumes.grid import Grid as Grid
+    from palpate.volumes.segment import segment as segment
     from palpate.volumes.volume import Labels as Labels
     from palpate.volumes.volume import Volume as Volume
 
@@ -34,15 +66,47 @@ _HOME = {
     "Grid": "volumes.grid",
     "Volume": "volumes.volume",
     "Labels": "volumes.volume",
+    "read_volume": "volumes.files",
+    "write_volume": "volumes.files",
+    "read_labels": "volumes.files",
+    "write_labels": "volumes.files",
+    "segment": "volumes.segment",
     "Panel": "scans.views",
     "Views": "scans.views",
+    "circular_views": "scans.motion",
+    "linear_views": "scans.motion",
+    "arc_views": "scans.motion",
+    "rotating_views": "scans.motion",
+    "hypocycloid_views": "scans.motion",
     "Scan": "scans.scan",
+    "read_scan": "scans.files",
+    "write_scan": "scans.files",
+    "import_scan": "scans.importers",
+    "read_geometry": "scans.geometry_file",
+    "open_beam": "scans.correct",
+    "Phantom": "scans.phantom",
+    "Ellipsoid": "scans.phantom",
+    "Box": "scans.phantom",
+    "Common": "scans.phantom",
+    "slab_phantom": "scans.phantom",
+    "breast_phantom": "scans.phantom",
+    "simulate_scan": "scans.simulate",
+    "Projector": "reconstruction.projector",
     "TetMesh": "meshes.mesh",
+    "tetrahedralize": "meshes.stuffing",
+    "mesh_quality": "meshes.quality",
+    "read_mesh": "meshes.files",
+    "write_mesh": "meshes.files",
     "Tissue": "tissue.tissue",
     "SpringLaw": "tissue.tissue",
     "resting_on": "tissue.tissue",
     "finite_elements": "tissue.elasticity",
     "model": "tissue.models",
+    "fit": "tissue.fit",
+    "read_tissue": "tissue.files",
+    "write_tissue": "tissue.files",
+    "force_map": "tissue.lump",
+    "lump_map": "tissue.lump",
     "Session": "simulation.session",
     "Command": "simulation.devices.pointer",
     "Pointer": "simulation.devices.pointer",

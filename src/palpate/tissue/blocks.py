@@ -6,24 +6,24 @@ import numpy as np
 from scipy.sparse import bsr_array, csr_array, diags_array
 
 from palpate import _core
-from palpate.arrays import Float64
+from palpate.arrays import Bool, Float64
 from palpate.errors import MaterialError
 from palpate.tissue.elasticity import basis, factored, stiffness
-from palpate.tissue.rings import RingModel, best_relaxation, least_ritz_value
+from palpate.tissue.rings import RingModel, best_relaxation, least_ritz_value, typical_contact
 from palpate.tissue.tissue import Tissue
 
 
 class BlockModel(RingModel):
     """Block Gauss-Seidel with over-relaxation on linear P1 finite elements, whatever the tissue's `element`.
 
-    relaxation: ω of the sweep; None: chosen from the spectrum.
+    relaxation: ω of the sweep; None: chosen from the spectrum under a typical contact.
     """
 
     def __init__(self, tissue: Tissue, relaxation: float | None = None) -> None:
         self._K = _ordered_by_node(tissue)
-        self._scaled = _scaled(self._K, tissue)
-        self._estimate = least_ritz_value(self._scaled)
-        omega = best_relaxation(self._estimate) if relaxation is None else float(relaxation)
+        still = tissue.held.copy()
+        still[typical_contact(tissue).nodes] = True
+        omega = best_relaxation(least_ritz_value(_scaled(self._K, still))) if relaxation is None else float(relaxation)
         if not 0 < omega < 2:
             raise MaterialError(f"relaxation: {omega} diverges; give a number between 0 and 2")
         held = tissue.held.view(np.uint8)
@@ -35,10 +35,11 @@ class BlockModel(RingModel):
     @cached_property
     def _least(self) -> float:
         """λ such that M⁻½KM⁻½ − λ is positive definite, shown by factors whose pivots are all positive."""
-        shift = 0.8 * self._estimate
-        identity = diags_array(np.ones(self._scaled.shape[0]))
+        scaled = _scaled(self._K, self.tissue.held)
+        identity = diags_array(np.ones(scaled.shape[0]))
+        shift = 0.8 * least_ritz_value(scaled)
         for _ in range(60):
-            factors = factored(self._scaled - shift * identity)
+            factors = factored(scaled - shift * identity)
             on_diagonal = np.array_equal(factors.perm_r, factors.perm_c)
             if on_diagonal and (factors.U.diagonal() > 0).all():
                 return shift
@@ -62,13 +63,13 @@ def _ordered_by_node(tissue: Tissue) -> bsr_array:
     return blocks
 
 
-def _scaled(K: bsr_array, tissue: Tissue) -> csr_array:
+def _scaled(K: bsr_array, still: Bool) -> csr_array:
     """M⁻½ K M⁻½ among the unknowns that may move, M the diagonal blocks of K, with its Cholesky factors as root."""
-    nodes = len(tissue.mesh.nodes)
+    nodes = len(still)
     rows = np.repeat(np.arange(nodes), np.diff(K.indptr))
     diagonal: Float64 = K.data[rows == K.indices]
     root = np.linalg.inv(np.linalg.cholesky(diagonal))
     R = bsr_array((root, np.arange(nodes), np.arange(nodes + 1)), shape=K.shape)
-    free = np.flatnonzero(np.repeat(~tissue.held, 3))
+    free = np.flatnonzero(np.repeat(~still, 3))
     S = csr_array(R @ csr_array(K) @ R.T)[free][:, free]
     return csr_array((S + S.T) / 2)

@@ -93,6 +93,16 @@ def best_relaxation(least: float) -> float:
     return float(2 / (1 + np.sqrt(least * (2 - least))))
 
 
+def typical_contact(tissue: Tissue) -> "_core.Patch":
+    """A patch of two edges' radius on the free surface node nearest the middle of the surface."""
+    nodes = tissue.mesh.surface_nodes[~tissue.held[tissue.mesh.surface_nodes]]
+    x = tissue.mesh.nodes[nodes]
+    middle = int(np.argmin(np.linalg.norm(x - x.mean(axis=0), axis=1)))
+    found = tissue.surface.patch(tissue.surface.closest(x[middle]), 2 * tissue.edge)
+    one = _core.Patch(nodes[middle : middle + 1].astype(np.int32), np.ones(1))
+    return found if isinstance(found, _core.Patch) else one
+
+
 def least_ritz_value(A: Any, steps: int = 150) -> float:
     """Estimate from above of the least eigenvalue of a symmetric matrix, by Lanczos steps from a fixed start."""
     n = A.shape[0]

@@ -4,9 +4,9 @@ import numpy as np
 from scipy.sparse import csr_array, diags_array
 
 from palpate import _core
-from palpate.arrays import Float64
+from palpate.arrays import Float64, Int32
 from palpate.errors import MaterialError
-from palpate.tissue.rings import RingModel, best_relaxation, least_ritz_value, without_diagonal
+from palpate.tissue.rings import RingModel, best_relaxation, least_ritz_value, typical_contact, without_diagonal
 from palpate.tissue.tissue import KPA, SpringLaw, Tissue
 
 
@@ -14,7 +14,7 @@ class SpringModel(RingModel):
     """Every node tied home by k_h and to its neighbours by linear springs k_e (u_j − u_i); law.scale matches the force.
 
     law: None takes the tissue's fitted springs, or the exponential law where nothing was fitted. relaxation: ω of the
-    sweep; None: chosen from the spectrum under a contact in the middle of the surface.
+    sweep; None: chosen from the spectrum under a typical contact.
     """
 
     def __init__(self, tissue: Tissue, law: SpringLaw | None = None, relaxation: float | None = None) -> None:
@@ -80,7 +80,7 @@ def edge_stiffness(tissue: Tissue, weights: str) -> csr_array:
     return K
 
 
-def _slopes(nodes: Float64, tets: Float64) -> Float64:
+def _slopes(nodes: Float64, tets: Int32) -> Float64:
     """(M, 4, 3) 1/mm: gradient of each corner's linear shape function."""
     edges = nodes[tets[:, 1:]] - nodes[tets[:, :1]]
     inner = np.linalg.inv(edges).transpose(0, 2, 1)
@@ -88,14 +88,12 @@ def _slopes(nodes: Float64, tets: Float64) -> Float64:
 
 
 def _relaxation(tissue: Tissue, K: csr_array, model: "_core.Springs") -> float:
-    """ω from the spectrum of the springs when the node nearest the surface's middle is touched."""
-    state = model.start()
-    free = np.flatnonzero(~tissue.held)
-    on_surface = tissue.mesh.surface_nodes[~tissue.held[tissue.mesh.surface_nodes]]
-    x = tissue.mesh.nodes[on_surface]
-    middle = on_surface[np.argmin(np.linalg.norm(x - x.mean(axis=0), axis=1))]
-    model.advance(state, _core.Patch(np.array([middle], dtype=np.int32), np.ones(1)), np.zeros(3), 0)
-    diagonal = K.sum(axis=1) + model.home(state)
-    root = diags_array(1 / np.sqrt(diagonal[free]))
-    A = root @ (diags_array(diagonal[free]) - K[free][:, free]) @ root
-    return best_relaxation(least_ritz_value(csr_array(A)))
+    """ω from the spectrum while a typical contact is held."""
+    state, spot = model.start(), typical_contact(tissue)
+    model.advance(state, spot, np.zeros(3), 0)
+    still = tissue.held.copy()
+    still[spot.nodes] = True
+    free = np.flatnonzero(~still)
+    diagonal = (K.sum(axis=1) + model.home(state))[free]
+    root = diags_array(1 / np.sqrt(diagonal))
+    return best_relaxation(least_ritz_value(csr_array(root @ (diags_array(diagonal) - K[free][:, free]) @ root)))

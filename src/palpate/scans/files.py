@@ -1,0 +1,101 @@
+"""Scans as HDF5 files of one documented layout (docs/formats.md)."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from palpate.arrays import AnyArray
+from palpate.atomic import replacing
+from palpate.errors import DataError, FileError, GeometryError
+from palpate.scans.scan import Scan
+from palpate.scans.views import Panel, Views
+from palpate.volumes.files import readable
+
+FORMAT, VERSION = "palpate scan", 1
+PANEL = {"pitch": "mm", "origin": "mm", "row_axis": "1", "column_axis": "1"}  # each (1 or views, 2 or 3)
+WAY_OUT = "write it with `palpate scan import` or palpate.write_scan"
+
+
+def write_scan(path: str | Path, scan: Scan) -> None:
+    """Writes a scan as HDF5, whole or not at all; what is equal along an axis is stored once. Raises `FileError`."""
+    with replacing(path) as temporary, h5py.File(temporary, "w") as file:
+        file.attrs.update({"format": FORMAT, "version": VERSION})
+        _dataset(file, "counts", scan.counts, "photons")
+        _dataset(file, "incident", smallest(scan.incident), "photons")
+        _dataset(file, "background", smallest(scan.background), "photons")
+        _dataset(file, "mask", smallest(scan.mask), "1", "True where the pixel was measured")
+        _dataset(file, "views/source", scan.views.source, "mm", "focal spot (x, y, z) of each view")
+        for name, unit in PANEL.items():
+            values = np.array([getattr(panel, name) for panel in scan.views.panels])
+            _dataset(file, f"views/panel/{name}", smallest(values, axes=(0,)), unit)
+
+
+def read_scan(path: str | Path) -> Scan:
+    """The scan in a palpate HDF5 file. Raises `FileError`, and naming the file `DataError` and `GeometryError`."""
+    path = readable(path)
+    if not h5py.is_hdf5(path):
+        raise FileError(f"{path}: not an HDF5 file; {WAY_OUT}")
+    try:
+        with h5py.File(path, "r") as file:
+            return _scan(path, file)
+    except (DataError, GeometryError) as problem:
+        raise type(problem)(f"{path}: {problem}") from None
+    except FileError:
+        raise
+    except OSError as problem:
+        raise FileError(f"{path}: truncated or damaged HDF5 file ({problem}); copy it again, or {WAY_OUT}") from None
+
+
+def smallest(values: AnyArray, axes: Sequence[int] = (0, 1, 2)) -> AnyArray:
+    """`values` with each axis along which nothing changes cut to length 1: it broadcasts back to the same array."""
+    for axis in axes:
+        first = values.take([0], axis=axis)
+        if values.strides[axis] == 0 or (values == first).all():
+            values = first
+    return values
+
+
+def _scan(path: Path, file: Any) -> Scan:
+    if file.attrs.get("format") != FORMAT:
+        raise FileError(f"{path}: an HDF5 file, but its attribute 'format' is not {FORMAT!r}; {WAY_OUT}")
+    if int(file.attrs.get("version", 0)) != VERSION:
+        raise FileError(
+            f"{path}: layout version {file.attrs.get('version')}, this palpate reads {VERSION}; update palpate"
+        )
+
+    def read(name: str) -> AnyArray:
+        if not isinstance(file.get(name), h5py.Dataset):
+            there: list[str] = []
+            file.visititems(lambda key, item: there.append(key) if isinstance(item, h5py.Dataset) else None)
+            raise FileError(f"{path}: dataset /{name} is missing (there: {', '.join(there) or 'none'}); {WAY_OUT}")
+        values: AnyArray = file[name][()]
+        return values
+
+    counts = read("counts")
+    if counts.ndim != 3:
+        raise DataError(f"/counts: expected shape (views, rows, columns), got {counts.shape}")
+    source, panel = read("views/source"), {name: read(f"views/panel/{name}") for name in PANEL}
+    for name, values in panel.items():
+        if values.ndim != 2 or len(values) not in (1, len(source)):
+            raise DataError(
+                f"/views/panel/{name}: expected one line, or {len(source)} (one a view), got {values.shape}"
+            )
+    moving = max(len(values) for values in panel.values())
+    panels = [
+        Panel(counts.shape[1:], **{name: values[k if len(values) > 1 else 0] for name, values in panel.items()})
+        for k in range(moving)
+    ]
+    views = Views(source, panels[0] if moving == 1 else panels)
+    return Scan(counts, read("incident"), views, read("background"), read("mask").astype(bool))
+
+
+def _dataset(file: Any, name: str, values: AnyArray, unit: str, meaning: str = "") -> None:
+    large = values.size > 4096
+    how = {"chunks": (1, *values.shape[1:]), "compression": 4, "shuffle": True, "fletcher32": True} if large else {}
+    dataset = file.create_dataset(name, data=values, **how)
+    dataset.attrs["units"] = unit
+    if meaning:
+        dataset.attrs["meaning"] = meaning

@@ -1,0 +1,231 @@
+"""The geometry file: a YAML text that says where tube and panel were and what the numbers of a stack mean."""
+
+import difflib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from palpate.arrays import Float64
+from palpate.errors import FileError, GeometryError
+from palpate.scans import motion
+from palpate.scans.views import Panel, Views
+from palpate.volumes.files import readable
+
+UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 0.001}
+AXES = ("view", "row", "column")
+TOP = ("units", "values", "incident", "background", "unmeasured", "dead", "stack", "panel", "views")
+# Of each motion: its function, the keys it cannot do without, those it can; LENGTHS are scaled by the file's units.
+SWEEP = ("count", "centre", "fulcrum")
+MOTIONS: dict[str, tuple[Callable[..., Views], tuple[str, ...], tuple[str, ...]]] = {
+    "circular": (motion.circular_views, ("radius", "height"), (*SWEEP, "start")),
+    "linear": (motion.linear_views, ("length", "height"), (*SWEEP, "direction")),
+    "hypocycloid": (motion.hypocycloid_views, ("radius", "height"), (*SWEEP, "cusps", "start")),
+    "arc": (motion.arc_views, ("angles", "radius"), ("pivot",)),
+    "rotating": (motion.rotating_views, ("angles", "source"), ("pivot", "axis")),
+}
+LENGTHS = ("radius", "height", "length", "centre", "fulcrum", "pivot", "source")
+FORMATS = ("raw", "tiff", "mat", "npy")
+
+
+@dataclass(frozen=True)
+class Stack:
+    """How a stack lies in its file or files; shape, dtype, offset and order serve raw files only."""
+
+    files: str | None = None
+    format: str | None = None
+    dtype: str | None = None
+    shape: tuple[int, ...] | None = None
+    offset: int = 0
+    order: str = "little"
+    axes: tuple[str, ...] = AXES
+    variable: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Geometry:
+    """What a geometry file says. incident: photons a pixel: one number, (views,), or "estimate"; background likewise.
+
+    values: "photons" or "intensity". unmeasured: value that marks pixels that saw nothing. dead: list of dead pixels.
+    """
+
+    path: Path
+    views: Views
+    stack: Stack
+    values: str = "photons"
+    incident: float | Float64 | str = "estimate"
+    background: float | Float64 | str = 0.0
+    unmeasured: float | None = None
+    dead: Path | None = None
+
+
+def read_geometry(path: str | Path) -> Geometry:
+    """The geometry file at `path` (see `palpate scan template`), lengths in mm whatever its units.
+
+    Raises `FileError` when it is missing or not YAML, and `GeometryError` naming the key that is wrong.
+    """
+    path = readable(path)
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (yaml.YAMLError, UnicodeDecodeError) as problem:
+        raise FileError(
+            f"{path}: not a YAML text ({' '.join(str(problem).split())}); see: palpate scan template"
+        ) from None
+    try:
+        return _geometry(path, content)
+    except ValueError as problem:  # GeometryError and DataError are ValueErrors: say in which file
+        raise GeometryError(f"{path}: {problem}") from None
+
+
+def _geometry(path: Path, content: Any) -> Geometry:
+    top = _mapping("the file", content, ("panel", "views", "incident"), TOP)
+    units = _one_of("units", top.get("units", "mm"), tuple(UNITS))
+    views = _views(top, UNITS[units])
+    incident, background = (_level(k, top.get(k, 0), len(views)) for k in ("incident", "background"))
+    unmeasured, dead = top.get("unmeasured"), top.get("dead")
+    return Geometry(
+        path,
+        views,
+        _stack(top.get("stack") or {}),
+        _one_of("values", top.get("values", "photons"), ("photons", "intensity")),
+        incident,
+        background,
+        None if unmeasured is None else _number("unmeasured", unmeasured, finite=False),
+        None if dead is None else path.parent / str(dead),
+    )
+
+
+def _views(top: Mapping[str, Any], length: float) -> Views:
+    common = _mapping("panel", top["panel"], ("shape", "pitch"), ("origin", "centre", "row_axis", "column_axis"))
+    if isinstance(top["views"], Sequence) and not isinstance(top["views"], str):
+        return _free(common, top["views"], length)
+    name = _mapping("views", top["views"], ("motion",), None)["motion"]
+    make, required, optional = MOTIONS[_one_of("views.motion", name, tuple(MOTIONS), "or list each view by itself")]
+    given = _mapping("views", top["views"], ("motion", *required), optional)
+    values = {key: _value(f"views.{key}", given[key]) for key in (*required, *optional) if given.get(key) is not None}
+    scaled = {key: value * length if key in LENGTHS else value for key, value in values.items()}
+    return make(_panel("panel", common, length), **scaled)
+
+
+def _free(common: Mapping[str, Any], entries: Sequence[Any], length: float) -> Views:
+    """One entry a view, each with its source and, where the panel moves, its panel's pose."""
+    if not entries:
+        raise GeometryError("views: the list is empty; give each view its source")
+    sources, panels = [], []
+    for k, entry in enumerate(entries):
+        where = f"views[{k}]"
+        view = _mapping(where, entry, ("source",), ("panel",))
+        sources.append(_numbers(f"{where}.source", view["source"], 3) * length)
+        pose = _mapping(f"{where}.panel", view.get("panel") or {}, (), ("origin", "centre", "row_axis", "column_axis"))
+        placed = {k: v for k, v in common.items() if not (k in ("origin", "centre") and {"origin", "centre"} & {*pose})}
+        panels.append(_panel(f"{where}.panel" if pose else "panel", {**placed, **pose}, length))
+    return Views(
+        np.array(sources), panels if any(isinstance(e, Mapping) and "panel" in e for e in entries) else panels[0]
+    )
+
+
+def _panel(where: str, given: Mapping[str, Any], length: float) -> Panel:
+    shape, pitch = _numbers("panel.shape", given["shape"], 2), _numbers("panel.pitch", given["pitch"], 2) * length
+    axes = {k: _numbers(f"{where}.{k}", given[k], 3) for k in ("row_axis", "column_axis") if k in given}
+    place = [key for key in ("origin", "centre") if key in given]
+    if len(place) != 1:
+        raise GeometryError(
+            f"{where}: give either origin (centre of pixel (0, 0)) or centre (of the panel), got {place or 'neither'}"
+        )
+    at = _numbers(f"{where}.{place[0]}", given[place[0]], 3) * length
+    panel = Panel(shape, pitch, at, **axes)
+    if place[0] == "origin":
+        return panel
+    return Panel(shape, pitch, 2 * at - panel.points((shape - 1) / 2)[0], **axes)
+
+
+def _stack(given: Any) -> Stack:
+    s = _mapping("stack", given, (), ("files", "format", "dtype", "shape", "offset", "order", "axes", "variable"))
+    axes = tuple(s.get("axes", AXES))
+    if sorted(axes) != sorted(AXES):
+        raise GeometryError(f"stack.axes: expected view, row and column in the order of the file, got {list(axes)}")
+    dtype = None if s.get("dtype") is None else str(s["dtype"])
+    if dtype is not None and (dtype not in np.sctypeDict or np.dtype(dtype).kind not in "iuf"):
+        raise GeometryError(f"stack.dtype: expected uint8, uint16, int32, float32 and so on, got {dtype!r}")
+    shape = None if s.get("shape") is None else tuple(_numbers("stack.shape", s["shape"], 3).astype(int).tolist())
+    return Stack(
+        files=None if s.get("files") is None else str(s["files"]),
+        format=None if s.get("format") is None else _one_of("stack.format", s["format"], FORMATS),
+        dtype=dtype,
+        shape=shape,
+        offset=int(_number("stack.offset", s.get("offset", 0))),
+        order=_one_of("stack.order", s.get("order", "little"), ("little", "big")),
+        axes=axes,
+        variable=None if s.get("variable") is None else str(s["variable"]),
+    )
+
+
+def _level(key: str, given: Any, views: int) -> float | Float64 | str:
+    if given == "estimate":
+        return "estimate"
+    if isinstance(given, list):
+        return _numbers(key, given, views)
+    try:
+        return _number(key, given)
+    except GeometryError:
+        raise GeometryError(
+            f'{key}: expected a number, {views} of them (one a view), or "estimate"; got {given!r}'
+        ) from None
+
+
+def _value(where: str, given: Any) -> Any:
+    """A number, a list of numbers, or {first, last, count} for equally spaced ones."""
+    if isinstance(given, Mapping):
+        run = _mapping(where, given, ("first", "last", "count"), ())
+        first, last, count = (_number(f"{where}.{k}", run[k]) for k in ("first", "last", "count"))
+        if count < 2:
+            raise GeometryError(f"{where}.count: expected at least 2, got {count:g}")
+        return np.linspace(first, last, int(count))
+    return _numbers(where, given) if isinstance(given, list) else _number(where, given)
+
+
+def _mapping(where: str, given: Any, required: Sequence[str], optional: Sequence[str] | None) -> Mapping[str, Any]:
+    """`given`, once it has all required keys and no unknown ones (None leaves those open)."""
+    if not isinstance(given, Mapping):
+        raise GeometryError(f"{where}: expected key: value lines, got {given!r}; see: palpate scan template")
+    known = [*required, *(optional or ())]
+    for key in given if optional is not None else ():
+        if key not in known:
+            near = difflib.get_close_matches(str(key), known, 1, 0.5)
+            meant = f"did you mean {near[0]!r}?" if near else f"known keys: {', '.join(known)}"
+            raise GeometryError(f"unknown key {key!r} in {where}; {meant}")
+    for key in required:
+        if key not in given:
+            raise GeometryError(f"key {key!r} is missing in {where}; add it (palpate scan template shows how)")
+    return given
+
+
+def _one_of(where: str, given: Any, known: Sequence[str], otherwise: str = "") -> str:
+    if given not in known:
+        near = difflib.get_close_matches(str(given), known, 1, 0.5)
+        meant = f"; did you mean {near[0]!r}?" if near else ""
+        raise GeometryError(
+            f"{where}: expected one of {', '.join(known)} {otherwise}".rstrip() + f", got {given!r}{meant}"
+        )
+    return str(given)
+
+
+def _number(where: str, given: Any, finite: bool = True) -> float:
+    try:
+        number = float(given)  # YAML 1.1 reads 1e5 as a text
+    except (TypeError, ValueError):
+        number = np.nan
+        finite = True
+    if isinstance(given, bool) or (finite and not np.isfinite(number)):
+        raise GeometryError(f"{where}: expected a number, got {given!r}")
+    return number
+
+
+def _numbers(where: str, given: Any, count: int | None = None) -> Float64:
+    if not isinstance(given, list) or (count is not None and len(given) != count):
+        wanted = "a list of numbers" if count is None else f"a list of {count} numbers"
+        raise GeometryError(f"{where}: expected {wanted}, got {given!r}")
+    return np.array([_number(f"{where}[{i}]", value) for i, value in enumerate(given)])

@@ -1,0 +1,192 @@
+"""Stacks of projections from elsewhere: raw, TIFF, MATLAB and NumPy files, and the samples that ship with palpate."""
+
+import re
+import struct
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import scipy.io
+import tifffile
+
+from palpate.arrays import AnyArray, Bool
+from palpate.errors import DataError, FileError
+from palpate.samples import sample
+from palpate.scans.correct import open_beam
+from palpate.scans.geometry_file import AXES, Geometry, Stack, read_geometry
+from palpate.scans.scan import Scan
+from palpate.volumes.files import readable
+
+SAMPLES = ("breast", "head")
+FORMAT_OF = {".raw": "raw", ".bin": "raw", ".tif": "tiff", ".tiff": "tiff", ".mat": "mat", ".npy": "npy"}
+
+
+def import_scan(stack: str | Path, geometry: str | Path | Geometry | None = None) -> Scan:
+    """The scan in a stack of projections and its geometry file.
+
+    stack: a file, a folder, a pattern such as "view_*.tif" (several files follow each other in the order of their
+    numbers), or the name of a sample, "breast" or "head", which needs no geometry. geometry: a YAML file
+    (`palpate scan template`). Raises `FileError`, `DataError`, `GeometryError`.
+    """
+    g = geometry_of(stack, geometry)
+    ours = str(stack) in SAMPLES and g.path.parent == sample(str(stack))
+    paths = _files(g.path.parent / str(g.stack.files)) if ours else _files(Path(stack), g.stack)
+    values = np.transpose(_stacked(paths, g.stack), [g.stack.axes.index(axis) for axis in AXES])
+    _fits(paths[0], values, g)
+    try:
+        return _scan(values, g)
+    except DataError as problem:
+        raise DataError(f"{paths[0]}: {problem}") from None
+
+
+def geometry_of(stack: str | Path, geometry: str | Path | Geometry | None = None) -> Geometry:
+    """What a stack's numbers mean: the geometry file given, or that of the sample that `stack` names."""
+    if isinstance(geometry, Geometry):
+        return geometry
+    if geometry is not None:
+        return read_geometry(geometry)
+    if str(stack) in SAMPLES:
+        return read_geometry(sample(str(stack)) / "geometry.yaml")
+    _files(Path(stack))  # a name that is wrong is the first thing to say
+    raise FileError(
+        f"{stack}: no geometry file; write one with `palpate scan template -o geometry.yaml`, fill it in, and "
+        f"give it with --geometry (samples that need none: {', '.join(SAMPLES)})"
+    )
+
+
+def _scan(values: AnyArray, g: Geometry) -> Scan:
+    mask = np.ones(values.shape, dtype=bool)
+    if g.unmeasured is not None:
+        mask = ~np.isnan(values) if np.isnan(g.unmeasured) else values != g.unmeasured
+    if g.dead is not None:
+        mask &= ~_dead(g.dead, g.views.shape[1:])
+    counts = np.where(mask, values, 0)
+    incident = open_beam(counts, mask, g.values == "photons") if isinstance(g.incident, str) else g.incident
+    if isinstance(g.background, str):
+        raise DataError("background: cannot be estimated; give a number, or one a view")
+    return Scan(counts, incident, g.views, g.background, mask)
+
+
+def _files(where: Path, stack: Stack | None = None) -> list[Path]:
+    """The files of a stack, natural order: view_2 before view_10."""
+    if where.is_dir():
+        pattern = (stack.files if stack else None) or "*"
+        found = [p for p in where.glob(pattern) if p.is_file() and p.name[0] != "."]
+        if pattern == "*":
+            found = [p for p in found if p.suffix.lower() in FORMAT_OF]
+    elif re.search(r"[*?\[]", where.name) and not where.exists():
+        found = [p for p in where.parent.glob(where.name) if p.is_file()]
+    else:
+        return [readable(where)]
+    if not found:
+        raise FileError(f"{where}: no projections there; name a file, a folder or a pattern such as 'view_*.tif'")
+    return sorted(found, key=lambda p: [int(w) if w.isdigit() else w for w in re.split(r"(\d+)", p.name)])
+
+
+def _stacked(paths: list[Path], stack: Stack) -> AnyArray:
+    """One array of three axes, in the order of the file; several files follow each other along the first axis."""
+    form = stack.format or FORMAT_OF.get(paths[0].suffix.lower())
+    if form is None:
+        raise FileError(f"{paths[0]}: cannot tell the format from the name; set stack.format to raw, tiff, mat or npy")
+    parts = [READERS[form](path, stack, len(paths)) for path in paths]
+    parts = [part[None] if part.ndim == 2 else part for part in parts]
+    for path, part in zip(paths, parts, strict=True):
+        if part.dtype.kind not in "fiub":
+            raise DataError(f"{path}: expected real numbers, got dtype {part.dtype}; export it as numbers")
+        if part.ndim != 3 or part.shape[1:] != parts[0].shape[1:]:
+            raise DataError(
+                f"{path}: shape {part.shape} does not follow {parts[0].shape} of {paths[0].name}; "
+                f"expected images of one shape, with three axes in all"
+            )
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+
+def _raw(path: Path, stack: Stack, files: int) -> AnyArray:
+    if stack.dtype is None or stack.shape is None:
+        raise FileError(
+            f"{path}: a raw file says nothing of itself; set stack.dtype and stack.shape in the geometry file"
+        )
+    kind = np.dtype(stack.dtype).newbyteorder("<" if stack.order == "little" else ">")
+    if stack.shape[0] % files:
+        raise DataError(f"{path}: {files} files cannot hold equal parts of stack.shape {stack.shape}; check both")
+    shape = (stack.shape[0] // files, *stack.shape[1:])
+    wanted, there = stack.offset + int(np.prod(shape)) * kind.itemsize, path.stat().st_size
+    if there != wanted:
+        what = "truncated, or" if there < wanted else "longer than"
+        raise FileError(
+            f"{path}: {there} bytes, {wanted} expected: {what} not {shape} of {stack.dtype} after {stack.offset}; "
+            f"check stack.shape, dtype and offset"
+        )
+    return np.fromfile(path, kind, offset=stack.offset).reshape(shape)
+
+
+def _tiff(path: Path, stack: Stack, files: int) -> AnyArray:
+    try:
+        values: AnyArray = np.squeeze(tifffile.imread(path))
+        return values
+    except (OSError, ValueError, struct.error, IndexError, KeyError, EOFError, tifffile.TiffFileError) as problem:
+        raise FileError(f"{path}: not a whole TIFF file ({problem}); copy or export it again") from None
+
+
+def _mat(path: Path, stack: Stack, files: int) -> AnyArray:
+    try:
+        content = scipy.io.loadmat(path)
+    except NotImplementedError:
+        raise FileError(f"{path}: a MATLAB 7.3 file; save it in MATLAB with save(..., '-v7')") from None
+    except Exception as problem:  # scipy's reader raises almost anything on a damaged file
+        raise FileError(f"{path}: not a whole MATLAB file ({problem}); copy or save it again") from None
+    arrays = {k: v for k, v in content.items() if k[0] != "_" and isinstance(v, np.ndarray)}
+    name = stack.variable
+    if name is None:
+        stacks = [k for k, v in arrays.items() if v.ndim == 3]
+        name = stacks[0] if len(stacks) == 1 else None
+    if name not in arrays:
+        there = ", ".join(f"{k} {v.shape}" for k, v in arrays.items()) or "none"
+        raise DataError(f"{path}: no variable {name or 'chosen'}; set stack.variable to one of: {there}")
+    return arrays[name]
+
+
+def _npy(path: Path, stack: Stack, files: int) -> AnyArray:
+    try:
+        values: AnyArray = np.load(path, allow_pickle=False)
+        return values
+    except (OSError, ValueError, EOFError) as problem:
+        raise FileError(f"{path}: not a whole NumPy file ({problem}); copy or save it again") from None
+
+
+READERS: dict[str, Callable[[Path, Stack, int], AnyArray]] = {"raw": _raw, "tiff": _tiff, "mat": _mat, "npy": _npy}
+
+
+def _fits(path: Path, values: AnyArray, g: Geometry) -> None:
+    if values.shape == g.views.shape:
+        return
+    way = "check panel.shape and the number of views"
+    if sorted(values.shape) == sorted(g.views.shape):
+        order = [AXES[g.views.shape.index(n)] for n in np.transpose(values, _inverse(g)).shape]
+        way = f"set stack.axes: [{', '.join(order)}]" if len(set(order)) == 3 else "check stack.axes"
+    raise DataError(
+        f"{path}: holds (view, row, column) = {values.shape}, the geometry {g.path} says {g.views.shape}; {way}"
+    )
+
+
+def _inverse(g: Geometry) -> list[int]:
+    """Back from (view, row, column) to the order of the file."""
+    return [AXES.index(axis) for axis in g.stack.axes]
+
+
+def _dead(path: Path, shape: tuple[int, int]) -> Bool:
+    """True at the pixels that a text file lists, one "row column" a line, # starts a comment."""
+    mask = np.zeros(shape, dtype=bool)
+    for number, line in enumerate(readable(path).read_text().splitlines(), 1):
+        words = line.partition("#")[0].split()
+        if not words:
+            continue
+        if len(words) != 2 or not all(w.isdigit() for w in words):
+            raise DataError(f"{path}, line {number}: expected 'row column', got {line!r}")
+        row, column = map(int, words)
+        if row >= shape[0] or column >= shape[1]:
+            raise DataError(
+                f"{path}, line {number}: pixel ({row}, {column}) is not on a panel of {shape}; count from 0"
+            )
+        mask[row, column] = True
+    return mask

@@ -1,0 +1,92 @@
+"""Scans of analytic phantoms, with the noise of counting."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from palpate.arrays import Float64
+from palpate.errors import DataError, GeometryError
+from palpate.scans import motion as motions
+from palpate.scans.phantom import Phantom
+from palpate.scans.scan import Scan
+from palpate.scans.views import Panel, Views
+
+RAYS_AT_ONCE = 250_000  # keeps the working arrays of one batch within a few tens of MB
+
+
+def simulate_scan(
+    phantom: Phantom,
+    views: Views,
+    incident: ArrayLike,
+    seed: int | None = 0,
+    background: ArrayLike = 0,
+    mask: ArrayLike | None = None,
+    subrays: int = 2,
+) -> Scan:
+    """Counts that a panel would show: Poisson(incident · mean of e^-p over the pixel's area + background).
+
+    incident, background, mask: as in `Scan`. seed: the same seed gives the same counts; None gives the expected counts
+    themselves, without noise. subrays: each pixel's area is averaged over subrays² rays, each an exact line integral p.
+    Raises `DataError`, also for voxels instead of a `Phantom`: a scan from our own projector would flatter what is
+    reconstructed with that same projector (the inverse crime).
+    """
+    if not isinstance(phantom, Phantom):
+        raise DataError(
+            f"phantom: expected a Phantom of ellipsoids and boxes, got {type(phantom).__name__}; "
+            f"voxels would need our own projector, and the test would then flatter itself"
+        )
+    if subrays < 1 or int(subrays) != subrays:
+        raise DataError(f"subrays: expected a whole number of at least 1, got {subrays!r}")
+    passed = np.stack([transmission(phantom, s, p, subrays) for s, p in zip(views.source, views.panels, strict=True)])
+    blank = Scan(np.zeros(views.shape, np.float32), incident, views, background, mask)  # checks all before the noise
+    mean = blank.incident * passed + blank.background
+    if seed is not None:
+        rng = np.random.default_rng(seed)
+        mean = rng.poisson(np.where(blank.mask, mean, 0)).astype(np.float64)
+    return Scan(np.where(blank.mask, mean, 0), incident, views, background, mask)
+
+
+def transmission(phantom: Phantom, source: Float64, panel: Panel, subrays: int = 2) -> Float64:
+    """(rows, columns): mean over each pixel's area of e^-p, p the line integral from the source."""
+    offsets = (np.arange(subrays) + 0.5) / subrays - 0.5
+    passed = np.empty(panel.shape)
+    rows, columns = panel.shape
+    v = (np.arange(rows)[:, None] + offsets).ravel()
+    u = (np.arange(columns)[:, None] + offsets).ravel()
+    batch = max(1, RAYS_AT_ONCE // (len(u) * subrays))
+    for first in range(0, rows, batch):
+        last = min(first + batch, rows)
+        V, U = np.meshgrid(v[first * subrays : last * subrays], u, indexing="ij")
+        ends = panel.points(np.stack([V.ravel(), U.ravel()], axis=1))
+        fine = np.exp(-phantom.line_integrals(source, ends))
+        passed[first:last] = fine.reshape(last - first, subrays, columns, subrays).mean(axis=(1, 3))
+    return passed
+
+
+def standard_views(
+    motion: str,
+    count: int,
+    shape: tuple[int, int] = (512, 512),
+    pitch: float = 0.4,
+    distance: float = 1000.0,
+    extent: float = 250.0,
+    angle: float = 20.0,
+) -> Views:
+    """Views of the built-in phantoms: a panel in the plane z = 0, the tube `distance` mm above it.
+
+    motion: circular, hypocycloid (extent: radius, mm), linear (extent: length, mm), arc or rotating (angle: half the
+    range, degrees; pivot 50 mm above the panel). Raises `GeometryError`.
+    """
+    rows, columns = shape
+    corner = (-(columns - 1) / 2 * pitch, -(rows - 1) / 2 * pitch, 0)
+    panel, pivot = Panel(shape, (pitch, pitch), corner), (0, 0, 50)
+    if motion == "circular":
+        return motions.circular_views(panel, radius=extent, height=distance, count=count)
+    if motion == "hypocycloid":
+        return motions.hypocycloid_views(panel, radius=extent, height=distance, count=count)
+    if motion == "linear":
+        return motions.linear_views(panel, length=extent, height=distance, count=count)
+    if motion == "arc":
+        return motions.arc_views(panel, np.linspace(-angle, angle, count), radius=distance - 50, pivot=pivot)
+    if motion == "rotating":
+        return motions.rotating_views(panel, np.linspace(-angle, angle, count), source=(0, 0, distance), pivot=pivot)
+    raise GeometryError(f"motion: {motion!r} cannot be simulated; choose circular, hypocycloid, linear, arc, rotating")
