@@ -10,6 +10,7 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from palpate.meshes.mesh import TetMesh as TetMesh
+    from palpate.scans.correct import equal_contrast as equal_contrast
     from palpate.scans.correct import open_beam as open_beam
     from palpate.scans.files import read_scan as read_scan
     from palpate.scans.files import write_scan as write_scan
@@ -59,6 +60,7 @@ _HOME = {
     "import_scan": "scans.importers",
     "read_geometry": "scans.geometry_file",
     "open_beam": "scans.correct",
+    "equal_contrast": "scans.correct",
     "Phantom": "scans.phantom",
     "Ellipsoid": "scans.phantom",
     "Box": "scans.phantom",

@@ -12,7 +12,7 @@ import tifffile
 from palpate.arrays import AnyArray, Bool
 from palpate.errors import DataError, FileError
 from palpate.samples import sample
-from palpate.scans.correct import open_beam
+from palpate.scans.correct import equal_contrast, open_beam
 from palpate.scans.geometry_file import AXES, Geometry, Stack, read_geometry
 from palpate.scans.scan import Scan
 from palpate.volumes.files import readable
@@ -64,6 +64,8 @@ def _scan(values: AnyArray, g: Geometry) -> Scan:
     incident = open_beam(counts, mask, g.values == "photons") if isinstance(g.incident, str) else g.incident
     if isinstance(g.background, str):
         raise DataError("background: cannot be estimated; give a number, or one a view")
+    if g.contrast == "equal":
+        counts = equal_contrast(counts, incident, mask)
     return Scan(counts, incident, g.views, g.background, mask)
 
 
