@@ -1,0 +1,70 @@
+"""From a mask of voxels to a smooth surface of the same volume."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import ndimage
+
+from palpate.arrays import Bool, Float64, Int64
+from palpate.volumes.grid import Grid
+
+
+class Level:
+    """A mask smoothed by a Gaussian, and the level of it that encloses a wanted volume.
+
+    mask: (z, y, x) bool. spacing: mm, (z, y, x). width: standard deviation of the Gaussian along each axis, mm, which
+    turns the staircase of the voxels into a slope. Points are mm in x, y, z from the centre of voxel (0, 0, 0).
+    """
+
+    def __init__(self, mask: Bool, spacing: ArrayLike, width: ArrayLike) -> None:
+        self.spacing = np.array(spacing, dtype=np.float64)
+        sigma = np.array(width) / self.spacing
+        self._margin = np.ceil(4 * sigma).astype(int) + 2
+        padded = np.pad(mask, [(int(m), int(m)) for m in self._margin]).astype(np.float32)
+        self.smooth = ndimage.gaussian_filter(padded, sigma, mode="constant")
+        self.level = 0.5
+        self._sorted = self._samples()
+
+    def __call__(self, points: Float64) -> Float64:
+        """(N,) positive inside, at (N, 3) mm."""
+        index = (points[:, ::-1] / self.spacing + self._margin).T
+        values: Float64 = ndimage.map_coordinates(
+            self.smooth, index, output=np.float64, order=1, mode="constant", cval=0.0, prefilter=False
+        )
+        return values - self.level
+
+    def enclose(self, volume: float) -> None:
+        """Sets the level inside which lie `volume` mm³."""
+        wanted = len(self._sorted) - volume / self._sample_volume
+        level = np.interp(wanted, np.arange(len(self._sorted)), self._sorted)
+        self.level = float(np.clip(level, 0.02, 0.98))
+
+    def triangles(self) -> tuple[Float64, Int64]:
+        """The surface itself: (V, 3) mm and (T, 3), by marching cubes, triangles about the size of a voxel."""
+        from skimage.measure import marching_cubes
+
+        vertices, faces, _, _ = marching_cubes(self.smooth, self.level)
+        points: Float64 = ((vertices.astype(np.float64) - self._margin) * self.spacing)[:, ::-1]
+        return points, faces.astype(np.int64)
+
+    def _samples(self) -> Float64:
+        """The smooth mask on a grid finer by a whole factor, sorted: how much volume lies above each level."""
+        fine = int(np.clip((4e6 / self.smooth.size) ** (1 / 3), 1, 4))
+        self._sample_volume = float(np.prod(self.spacing)) / fine**3
+        if fine == 1:
+            return np.sort(self.smooth, axis=None).astype(np.float64)
+        values = self.smooth
+        for axis in range(3):
+            steps = (np.arange(values.shape[axis] * fine) + 0.5) / fine - 0.5
+            low = np.clip(np.floor(steps).astype(int), 0, values.shape[axis] - 2)
+            part = np.clip(steps - low, 0, 1).astype(np.float32)
+            shape = [-1 if i == axis else 1 for i in range(3)]
+            part = part.reshape(shape)
+            values = np.take(values, low, axis) * (1 - part) + np.take(values, low + 1, axis) * part
+        return np.sort(values, axis=None).astype(np.float64)
+
+
+def inner_distance(mask: Bool, grid: Grid) -> Float64:
+    """(z, y, x) mm from each voxel of the mask to the nearest one outside; voxels off the grid count as outside."""
+    padded = np.pad(mask, 1)
+    distance: Float64 = ndimage.distance_transform_edt(padded, sampling=grid.spacing)
+    return distance[1:-1, 1:-1, 1:-1]
