@@ -64,6 +64,20 @@ def test_any_order_of_axes_in_matlab_and_numpy_files(tmp_path, axes):
         assert np.array_equal(pp.import_scan(tmp_path / name, g).counts, COUNTS)
 
 
+@pytest.mark.parametrize("axes", [("view", "row", "column"), ("column", "row", "view"), ("row", "view", "column")])
+def test_several_files_of_any_order_of_axes_follow_along_the_views(tmp_path, axes):
+    stored = COUNTS.transpose([("view", "row", "column").index(a) for a in axes])
+    for k in range(3):
+        image = stored.take(k, axis=axes.index("view"))
+        np.save(tmp_path / f"v{k}.npy", image)
+        (tmp_path / f"v{k}.raw").write_bytes(image.tobytes())
+    shape = [("view", "row", "column").index(a) for a in axes]
+    shape = [COUNTS.shape[i] for i in shape]
+    g = geometry(tmp_path, f"stack: {{axes: [{', '.join(axes)}], dtype: uint16, shape: {shape}}}\n")
+    for pattern in ("v*.npy", "v*.raw"):
+        assert np.array_equal(pp.import_scan(tmp_path / pattern, g).counts, COUNTS)
+
+
 def test_unmeasured_and_dead_pixels_are_masked(tmp_path):
     values = COUNTS.astype(np.float32)
     values[0, 1, 2], values[2, 3, 4] = np.nan, np.nan
@@ -210,6 +224,13 @@ REFUSED = {
         FileError,
         ["121 bytes", "offset"],
     ),
+    "raw parts": (
+        "s1.raw",
+        lambda p: [raw(p.with_name(f"s{k}.raw")) for k in (1, 2)],
+        RAW,
+        DataError,
+        ["2 files", "(3, 4, 5)", "check both"],
+    ),
     "raw unknown": ("s.raw", raw, "", FileError, ["says nothing", "stack.dtype", "stack.shape"]),
     "format": ("s.png", raw, "", FileError, ["cannot tell the format", "stack.format", "raw, tiff, mat or npy"]),
     "half a TIFF": (
@@ -295,7 +316,7 @@ def test_refused_with_name_value_and_remedy(tmp_path, case):
     base = GEOMETRY.replace("incident: 20000\n", "") if "incident" in extra else GEOMETRY
     g = geometry(tmp_path, extra, base)
     with pytest.raises(kind) as refusal:
-        pp.import_scan(tmp_path / name, g)
+        pp.import_scan(tmp_path / ("s*.raw" if case == "raw parts" else name), g)
     for word in words:
         assert word in str(refusal.value)
 
