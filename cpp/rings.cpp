@@ -39,6 +39,7 @@ RingModel::RingModel(Graph g, std::vector<uint8_t> h, double r, int n)
 
 std::unique_ptr<State> RingModel::start() const {
     auto state = std::make_unique<RingState>(nodes(), unknowns, unknowns == 1);
+    state->owner = this;
     prepare(*state);
     return state;
 }

@@ -1,13 +1,13 @@
 """Block ring sweeps are finite elements: they converge to the direct solution, and say how far they still are."""
 
 import numpy as np
-import palpate as pp
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from palpate import _core
-
 from solids import block, brick
+
+import palpate as pp
+from palpate import _core
 
 TOP = np.array([25.0, 25.0, 50.0])
 

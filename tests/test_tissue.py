@@ -1,11 +1,11 @@
 """Tissue: constants and supports that can be, and clear words for those that cannot."""
 
 import numpy as np
-import palpate as pp
 import pytest
-from palpate.errors import MaterialError
-
 from solids import brick
+
+import palpate as pp
+from palpate.errors import MaterialError
 
 MESH = brick((3, 3, 3), region=lambda c: np.where(c[:, 2] > 30, 2, 1))
 BOTTOM = MESH.nodes[:, 2] == 0

@@ -147,7 +147,8 @@ def resting_on(mesh: TetMesh, direction: ArrayLike, depth: float | None = None) 
             f"only {len(on_table)} nodes, or nodes on one line, lie within {reach:g} mm of the table in direction "
             f"{way.tolist()}; give a larger depth, such as depth={max(2 * reach, 1.0):g}"
         )
-    return on_table.astype(np.int32)
+    nodes: Int32 = on_table.astype(np.int32)
+    return nodes
 
 
 def mesh_edges(mesh: TetMesh) -> Int32:
@@ -159,7 +160,7 @@ def mesh_edges(mesh: TetMesh) -> Int32:
 def _constants(name: str, value: Constant, mesh: TetMesh) -> Float64:
     count = len(mesh.tets)
     if not isinstance(value, dict):
-        array = float64(name, value)  # type: ignore[arg-type]
+        array = float64(name, value)
         if array.ndim == 0 or array.shape == (1,):
             return np.full(count, float(array.reshape(())))
         return float64(name, array, (count,)).copy()
