@@ -1,3 +1,99 @@
 #include "bind.h"
+#include "likelihood.h"
+#include "prior.h"
+#include <nanobind/stl/array.h>
+#include <nanobind/stl/pair.h>
+#include <stdexcept>
 
-void bind_reconstruction(nb::module_&) {}
+using namespace nb::literals;
+using namespace palpate;
+
+namespace {
+
+using Spacing = std::array<double, 3>;
+template <class T> using Made = nb::ndarray<nb::numpy, T, nb::ndim<3>>;
+
+// A new (n0, n1, n2) float32 array that Python owns.
+Made<float> made(const size_t shape[3]) {
+    float* data = new float[shape[0] * shape[1] * shape[2]];
+    return Made<float>(data, 3, shape, nb::capsule(data, [](void* p) noexcept { delete[] static_cast<float*>(p); }));
+}
+
+template <class... Others> void same_size(const In<float, 3>& first, const Others&... others) {
+    if (((others.size() != first.size()) || ...)) throw std::invalid_argument("arrays of different sizes");
+}
+
+Counts pixels(const In<float, 3>& y, const In<float, 3>& b, const In<float, 3>& r) {
+    return {y.data(), b.data(), r.data(), int64_t(y.size())};
+}
+
+Made<float> slope_or_curvature(In<float, 3> y, In<float, 3> b, In<float, 3> r, In<float, 3> l, int kind) {
+    same_size(y, b, r, l);
+    size_t shape[3] = {y.shape(0), y.shape(1), y.shape(2)};
+    Made<float> out = made(shape);
+    nb::gil_scoped_release release;
+    if (kind < 0)
+        transmission_slope(pixels(y, b, r), l.data(), out.data());
+    else
+        transmission_curvature(pixels(y, b, r), l.data(), Curvature(kind), out.data());
+    return out;
+}
+
+Neighbourhood around(const In<float, 3>& f, const Spacing& spacing, int potential, double edge) {
+    int64_t shape[3] = {int64_t(f.shape(0)), int64_t(f.shape(1)), int64_t(f.shape(2))};
+    return neighbourhood(shape, spacing.data(), Potential(potential), edge);
+}
+
+void bind_likelihood(nb::module_& m) {
+    m.def(
+        "transmission_value",
+        [](In<float, 3> y, In<float, 3> b, In<float, 3> r, In<float, 3> l) {
+            same_size(y, b, r, l);
+            nb::gil_scoped_release release;
+            return transmission_value(pixels(y, b, r), l.data());
+        },
+        "counts"_a.noconvert(), "incident"_a.noconvert(), "background"_a.noconvert(), "l"_a.noconvert());
+    m.def(
+        "transmission_slope",
+        [](In<float, 3> y, In<float, 3> b, In<float, 3> r, In<float, 3> l) {
+            return slope_or_curvature(y, b, r, l, -1);
+        },
+        "counts"_a.noconvert(), "incident"_a.noconvert(), "background"_a.noconvert(), "l"_a.noconvert());
+    m.def("transmission_curvature", &slope_or_curvature, "counts"_a.noconvert(), "incident"_a.noconvert(),
+          "background"_a.noconvert(), "l"_a.noconvert(), "kind"_a);
+    m.def(
+        "least_squares_value",
+        [](In<float, 3> weight, In<float, 3> p, In<float, 3> l) {
+            same_size(weight, p, l);
+            nb::gil_scoped_release release;
+            return least_squares_value(weight.data(), p.data(), l.data(), int64_t(l.size()));
+        },
+        "weights"_a.noconvert(), "line_integrals"_a.noconvert(), "l"_a.noconvert());
+}
+
+void bind_prior(nb::module_& m) {
+    m.def(
+        "prior_value",
+        [](In<float, 3> f, Spacing spacing, int potential, double edge) {
+            nb::gil_scoped_release release;
+            return prior_value(around(f, spacing, potential, edge), f.data());
+        },
+        "f"_a.noconvert(), "spacing"_a, "potential"_a, "edge"_a);
+    m.def(
+        "prior_surrogate",
+        [](In<float, 3> f, Spacing spacing, int potential, double edge) {
+            size_t shape[3] = {f.shape(0), f.shape(1), f.shape(2)};
+            auto answer = std::make_pair(made(shape), made(shape));
+            nb::gil_scoped_release release;
+            prior_surrogate(around(f, spacing, potential, edge), f.data(), answer.first.data(), answer.second.data());
+            return answer;
+        },
+        "f"_a.noconvert(), "spacing"_a, "potential"_a, "edge"_a);
+}
+
+} // namespace
+
+void bind_reconstruction(nb::module_& m) {
+    bind_likelihood(m);
+    bind_prior(m);
+}
