@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from palpate.scans.phantom import Phantom as Phantom
     from palpate.scans.phantom import breast_phantom as breast_phantom
     from palpate.scans.phantom import slab_phantom as slab_phantom
+    from palpate.reconstruction.projector import Projector as Projector
     from palpate.scans.scan import Scan as Scan
     from palpate.scans.simulate import simulate_scan as simulate_scan
     from palpate.scans.views import Panel as Panel
@@ -66,6 +67,7 @@ _HOME = {
     "slab_phantom": "scans.phantom",
     "breast_phantom": "scans.phantom",
     "simulate_scan": "scans.simulate",
+    "Projector": "reconstruction.projector",
     "TetMesh": "meshes.mesh",
 }
 __all__ = sorted(_HOME)
