@@ -1,4 +1,5 @@
 #include "bind.h"
+#include "descent.h"
 #include "likelihood.h"
 #include "prior.h"
 #include <nanobind/stl/array.h>
@@ -91,9 +92,45 @@ void bind_prior(nb::module_& m) {
         "f"_a.noconvert(), "spacing"_a, "potential"_a, "edge"_a);
 }
 
+void same_shape(const Geometry& g, const In<float, 3>& pixels) {
+    if (int64_t(pixels.size()) != int64_t(g.views.size()) * g.pixels()) throw std::invalid_argument("pixels: wrong size");
+}
+
+void bind_descent(nb::module_& m) {
+    m.def(
+        "descend",
+        [](const Geometry& g, In<float, 3> slope, In<float, 3> curvature, Array<float, 3> f, int potential,
+           double edge, double beta) {
+            same_shape(g, slope);
+            same_shape(g, curvature);
+            const int64_t shape[3] = {g.grid.nz, g.grid.ny, g.grid.nx};
+            const double spacing[3] = {g.grid.dz, g.grid.dy, g.grid.dx};
+            if (int64_t(f.size()) != shape[0] * shape[1] * shape[2]) throw std::invalid_argument("volume: wrong size");
+            nb::gil_scoped_release release;
+            Paraboloid data(g, slope.data(), curvature.data());
+            descend(g, neighbourhood(shape, spacing, Potential(potential), edge), float(beta), data, f.data());
+        },
+        "geometry"_a, "slope"_a.noconvert(), "curvature"_a.noconvert(), "f"_a.noconvert(), "potential"_a, "edge"_a,
+        "beta"_a, "One sweep of coordinate descent over f, in place.");
+    m.def(
+        "diagonal",
+        [](const Geometry& g, In<float, 3> curvature) {
+            same_shape(g, curvature);
+            const size_t shape[3] = {size_t(g.grid.nz), size_t(g.grid.ny), size_t(g.grid.nx)};
+            Made<float> out = made(shape);
+            nb::gil_scoped_release release;
+            Paraboloid data(g, curvature.data(), curvature.data());
+            diagonal(g, data, out.data());
+            return out;
+        },
+        "geometry"_a, "curvature"_a.noconvert(), "Σ_i a_ij² curvature_i of each voxel.");
+    m.def("row_stride", &row_stride, "geometry"_a, "z"_a, "Rows of slice z this far apart share no pixel.");
+}
+
 } // namespace
 
 void bind_reconstruction(nb::module_& m) {
     bind_likelihood(m);
     bind_prior(m);
+    bind_descent(m);
 }
