@@ -108,8 +108,14 @@ def test_rows_by_class_and_thread_are_the_sequential_sweep(geometry, beta):
     slope, curvature = model.slope(A(f)), model.curvature(A(f), "optimal")
     stride = [max(2, _core.row_stride(A.geometry, z)) for z in range(GRID.shape[0])]
     expected = sweep(
-        dense(A), slope.ravel().astype(float), curvature.ravel().astype(float), f.ravel().astype(float), GRID, 0.004,
-        beta, stride,
+        dense(A),
+        slope.ravel().astype(float),
+        curvature.ravel().astype(float),
+        f.ravel().astype(float),
+        GRID,
+        0.004,
+        beta,
+        stride,
     )
     made = f.copy()
     _core.descend(A.geometry, slope, curvature, made, 2, 0.004, beta)
@@ -123,7 +129,9 @@ def test_diagonal_is_that_of_the_matrix(geometry):
     curvature = Transmission.of(scan).curvature(A(f), "precomputed")
     expected = (dense(A) ** 2).T @ curvature.ravel()
     assert expected.max() > 0
-    np.testing.assert_allclose(_core.diagonal(A.geometry, curvature).ravel(), expected, rtol=1e-4, atol=1e-5 * expected.max())
+    np.testing.assert_allclose(
+        _core.diagonal(A.geometry, curvature).ravel(), expected, rtol=1e-4, atol=1e-5 * expected.max()
+    )
 
 
 @pytest.mark.parametrize("geometry", GEOMETRIES)

@@ -10,6 +10,16 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from palpate.meshes.mesh import TetMesh as TetMesh
+    from palpate.reconstruction.baselines import backproject as backproject
+    from palpate.reconstruction.baselines import sirt as sirt
+    from palpate.reconstruction.cover import covering_grid as covering_grid
+    from palpate.reconstruction.likelihood import Transmission as Transmission
+    from palpate.reconstruction.likelihood import WeightedLeastSquares as WeightedLeastSquares
+    from palpate.reconstruction.prior import Prior as Prior
+    from palpate.reconstruction.projector import Projector as Projector
+    from palpate.reconstruction.reconstruct import iterates as iterates
+    from palpate.reconstruction.reconstruct import reconstruct as reconstruct
+    from palpate.reconstruction.step import Step as Step
     from palpate.scans.correct import open_beam as open_beam
     from palpate.scans.files import read_scan as read_scan
     from palpate.scans.files import write_scan as write_scan
@@ -26,7 +36,6 @@ if TYPE_CHECKING:
     from palpate.scans.phantom import Phantom as Phantom
     from palpate.scans.phantom import breast_phantom as breast_phantom
     from palpate.scans.phantom import slab_phantom as slab_phantom
-    from palpate.reconstruction.projector import Projector as Projector
     from palpate.scans.scan import Scan as Scan
     from palpate.scans.simulate import simulate_scan as simulate_scan
     from palpate.scans.views import Panel as Panel
@@ -36,6 +45,7 @@ if TYPE_CHECKING:
     from palpate.volumes.files import write_labels as write_labels
     from palpate.volumes.files import write_volume as write_volume
     from palpate.volumes.grid import Grid as Grid
+    from palpate.volumes.resample import resample as resample
     from palpate.volumes.volume import Labels as Labels
     from palpate.volumes.volume import Volume as Volume
 
@@ -47,6 +57,7 @@ _HOME = {
     "write_volume": "volumes.files",
     "read_labels": "volumes.files",
     "write_labels": "volumes.files",
+    "resample": "volumes.resample",
     "Panel": "scans.views",
     "Views": "scans.views",
     "circular_views": "scans.motion",
@@ -68,6 +79,15 @@ _HOME = {
     "breast_phantom": "scans.phantom",
     "simulate_scan": "scans.simulate",
     "Projector": "reconstruction.projector",
+    "covering_grid": "reconstruction.cover",
+    "Transmission": "reconstruction.likelihood",
+    "WeightedLeastSquares": "reconstruction.likelihood",
+    "Prior": "reconstruction.prior",
+    "Step": "reconstruction.step",
+    "backproject": "reconstruction.baselines",
+    "sirt": "reconstruction.baselines",
+    "iterates": "reconstruction.reconstruct",
+    "reconstruct": "reconstruction.reconstruct",
     "TetMesh": "meshes.mesh",
 }
 __all__ = sorted(_HOME)

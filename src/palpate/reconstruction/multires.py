@@ -86,7 +86,9 @@ def _merged(quads: AnyArray, mask: AnyArray, downsample: Downsample) -> Float32:
         merged = quads[..., 0]
     elif downsample == "median":
         held = np.sort(np.where(mask, quads, np.inf), axis=-1)
-        low, high = (np.take_along_axis(held, i[..., None], -1)[..., 0] for i in (np.maximum(count - 1, 0) // 2, count // 2 % 4))
+        low, high = (
+            np.take_along_axis(held, i[..., None], -1)[..., 0] for i in (np.maximum(count - 1, 0) // 2, count // 2 % 4)
+        )
         merged = np.where(count > 0, (np.where(np.isfinite(low), low, 0) + np.where(np.isfinite(high), high, 0)) / 2, 0)
     else:
         merged = np.where(mask, quads, 0).sum(axis=-1, dtype=np.float64)

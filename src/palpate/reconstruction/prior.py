@@ -41,14 +41,15 @@ class Prior:
 
     def value(self, values: Float32, grid: Grid) -> float:
         """R(f). values: (z, y, x) 1/mm."""
-        return _core.prior_value(float32("volume", values, grid.shape), grid.spacing, *self._law)
+        return _core.prior_value(float32("volume", values, grid.shape), grid.spacing, *self.law)
 
     def surrogate(self, values: Float32, grid: Grid) -> tuple[Float32, Float32]:
         """Gradient of R, and Σ_s ω ψ'(t)/t: the curvature in each voxel of a parabola above R (Huber 1981)."""
-        return _core.prior_surrogate(float32("volume", values, grid.shape), grid.spacing, *self._law)
+        return _core.prior_surrogate(float32("volume", values, grid.shape), grid.spacing, *self.law)
 
     @property
-    def _law(self) -> tuple[int, float]:
+    def law(self) -> tuple[int, float]:
+        """Potential and edge as the kernels take them."""
         if self.edge is None and self.potential != "quadratic":
             raise DataError(f"prior edge: a {self.potential} potential needs one here; give edge= in 1/mm")
         return POTENTIALS.index(self.potential), 1.0 if self.edge is None else self.edge
