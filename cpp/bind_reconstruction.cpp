@@ -100,7 +100,7 @@ void bind_descent(nb::module_& m) {
     m.def(
         "descend",
         [](const Geometry& g, In<float, 3> slope, In<float, 3> curvature, Array<float, 3> f, int potential,
-           double edge, double beta) {
+           double edge, double beta, double relaxation, bool backwards) {
             same_shape(g, slope);
             same_shape(g, curvature);
             const int64_t shape[3] = {g.grid.nz, g.grid.ny, g.grid.nx};
@@ -108,10 +108,11 @@ void bind_descent(nb::module_& m) {
             if (int64_t(f.size()) != shape[0] * shape[1] * shape[2]) throw std::invalid_argument("volume: wrong size");
             nb::gil_scoped_release release;
             Paraboloid data(g, slope.data(), curvature.data());
-            descend(g, neighbourhood(shape, spacing, Potential(potential), edge), float(beta), data, f.data());
+            descend(g, neighbourhood(shape, spacing, Potential(potential), edge),
+                    {float(beta), float(relaxation), backwards}, data, f.data());
         },
         "geometry"_a, "slope"_a.noconvert(), "curvature"_a.noconvert(), "f"_a.noconvert(), "potential"_a, "edge"_a,
-        "beta"_a, "One sweep of coordinate descent over f, in place.");
+        "beta"_a, "relaxation"_a = 1.0, "backwards"_a = false, "One sweep of coordinate descent over f, in place.");
     m.def(
         "diagonal",
         [](const Geometry& g, In<float, 3> curvature) {

@@ -118,13 +118,15 @@ struct Slice {
     }
 };
 
-void descend_row(const Slice& slice, const Neighbourhood& n, float beta, int z, int y, Paraboloid& data, Scratch& s,
-                 float* f) {
+void descend_row(const Slice& slice, const Neighbourhood& n, const Sweep& sweep, int z, int y, Paraboloid& data,
+                 Scratch& s, float* f) {
+    const float beta = sweep.beta;
     float* row = f + (int64_t(z) * n.ny + y) * n.nx;
     const bool smooth = beta > 0;
     const float beside = n.weight[1][1][0];
     if (smooth) prior_across_rows(n, f, z, y, s.gradient.data(), s.curvature.data());
-    for (int64_t x = 0; x < n.nx; x++) {
+    for (int64_t i = 0; i < n.nx; i++) {
+        const int64_t x = sweep.backwards ? n.nx - 1 - i : i;
         float gradient, curvature;
         slice.measure(y, int(x), data, s, gradient, curvature);
         const float old = row[x];
@@ -140,7 +142,7 @@ void descend_row(const Slice& slice, const Neighbourhood& n, float beta, int z, 
             curvature += beta * bend;
         }
         if (!(curvature > 0)) continue; // seen by no ray, tied to no neighbour
-        const float moved = std::max(0.0f, old - gradient / curvature), change = moved - old;
+        const float moved = std::max(0.0f, old - sweep.relaxation * gradient / curvature), change = moved - old;
         if (change == 0) continue;
         row[x] = moved;
         for (size_t k = 0; k < slice.views.size(); k++)
@@ -150,18 +152,22 @@ void descend_row(const Slice& slice, const Neighbourhood& n, float beta, int z, 
 
 } // namespace
 
-void descend(const Geometry& geometry, const Neighbourhood& n, float beta, Paraboloid& data, float* f) {
+void descend(const Geometry& geometry, const Neighbourhood& n, const Sweep& sweep, Paraboloid& data, float* f) {
     Slice slice(geometry);
     std::vector<Scratch> scratch(threads());
-    for (int z = 0; z < n.nz; z++) {
+    for (int64_t i = 0; i < n.nz; i++) {
+        const int z = int(sweep.backwards ? n.nz - 1 - i : i);
         slice.make(z);
         const int64_t stride = std::max(2, slice.stride); // neighbouring rows are bound by the prior
         for (Scratch& s : scratch) slice.prepare(s);
-        for (int64_t first = 0; first < std::min<int64_t>(stride, n.ny); first++)
+        const int64_t classes = std::min<int64_t>(stride, n.ny);
+        for (int64_t j = 0; j < classes; j++) {
+            const int64_t first = sweep.backwards ? classes - 1 - j : j;
             parallel((n.ny - first + stride - 1) / stride, [&](int64_t begin, int64_t end, int thread) {
-                for (int64_t i = begin; i < end; i++)
-                    descend_row(slice, n, beta, z, int(first + i * stride), data, scratch[thread], f);
+                for (int64_t k = begin; k < end; k++)
+                    descend_row(slice, n, sweep, z, int(first + k * stride), data, scratch[thread], f);
             });
+        }
     }
 }
 

@@ -29,7 +29,7 @@ LIKELIHOODS: dict[str, Callable[[Scan], Likelihood]] = {
     "poisson": Transmission.of,
     "least-squares": WeightedLeastSquares.of,
 }
-TOLERANCE = 2e-4
+TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ def iterates(
     prior: Prior | None = None,
     likelihood: LikelihoodOf = "poisson",
     start: Literal["backprojection", "uniform"] | Volume = "backprojection",
-    curvature: Curvature = "optimal",
+    curvature: Curvature = "precomputed",
     iterations: int | Sequence[int] = 50,
     tolerance: float = TOLERANCE,
     downsample: Downsample = "sum",
