@@ -1,5 +1,5 @@
 #include "descent.h"
-#include "footprint.h"
+#include "boxes.h"
 #include "parallel.h"
 #include <algorithm>
 

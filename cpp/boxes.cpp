@@ -1,4 +1,4 @@
-#include "footprint.h"
+#include "boxes.h"
 #include <algorithm>
 #include <cmath>
 
