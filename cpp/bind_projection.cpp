@@ -1,6 +1,6 @@
 #include "bind.h"
+#include "footprint.h"
 #include "projector.h"
-#include "weights.h"
 #include <map>
 #include <nanobind/stl/pair.h>
 #include <nanobind/stl/vector.h>
@@ -16,31 +16,12 @@ Grid grid_of(In<double, 1> shape, In<double, 1> spacing, In<double, 1> origin) {
 }
 
 // The column of A that belongs to one voxel, pixels of all views numbered in order; slow, for tests.
-std::pair<std::vector<int64_t>, std::vector<float>> footprint(const Geometry& g, int z, int y, int x) {
+std::pair<std::vector<int64_t>, std::vector<float>> column(const Geometry& g, int z, int y, int x) {
     std::map<int64_t, float> found;
-    AxisWeights wx, wy;
-    for (size_t k = 0; k < g.views.size(); k++) {
-        const View& v = g.views[k];
-        const int64_t base = int64_t(k) * g.pixels();
-        for (int s = 0; s < v.subs; s++) {
-            by_voxel(g, v, z, s, Axis::x, wx);
-            by_voxel(g, v, z, s, Axis::y, wy);
-            for (int i = 0; i < wy.taps; i++)
-                for (int j = 0; j < wx.taps; j++) {
-                    const float w = wy.weight[size_t(i) * wy.n + y] * wx.weight[size_t(j) * wx.n + x];
-                    if (w == 0) continue;
-                    const int64_t a = wx.first[x] + j, b = wy.first[y] + i;
-                    if (!v.resampled) {
-                        const int64_t pixel = v.start + b * v.step_b + a * v.step_a;
-                        found[base + pixel] += w * v.path[pixel];
-                        continue;
-                    }
-                    const Sparse& fine = v.resampling.fine;
-                    for (int64_t e = fine.offset[b * v.na + a]; e < fine.offset[b * v.na + a + 1]; e++)
-                        found[base + fine.index[e]] += w * fine.weight[e] * v.path[fine.index[e]];
-                }
-        }
-    }
+    Footprints footprints(g);
+    footprints.prepare(z);
+    for (size_t k = 0; k < g.views.size(); k++)
+        footprints.visit(int(k), y, x, [&](int64_t pixel, float w) { found[int64_t(k) * g.pixels() + pixel] += w; });
     std::pair<std::vector<int64_t>, std::vector<float>> out;
     for (auto [pixel, w] : found) {
         out.first.push_back(pixel);
@@ -68,9 +49,13 @@ void bind_projection(nb::module_& m) {
             "subs", [](const Geometry& g, int view) { return g.views.at(view).subs; }, "view"_a,
             "Sub-slices a slice in a view.")
         .def(
-            "resampled", [](const Geometry& g, int view) { return g.views.at(view).resampled; }, "view"_a,
-            "Whether the view's panel is tilted, so that it is resampled from a parallel one.")
-        .def("footprint", &footprint, "z"_a, "y"_a, "x"_a,
+            "pose",
+            [](const Geometry& g, int view) {
+                const Pose pose = g.views.at(view).pose;
+                return pose == Pose::parallel ? "parallel" : pose == Pose::turned ? "turned" : "tilted";
+            },
+            "view"_a, "How the view's panel stands to the slices.")
+        .def("column", &column, "z"_a, "y"_a, "x"_a,
              "Pixels that voxel (z, y, x) touches, numbered over all views, and its weights there, mm.");
     m.def(
         "project", [](const Geometry& g, In<float, 3> f, Array<float, 3> p) { project(g, f.data(), p.data()); },

@@ -19,26 +19,32 @@ Vec3 point(const Panel& p, double row, double column) {
 
 bool along(const Vec3& axis, int i) { return std::fabs(std::fabs(axis[i]) - 1) < parallel_enough; }
 
-// The real panel is the parallel one: only order and direction of its pixels may differ.
+// Pixels of the panel are those of the image; only their order and direction may differ. Rows along y, or columns, and
+// the other axis in the x-z plane.
 void adopt(View& v) {
     const Panel& p = v.panel;
-    const bool swapped = along(p.columns_along, 1);
-    const Vec3 &ax = swapped ? p.rows_along : p.columns_along, &by = swapped ? p.columns_along : p.rows_along;
-    v.resampled = false;
-    v.height = p.origin[2];
-    v.pa = swapped ? p.dv : p.du;
-    v.pb = swapped ? p.du : p.dv;
-    v.na = swapped ? p.rows : p.columns;
-    v.nb = swapped ? p.columns : p.rows;
-    v.step_a = swapped ? p.columns : 1;
-    v.step_b = swapped ? 1 : p.columns;
+    const bool crossed = along(p.columns_along, 1); // the column index grows along y
+    const Vec3 &ax = crossed ? p.rows_along : p.columns_along, &by = crossed ? p.columns_along : p.rows_along;
+    v.pose = along(ax, 0) ? Pose::parallel : Pose::turned;
+    v.pa = crossed ? p.dv : p.du;
+    v.pb = crossed ? p.du : p.dv;
+    v.na = crossed ? p.rows : p.columns;
+    v.nb = crossed ? p.columns : p.rows;
+    v.step_a = crossed ? p.columns : 1;
+    v.step_b = crossed ? 1 : p.columns;
     v.left = p.origin[0];
+    v.height = p.origin[2];
     v.low = p.origin[1];
+    v.run = ax[0];
+    v.rise = v.pose == Pose::parallel ? 0 : ax[2];
     v.start = 0;
-    if (ax[0] < 0) {
-        v.left -= (v.na - 1) * v.pa;
+    if (v.run < 0) {
+        v.left += (v.na - 1) * v.pa * v.run;
+        v.height += (v.na - 1) * v.pa * v.rise;
         v.start += (v.na - 1) * v.step_a;
         v.step_a = -v.step_a;
+        v.run = -v.run;
+        v.rise = -v.rise;
     }
     if (by[1] < 0) {
         v.low -= (v.nb - 1) * v.pb;
@@ -47,12 +53,26 @@ void adopt(View& v) {
     }
 }
 
+// Whether one panel axis lies along y and the other in the x-z plane, not on edge.
+bool about_y(const Panel& p) {
+    const bool crossed = along(p.columns_along, 1);
+    return (crossed || along(p.rows_along, 1)) && std::fabs((crossed ? p.rows_along : p.columns_along)[0]) > 0.05;
+}
+
+void swap_xy(View& v) {
+    v.swapped = !v.swapped;
+    for (Vec3* u : {&v.source, &v.panel.origin, &v.panel.rows_along, &v.panel.columns_along})
+        std::swap((*u)[0], (*u)[1]);
+}
+
 // A parallel panel through the middle of a tilted one, and the pixels of the tilted one seen on it from the focal spot:
 // a homography, exact for the rays.
 void see_through(View& v) {
     const Panel& p = v.panel;
-    v.resampled = true;
+    v.pose = Pose::tilted;
     v.start = v.step_a = v.step_b = 0;
+    v.rise = 0;
+    v.run = 1;
     v.height = point(p, 0.5 * (p.rows - 1), 0.5 * (p.columns - 1))[2];
     std::vector<double> corners(2 * size_t(p.rows + 1) * (p.columns + 1));
     double a0 = 1e300, a1 = -1e300, b0 = 1e300, b1 = -1e300;
@@ -128,10 +148,13 @@ Geometry::Geometry(const Grid& grid, int count, int rows, int columns, const dou
         v.panel.rows = rows;
         v.panel.columns = columns;
         const Panel& p = v.panel;
-        bool straight = (along(p.columns_along, 0) && along(p.rows_along, 1)) ||
-                        (along(p.columns_along, 1) && along(p.rows_along, 0));
-        straight ? adopt(v) : see_through(v);
-        v.subs = sub_slices(grid, v, tolerance);
+        v.swapped = false;
+        if (!about_y(p)) swap_xy(v);
+        if (!about_y(p))
+            swap_xy(v), see_through(v);
+        else
+            adopt(v);
+        v.subs = sub_slices(seen_by(v), v, tolerance);
         paths(grid, v);
     }
 }

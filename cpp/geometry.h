@@ -2,6 +2,7 @@
 #include "resample.h"
 #include <array>
 #include <cstdint>
+#include <utility>
 #include <vector>
 
 namespace palpate {
@@ -23,20 +24,29 @@ struct Panel {
     int rows, columns;
 };
 
-// One view, and the parallel panel in the plane z = height on which the separable projector works. Its pixel (b, a) is
-// centred at x = left + a * pa, y = low + b * pb. If the real panel lies parallel to the slices with its axes along x
-// and y, the two are one: pixel (b, a) is number start + b * step_b + a * step_a of the measured image. Otherwise the
-// parallel panel is a finer one through which the same rays pass, and `resampling` averages it over each real pixel.
+// How the panel stands to the slices, which decides how a view is projected.
+enum class Pose {
+    parallel, // to the slices, axes along x and y: separable
+    turned,   // about y (or x, after swapping the two): columns are separable, the magnification differs by column
+    tilted,   // any other: through a finer parallel panel on which the same rays land
+};
+
+// One view as the kernels see it. `image` pixel (b, a), a roughly along x, b along y, is number
+// start + b * step_b + a * step_a of the measured image, unless tilted: then `resampling` averages the image over each
+// measured pixel. Where `swapped`, x and y of source, panel and grid have changed places (a mirror image of the world,
+// in which line integrals are the same), so that every turned panel is turned about y.
 struct View {
     Vec3 source;
     Panel panel;
-    double height, left, low, pa, pb;
+    Pose pose;
+    bool swapped;
+    double left, low, pa, pb; // pixel (b, a) of a parallel image is centred at x = left + a * pa, y = low + b * pb
+    double height, rise, run; // z of column a is height + a * pa * rise, its x is left + a * pa * run (run > 0)
     int na, nb;
-    bool resampled;
     int64_t start, step_a, step_b;
-    Resampling resampling;   // empty unless resampled
+    Resampling resampling;   // empty unless tilted
     int subs;                // sub-slices a slice; A's weights are means over each sub-slice's thickness
-    std::vector<float> path; // mm of ray in one sub-slice, per real pixel: thickness / cos
+    std::vector<float> path; // mm of ray in one sub-slice, per measured pixel: thickness / cos
 };
 
 struct Geometry {
@@ -45,6 +55,13 @@ struct Geometry {
     double tolerance;
     std::vector<View> views;
     int64_t pixels() const { return int64_t(rows) * columns; }
+
+    // The grid as a view sees it.
+    Grid seen_by(const View& view) const {
+        Grid g = grid;
+        if (view.swapped) std::swap(g.nx, g.ny), std::swap(g.dx, g.dy), std::swap(g.x0, g.y0);
+        return g;
+    }
 
     // source, origin, rows_along, columns_along: (views, 3); pitch: (views, 2) as (dv, du).
     Geometry(const Grid& grid, int views, int rows, int columns, const double* source, const double* origin,

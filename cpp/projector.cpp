@@ -1,26 +1,13 @@
 // The separable projector: each slice is resampled onto the panel by two passes of short 1-D sums (design: A_k = path *
 // sum over slices of W^y x W^x). The first pass runs along whole rows, so it vectorises without a shuffle.
 #include "projector.h"
-#include "dispatch.h"
 #include "parallel.h"
+#include "taps.h"
+#include "turned.h"
 #include "weights.h"
 #include <algorithm>
 
 namespace palpate {
-
-PALPATE_KERNEL void add_row(int n, float w, const float* __restrict x, float* __restrict y) {
-    for (int i = 0; i < n; i++) y[i] += w * x[i];
-}
-
-// y[i] += sum over t of weight[t * n + i] * x[first[i] + t].
-PALPATE_KERNEL void add_taps(int n, int taps, const int32_t* __restrict first, const float* __restrict weight,
-                             const float* __restrict x, float* __restrict y) {
-    for (int t = 0; t < taps; t++) {
-        const float* w = weight + int64_t(t) * n;
-        const float* from = x + t;
-        for (int i = 0; i < n; i++) y[i] += w[i] * from[first[i]];
-    }
-}
 
 namespace {
 
@@ -44,10 +31,10 @@ struct Tables {
     }
 };
 
-void project_view(const Geometry& g, const View& v, const float* f, std::vector<float>& image) {
-    const Grid& grid = g.grid;
+void project_parallel(const Geometry& g, const View& v, const float* f, float* image) {
+    const Grid grid = g.seen_by(v);
     const Tables tables(g, v, true);
-    image.assign(size_t(v.nb) * v.na, 0);
+    std::fill_n(image, int64_t(v.nb) * v.na, 0.0f);
     parallel(v.nb, [&](int64_t begin, int64_t end, int) {
         std::vector<float> row(grid.nx + tables.padding, 0.0f);
         for (size_t i = 0; i < tables.x.size(); i++) {
@@ -68,8 +55,8 @@ void project_view(const Geometry& g, const View& v, const float* f, std::vector<
     });
 }
 
-void backproject_view(const Geometry& g, const View& v, const std::vector<float>& image, float* f) {
-    const Grid& grid = g.grid;
+void backproject_parallel(const Geometry& g, const View& v, const float* image, float* f) {
+    const Grid grid = g.seen_by(v);
     const Tables tables(g, v, false);
     parallel(grid.nz, [&](int64_t begin, int64_t end, int) {
         std::vector<float> pixels(v.na + tables.padding, 0.0f), rows(size_t(v.nb) * grid.nx);
@@ -94,14 +81,37 @@ void backproject_view(const Geometry& g, const View& v, const std::vector<float>
     });
 }
 
+// Each slice with x and y exchanged, for views that see it so.
+void exchange(const float* in, int nz, int ny, int nx, bool add, float* out) {
+    parallel(nz, [&](int64_t begin, int64_t end, int) {
+        for (int64_t z = begin; z < end; z++)
+            for (int y = 0; y < ny; y++)
+                for (int x = 0; x < nx; x++) {
+                    float& to = out[(z * nx + x) * ny + y];
+                    to = (add ? to : 0) + in[(z * ny + y) * nx + x];
+                }
+    });
+}
+
+bool any_swapped(const Geometry& g) {
+    return std::any_of(g.views.begin(), g.views.end(), [](const View& v) { return v.swapped; });
+}
+
 } // namespace
 
 void project(const Geometry& g, const float* f, float* p) {
-    std::vector<float> image;
+    const Grid& grid = g.grid;
+    std::vector<float> image, exchanged;
+    if (any_swapped(g)) {
+        exchanged.resize(grid.nz * grid.slice());
+        exchange(f, grid.nz, grid.ny, grid.nx, false, exchanged.data());
+    }
     for (size_t k = 0; k < g.views.size(); k++, p += g.pixels()) {
         const View& v = g.views[k];
-        project_view(g, v, f, image);
-        if (v.resampled) {
+        image.resize(size_t(v.nb) * v.na);
+        const float* seen = v.swapped ? exchanged.data() : f;
+        v.pose == Pose::turned ? project_turned(g, v, seen, image.data()) : project_parallel(g, v, seen, image.data());
+        if (v.pose == Pose::tilted) {
             apply(v.resampling.measured, image.data(), p);
         } else {
             for (int64_t b = 0; b < v.nb; b++)
@@ -112,20 +122,24 @@ void project(const Geometry& g, const float* f, float* p) {
 }
 
 void backproject(const Geometry& g, const float* p, float* f) {
-    std::fill_n(f, g.grid.nz * g.grid.slice(), 0.0f);
-    std::vector<float> image, scaled(g.pixels());
+    const Grid& grid = g.grid;
+    std::fill_n(f, grid.nz * grid.slice(), 0.0f);
+    std::vector<float> image, scaled(g.pixels()), exchanged(any_swapped(g) ? grid.nz * grid.slice() : 0, 0.0f);
     for (size_t k = 0; k < g.views.size(); k++, p += g.pixels()) {
         const View& v = g.views[k];
-        image.assign(size_t(v.nb) * v.na, 0);
+        image.resize(size_t(v.nb) * v.na);
         for (int64_t i = 0; i < g.pixels(); i++) scaled[i] = p[i] * v.path[i];
-        if (v.resampled) {
+        if (v.pose == Pose::tilted) {
             apply(v.resampling.fine, scaled.data(), image.data());
         } else {
             for (int64_t b = 0; b < v.nb; b++)
                 for (int64_t a = 0; a < v.na; a++) image[b * v.na + a] = scaled[v.start + b * v.step_b + a * v.step_a];
         }
-        backproject_view(g, v, image, f);
+        float* seen = v.swapped ? exchanged.data() : f;
+        v.pose == Pose::turned ? backproject_turned(g, v, image.data(), seen)
+                               : backproject_parallel(g, v, image.data(), seen);
     }
+    if (!exchanged.empty()) exchange(exchanged.data(), grid.nz, grid.nx, grid.ny, true, f);
 }
 
 } // namespace palpate

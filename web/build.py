@@ -4,6 +4,7 @@ import os
 import shutil
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 HERE = Path(__file__).parent
@@ -28,13 +29,16 @@ def main(out: Path) -> None:
     npm = [str(node), str(lib)] if lib.is_file() else [str(node.parent / "npm")]
     environment = {**os.environ, "PATH": f"{node.parent}{os.pathsep}{os.environ.get('PATH', '')}"}
     # In a copy: the source tree stays clean, and two builds at once do not meet.
-    work = out.parent / "web"
-    shutil.rmtree(work, ignore_errors=True)
-    shutil.copytree(HERE, work, ignore=shutil.ignore_patterns("node_modules"))
-    for arguments in (["ci", "--no-audit", "--no-fund", "--loglevel=error"], ["run", "--silent", "build"]):
-        subprocess.run([*npm, *arguments], cwd=work, env=environment, check=True)
-    shutil.rmtree(out, ignore_errors=True)
-    shutil.copytree(work / "dist", out)
+    with tempfile.TemporaryDirectory() as folder:
+        work = Path(folder) / "web"
+        shutil.copytree(HERE, work, ignore=shutil.ignore_patterns("node_modules", "dist", "__pycache__"))
+        for arguments in (
+            ["ci", "--include=dev", "--no-audit", "--no-fund", "--loglevel=error"],
+            ["run", "--silent", "build"],
+        ):
+            subprocess.run([*npm, *arguments], cwd=work, env=environment, check=True)
+        shutil.rmtree(out, ignore_errors=True)
+        shutil.copytree(work / "dist", out)
 
 
 if __name__ == "__main__":

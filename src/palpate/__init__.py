@@ -6,9 +6,11 @@ The public names, in the order of the data. Each is imported when it is first us
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.1.0"
+from palpate.version import __version__ as __version__
 
 if TYPE_CHECKING:
+    from palpate.meshes.files import read_mesh as read_mesh
+    from palpate.meshes.files import write_mesh as write_mesh
     from palpate.meshes.mesh import TetMesh as TetMesh
     from palpate.reconstruction.baselines import backproject as backproject
     from palpate.reconstruction.baselines import sirt as sirt
@@ -20,6 +22,9 @@ if TYPE_CHECKING:
     from palpate.reconstruction.reconstruct import iterates as iterates
     from palpate.reconstruction.reconstruct import reconstruct as reconstruct
     from palpate.reconstruction.step import Step as Step
+    from palpate.meshes.quality import mesh_quality as mesh_quality
+    from palpate.meshes.stuffing import tetrahedralize as tetrahedralize
+    from palpate.reconstruction.projector import Projector as Projector
     from palpate.scans.correct import open_beam as open_beam
     from palpate.scans.files import read_scan as read_scan
     from palpate.scans.files import write_scan as write_scan
@@ -40,12 +45,31 @@ if TYPE_CHECKING:
     from palpate.scans.simulate import simulate_scan as simulate_scan
     from palpate.scans.views import Panel as Panel
     from palpate.scans.views import Views as Views
+    from palpate.server.serve import touch as touch
+    from palpate.simulation.devices.pointer import Command as Command
+    from palpate.simulation.devices.pointer import Pointer as Pointer
+    from palpate.simulation.devices.replay import Replay as Replay
+    from palpate.simulation.record import Record as Record
+    from palpate.simulation.record import read_record as read_record
+    from palpate.simulation.record import write_record as write_record
+    from palpate.simulation.session import Session as Session
+    from palpate.tissue.elasticity import finite_elements as finite_elements
+    from palpate.tissue.files import read_tissue as read_tissue
+    from palpate.tissue.files import write_tissue as write_tissue
+    from palpate.tissue.fit import fit as fit
+    from palpate.tissue.lump import force_map as force_map
+    from palpate.tissue.lump import lump_map as lump_map
+    from palpate.tissue.models import model as model
+    from palpate.tissue.tissue import SpringLaw as SpringLaw
+    from palpate.tissue.tissue import Tissue as Tissue
+    from palpate.tissue.tissue import resting_on as resting_on
     from palpate.volumes.files import read_labels as read_labels
     from palpate.volumes.files import read_volume as read_volume
     from palpate.volumes.files import write_labels as write_labels
     from palpate.volumes.files import write_volume as write_volume
     from palpate.volumes.grid import Grid as Grid
     from palpate.volumes.resample import resample as resample
+    from palpate.volumes.segment import segment as segment
     from palpate.volumes.volume import Labels as Labels
     from palpate.volumes.volume import Volume as Volume
 
@@ -58,6 +82,7 @@ _HOME = {
     "read_labels": "volumes.files",
     "write_labels": "volumes.files",
     "resample": "volumes.resample",
+    "segment": "volumes.segment",
     "Panel": "scans.views",
     "Views": "scans.views",
     "circular_views": "scans.motion",
@@ -89,6 +114,28 @@ _HOME = {
     "iterates": "reconstruction.reconstruct",
     "reconstruct": "reconstruction.reconstruct",
     "TetMesh": "meshes.mesh",
+    "tetrahedralize": "meshes.stuffing",
+    "mesh_quality": "meshes.quality",
+    "read_mesh": "meshes.files",
+    "write_mesh": "meshes.files",
+    "Tissue": "tissue.tissue",
+    "SpringLaw": "tissue.tissue",
+    "resting_on": "tissue.tissue",
+    "finite_elements": "tissue.elasticity",
+    "model": "tissue.models",
+    "fit": "tissue.fit",
+    "read_tissue": "tissue.files",
+    "write_tissue": "tissue.files",
+    "force_map": "tissue.lump",
+    "lump_map": "tissue.lump",
+    "Session": "simulation.session",
+    "Command": "simulation.devices.pointer",
+    "Pointer": "simulation.devices.pointer",
+    "Replay": "simulation.devices.replay",
+    "Record": "simulation.record",
+    "read_record": "simulation.record",
+    "write_record": "simulation.record",
+    "touch": "server.serve",
 }
 __all__ = sorted(_HOME)
 

@@ -1,8 +1,11 @@
 """`palpate mesh`."""
 
+from pathlib import Path
+from typing import Annotated
+
 import typer
 
-from palpate.commands.missing import missing
+import palpate as pp
 
 
 def add(app: typer.Typer) -> None:
@@ -10,6 +13,55 @@ def add(app: typer.Typer) -> None:
     app.command("mesh")(mesh_command)
 
 
-def mesh_command() -> None:
-    """Not built yet."""
-    missing("mesh")
+def mesh_command(
+    labels: Annotated[Path, typer.Argument(help="Labels: .nii, .nii.gz, .nrrd, .mha.", show_default=False)],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Mesh to write: .vtu or .msh.", show_default=False)],
+    label: Annotated[str, typer.Option(help="The organ, by name or number.", show_default=False)],
+    edge: Annotated[float, typer.Option(help="Mean edge of the tetrahedra, mm.")] = 4.0,
+    inclusion: Annotated[list[str] | None, typer.Option(help="A label inside it, kept as a region.")] = None,
+    names: Annotated[
+        Path | None, typer.Option(help="JSON of value to name. Default: label_names.json beside the labels.")
+    ] = None,
+    keep_all: Annotated[bool, typer.Option("--keep-all", help="Mesh all parts of the label.")] = False,
+    keep_voids: Annotated[bool, typer.Option("--keep-voids", help="Keep closed voids hollow.")] = False,
+    closed_at_border: Annotated[
+        bool, typer.Option("--closed-at-border", help="Close an organ that the volume's edge cuts.")
+    ] = False,
+    smooth: Annotated[
+        float | None, typer.Option(help="Smoothing of the label, mm. Default: by voxel and edge.")
+    ] = None,
+    most_lost: Annotated[float, typer.Option(help="Part of the volume that thin places may lose.")] = 0.05,
+) -> None:
+    """Fill a label with well-shaped tetrahedra.
+
+    [bold]palpate mesh labels.nii.gz --label kidney_left --edge 4 -o kidney.vtu[/bold]
+
+    An organ with a lump as a region of its own: palpate mesh labels.nii.gz --label organ --inclusion lump -o both.vtu
+    """
+    import warnings
+
+    from palpate.atomic import writable
+    from palpate.meshes.files import mesh_format
+    from palpate.volumes.names import with_names
+
+    writable(output)
+    mesh_format(output)
+    stored = with_names(pp.read_labels(labels), labels, names)
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always", UserWarning)
+        mesh = pp.tetrahedralize(
+            stored,
+            label,
+            edge,
+            inclusions=inclusion or [],
+            keep="all" if keep_all else "largest",
+            fill_holes=not keep_voids,
+            closed_at_border=closed_at_border,
+            smooth=smooth,
+            most_lost=most_lost,
+        )
+    for warning in said:
+        typer.echo(f"note: {warning.message}", err=True)
+    pp.write_mesh(output, mesh)
+    typer.echo(str(pp.mesh_quality(mesh, stored)))
+    typer.echo(f"wrote {output}")

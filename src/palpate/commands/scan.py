@@ -48,11 +48,17 @@ def import_command(
     palpate scan import 'views/*.tif' --geometry geometry.yaml -o scan.h5
     """
     from palpate.atomic import writable
+    from palpate.scans.importers import geometry_of
 
     writable(output)
-    scan = pp.import_scan(str(stack), geometry)
+    meaning = geometry_of(str(stack), geometry)
+    scan = pp.import_scan(str(stack), meaning)
     pp.write_scan(output, scan)
     _tell(output, scan)
+    if meaning.values == "intensity":
+        typer.echo(
+            "these are intensities, not photon counts: reconstruct them with a weighted least-squares likelihood"
+        )
 
 
 @scan_app.command("simulate", short_help="Simulates a scan of a phantom whose shadow is known exactly.")
@@ -78,10 +84,11 @@ def simulate_command(
     """
     from palpate.atomic import writable
     from palpate.scans.simulate import standard_views
+    from palpate.volumes.files import writable_volume
 
-    for path in (output, truth):
-        if path is not None:
-            writable(path)
+    writable(output)
+    if truth is not None:
+        writable_volume(truth)
     geometry = standard_views(motion.value, views, pixels, pitch, distance, extent, angle)
     solid = pp.slab_phantom() if phantom is PhantomName.slab else pp.breast_phantom()
     scan = pp.simulate_scan(solid, geometry, incident, seed if noise else None, background)

@@ -28,24 +28,30 @@ def import_scan(stack: str | Path, geometry: str | Path | Geometry | None = None
     numbers), or the name of a sample, "breast" or "head", which needs no geometry. geometry: a YAML file
     (`palpate scan template`). Raises `FileError`, `DataError`, `GeometryError`.
     """
-    if geometry is None:
-        if str(stack) not in SAMPLES:
-            _files(Path(stack))  # a name that is wrong is the first thing to say
-            raise FileError(
-                f"{stack}: no geometry file; write one with `palpate scan template -o geometry.yaml`, fill it in, and "
-                f"give it with --geometry (samples that need none: {', '.join(SAMPLES)})"
-            )
-        g = read_geometry(sample(str(stack)) / "geometry.yaml")
-        paths = _files(g.path.parent / str(g.stack.files))
-    else:
-        g = geometry if isinstance(geometry, Geometry) else read_geometry(geometry)
-        paths = _files(Path(stack), g.stack)
+    g = geometry_of(stack, geometry)
+    ours = str(stack) in SAMPLES and g.path.parent == sample(str(stack))
+    paths = _files(g.path.parent / str(g.stack.files)) if ours else _files(Path(stack), g.stack)
     values = np.transpose(_stacked(paths, g.stack), [g.stack.axes.index(axis) for axis in AXES])
     _fits(paths[0], values, g)
     try:
         return _scan(values, g)
     except DataError as problem:
         raise DataError(f"{paths[0]}: {problem}") from None
+
+
+def geometry_of(stack: str | Path, geometry: str | Path | Geometry | None = None) -> Geometry:
+    """What a stack's numbers mean: the geometry file given, or that of the sample that `stack` names."""
+    if isinstance(geometry, Geometry):
+        return geometry
+    if geometry is not None:
+        return read_geometry(geometry)
+    if str(stack) in SAMPLES:
+        return read_geometry(sample(str(stack)) / "geometry.yaml")
+    _files(Path(stack))  # a name that is wrong is the first thing to say
+    raise FileError(
+        f"{stack}: no geometry file; write one with `palpate scan template -o geometry.yaml`, fill it in, and "
+        f"give it with --geometry (samples that need none: {', '.join(SAMPLES)})"
+    )
 
 
 def _scan(values: AnyArray, g: Geometry) -> Scan:
@@ -55,7 +61,7 @@ def _scan(values: AnyArray, g: Geometry) -> Scan:
     if g.dead is not None:
         mask &= ~_dead(g.dead, g.views.shape[1:])
     counts = np.where(mask, values, 0)
-    incident = open_beam(counts, mask) if isinstance(g.incident, str) else g.incident
+    incident = open_beam(counts, mask, g.values == "photons") if isinstance(g.incident, str) else g.incident
     if isinstance(g.background, str):
         raise DataError("background: cannot be estimated; give a number, or one a view")
     return Scan(counts, incident, g.views, g.background, mask)

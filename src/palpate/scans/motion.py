@@ -109,7 +109,7 @@ def _above(panel: Panel, path: Float64, height: float, centre: ArrayLike | None,
     _positive("height", height)
     if abs(abs(panel.normal[2]) - 1) > 1e-6:
         raise GeometryError(
-            f"panel: this motion needs a level panel (its plane z = constant), its normal is {tuple(panel.normal)}; "
+            f"panel: this motion needs a level panel (in a plane z = constant), its normal is {panel.normal.tolist()}; "
             f"use rotating_views, or Views for any pose"
         )
     middle = panel.points([(n - 1) / 2 for n in panel.shape])[0]

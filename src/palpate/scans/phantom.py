@@ -76,7 +76,7 @@ class Box:
         for axis in range(3):
             s, d = start[:, axis], ray[:, axis]
             level = d == 0  # parallel to these two faces: inside all the way, or never
-            with np.errstate(divide="ignore", invalid="ignore"):
+            with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
                 a, b = (low[axis] - s) / d, (high[axis] - s) / d
             inside = (s >= low[axis]) & (s <= high[axis])
             first = np.where(level, np.where(inside, -np.inf, np.inf), np.minimum(a, b))

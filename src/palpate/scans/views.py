@@ -44,12 +44,12 @@ class Panel:
             raise GeometryError(f"panel pitch: expected 2 positive lengths (dv, du) in mm, got {pitch!r}")
         if (n * d > FAR).any() or (np.abs(o) > FAR).any():
             raise GeometryError(
-                f"panel of {tuple(n * d)} mm at {tuple(o)} mm is larger or farther than {FAR:g} mm; check the units"
+                f"panel of {(n * d).tolist()} mm at {o.tolist()} mm exceeds {FAR:g} mm; check the units"
             )
         lengths = np.linalg.norm(row), np.linalg.norm(column)
         if min(lengths) < 1e-9 or abs(row @ column) > 1e-6 * lengths[0] * lengths[1]:
             raise GeometryError(
-                f"panel axes: row_axis {tuple(row)} and column_axis {tuple(column)} are not orthogonal directions"
+                f"panel axes: row_axis {row.tolist()} and column_axis {column.tolist()} are not orthogonal directions"
             )
         object.__setattr__(self, "shape", (int(n[0]), int(n[1])))
         object.__setattr__(self, "pitch", (float(d[0]), float(d[1])))
@@ -95,12 +95,12 @@ class Views:
             distance = float((position - p.origin) @ p.normal)
             if np.abs(position).max() > FAR:
                 raise GeometryError(
-                    f"source of view {view} is {np.abs(position).max() / 1000:g} m away at {tuple(position)} mm; "
+                    f"source of view {view} is {np.abs(position).max() / 1000:g} m away at {position.tolist()} mm; "
                     f"lengths are mm: check the units"
                 )
             if abs(distance) < 1:
                 raise GeometryError(
-                    f"source of view {view} at {tuple(position)} mm lies in its panel's plane; check origin and axes"
+                    f"source of view {view} at {position.tolist()} mm lies in its panel's plane; check origin and axes"
                 )
         object.__setattr__(self, "source", _frozen(s))
         object.__setattr__(self, "panels", panels)

@@ -6,7 +6,7 @@ from types import ModuleType
 
 import numpy as np
 
-from palpate.atomic import replacing
+from palpate.atomic import replacing, writable
 from palpate.errors import DataError, FileError, GeometryError
 from palpate.volumes import metaimage, nifti, nrrd
 from palpate.volumes.stored import Stored, affine_of, upright
@@ -69,6 +69,11 @@ def write_labels(path: str | Path, labels: Labels) -> None:
     kind = next(k for k in kinds if np.iinfo(k).min <= low and high <= np.iinfo(k).max)
     with replacing(path) as temporary:
         form.write(temporary, Stored(labels.values.astype(kind), affine_of(labels.grid), names=labels.names))
+
+
+def writable_volume(path: str | Path) -> Path:
+    """`path`, once its name says a format and a file can be made there. Call before long work. Raises `FileError`."""
+    return writable(_form(path, writing=True)[0])
 
 
 def readable(path: str | Path) -> Path:

@@ -39,7 +39,7 @@ class Grid:
             raise GeometryError(f"grid spacing: expected 3 positive lengths (z, y, x) in mm, got {spacing!r}")
         if (n * d > 10_000).any() or (d < 1e-4).any():
             raise GeometryError(
-                f"grid spacing {tuple(d)} mm makes a box of {tuple(n * d)} mm; lengths are mm: check the units"
+                f"grid spacing {d.tolist()} mm makes a box of {(n * d).tolist()} mm; lengths are mm: check the units"
             )
         turn = np.eye(3) if direction is None else np.array(direction, dtype=np.float64)
         if turn.shape != (3, 3) or not np.allclose(turn.T @ turn, np.eye(3), atol=1e-4):

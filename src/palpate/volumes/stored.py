@@ -45,7 +45,7 @@ def upright(path: Path, stored: Stored) -> tuple[AnyArray, Grid]:
         raise FileError(f"{path}: expected 3 axes, got shape {values.shape[::-1]}; save one volume a file")
     spacing = np.linalg.norm(affine[:3, :3], axis=0)
     if not np.isfinite(affine).all() or (spacing == 0).any():
-        raise FileError(f"{path}: its header gives no usable voxel size, {tuple(spacing)} mm; write the header anew")
+        raise FileError(f"{path}: its header gives no usable voxel size, {spacing.tolist()} mm; write the header anew")
     axes = affine[:3, :3] / spacing
     skew = np.abs(axes.T @ axes - np.eye(3)).max()
     if skew > SKEW:

@@ -1,0 +1,134 @@
+#include "loop.h"
+#include <algorithm>
+#include <chrono>
+#include <stdexcept>
+#ifdef __linux__
+#include <sys/prctl.h>
+#endif
+
+namespace palpate {
+namespace {
+
+using clock = std::chrono::steady_clock;
+constexpr auto period = std::chrono::nanoseconds(1000000000 / Loop::rate);
+
+double seconds(clock::duration d) { return std::chrono::duration<double>(d).count(); }
+
+bool same(const Command& a, const Command& b) {
+    if (a.held != b.held) return false;
+    for (int k = 0; k < 3; k++)
+        if (a.point[k] != b.point[k] || a.displacement[k] != b.displacement[k]) return false;
+    return true;
+}
+
+Frame blank(size_t shown) {
+    Frame frame;
+    frame.shown.resize(3 * shown);
+    return frame;
+}
+
+} // namespace
+
+double sweep_seconds(const Model& model, const Surface& surface, double radius) {
+    constexpr int sweeps = 4, tries = 15;
+    auto state = model.start();
+    auto scratch = surface.scratch();
+    Patch patch;
+    for (int t = 0; t < surface.triangles(); t++) {
+        Hit at;
+        at.triangle = t;
+        at.weight[0] = 1;
+        std::copy_n(&surface.position[3 * surface.corner[3 * t]], 3, at.point);
+        if (surface.patch(at, radius, scratch, patch) == Surface::Contact::good) break;
+    }
+    const double push[3] = {0, 0, -1};
+    double force[3], best = 1;
+    for (int i = 0; i < tries; i++) {
+        auto began = clock::now();
+        model.advance(*state, &patch, push, sweeps, force);
+        best = std::min(best, seconds(clock::now() - began) / sweeps);
+    }
+    return best;
+}
+
+Loop::Loop(const Model& model, const Surface& surface, const Settings& settings, std::vector<int> shown)
+    : frames(blank(shown.size())), obeyed(1 << 16), digests(1 << 16), simulation(model, surface, settings),
+      shown(std::move(shown)) {}
+
+void Loop::start(Device& device) {
+    if (thread.joinable()) throw std::logic_error("the loop runs already");
+    stopping = false;
+    thread = std::thread([this, &device] { run(device); });
+}
+
+void Loop::stop() {
+    if (!thread.joinable()) return;
+    stopping = true;
+    thread.join();
+}
+
+void Loop::run(Device& device) {
+#ifdef __linux__
+    prctl(PR_SET_TIMERSLACK, 1000UL); // ns; by default the kernel may wake a sleeper 50 us late
+#endif
+    const auto began = clock::now();
+    auto due = began;
+    while (!stopping.load(std::memory_order_relaxed)) {
+        auto woken = clock::now();
+        tick(device);
+        auto done = clock::now();
+        busy += 0.01 * (seconds(done - woken) - busy);
+        if (simulation.ticks % frame_ticks == 0) publish(seconds(done - began));
+        due += period;
+        if (auto now = clock::now(); now > due) { // late: slip and count, never run two ticks in one
+            late++;
+            due = now;
+        }
+        std::this_thread::sleep_until(due);
+    }
+    Replay idle({}, {});
+    tick(idle); // let go, so that the device is left without force
+    device.push(simulation.pushed);
+    publish(seconds(clock::now() - began));
+}
+
+void Loop::tick(Device& device) {
+    const Command& command = device.probe(simulation.ticks);
+    if (!same(command, last)) obeyed.put({simulation.ticks, command});
+    last = command;
+    simulation.tick(command);
+    device.push(simulation.pushed);
+    if (simulation.ticks % digest_ticks == 0) digests.put({simulation.ticks, simulation.digest()});
+}
+
+void Loop::publish(double now) {
+    Frame& frame = frames.writing();
+    frame.tick = simulation.ticks;
+    frame.late = late;
+    frame.faults = simulation.faults;
+    frame.serial = last.serial;
+    frame.seconds = now;
+    frame.busy = busy;
+    frame.grip = int(simulation.proxy.grip);
+    for (int k = 0; k < 3; k++) {
+        frame.point[k] = simulation.proxy.at.point[k];
+        frame.displacement[k] = simulation.proxy.displacement[k];
+        frame.force[k] = simulation.force[k];
+        frame.pushed[k] = simulation.pushed[k];
+    }
+    const double* u = simulation.u().data();
+    for (size_t i = 0; i < shown.size(); i++)
+        for (int k = 0; k < 3; k++) frame.shown[3 * i + k] = float(u[3 * size_t(shown[i]) + k]);
+    frames.publish();
+}
+
+void Loop::step(Device& device, int64_t ticks, double* forces) {
+    if (thread.joinable()) throw std::logic_error("the loop runs by the clock; stop it before stepping");
+    for (int64_t i = 0; i < ticks; i++) {
+        tick(device);
+        for (int k = 0; k < 3; k++) forces[3 * i + k] = simulation.force[k];
+    }
+    publish(double(simulation.ticks) / rate);
+}
+
+} // namespace palpate

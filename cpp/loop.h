@@ -1,0 +1,70 @@
+#pragma once
+#include "latest.h"
+#include "ring.h"
+#include "simulation.h"
+#include <atomic>
+#include <exception>
+#include <thread>
+
+namespace palpate {
+
+// What a display needs of one tick.
+struct Frame {
+    int64_t tick = 0, late = 0, faults = 0, serial = 0; // serial: of the command obeyed
+    double seconds = 0;                                 // the loop's clock
+    double busy = 0;                                    // seconds a tick takes, smoothed
+    int grip = 0;
+    double point[3] = {0, 0, 0}, displacement[3] = {0, 0, 0}, force[3] = {0, 0, 0}, pushed[3] = {0, 0, 0};
+    std::vector<float> shown; // (shown nodes, 3) mm, displacement
+};
+
+struct Obeyed { // a command and the tick that first obeyed it
+    int64_t tick;
+    Command command;
+};
+
+struct Digest { // of the state after `ticks` ticks
+    int64_t ticks;
+    uint64_t value;
+};
+
+// Seconds that one sweep of the model takes on this machine, at best, with a contact of `radius` mm somewhere.
+double sweep_seconds(const Model& model, const Surface& surface, double radius);
+
+// Drives a simulation: with a thread and a clock (start, stop), or in lockstep (step). Either way every change of
+// command and a digest of the state now and then are kept for the record.
+class Loop {
+public:
+    static constexpr int rate = 1000;        // ticks a second
+    static constexpr int frame_ticks = 10;   // a frame for display is published every so many ticks
+    static constexpr int digest_ticks = 100; // and a digest kept
+
+    Loop(const Model& model, const Surface& surface, const Settings& settings, std::vector<int> shown);
+    ~Loop() { stop(); }
+
+    void start(Device& device); // the device must outlive the run
+    void stop();                // lets go first: the last force is zero
+    bool running() const { return thread.joinable(); }
+
+    // `ticks` ticks without a clock; forces: (ticks, 3) N. Not while the thread runs.
+    void step(Device& device, int64_t ticks, double* forces);
+
+    const Simulation& now() const { return simulation; } // not while the thread runs
+    Latest<Frame> frames;
+    Ring<Obeyed> obeyed;
+    Ring<Digest> digests;
+
+private:
+    Simulation simulation;
+    const std::vector<int> shown;
+    Command last;
+    int64_t late = 0;
+    double busy = 0;
+    std::atomic<bool> stopping{false};
+    std::thread thread;
+    void run(Device& device);
+    void tick(Device& device);
+    void publish(double seconds);
+};
+
+} // namespace palpate

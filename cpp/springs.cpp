@@ -1,0 +1,123 @@
+#include "springs.h"
+#include "dispatch.h"
+#include <algorithm>
+#include <cmath>
+
+namespace palpate {
+namespace {
+
+PALPATE_KERNEL void sweep(const int* order, int count, const uint8_t* held, const int* start, const int* neighbour,
+                          const double* stiffness, const double* sum, const double* home, double relaxation,
+                          double* u) {
+    for (int n = 0; n < count; n++) {
+        const int i = order[n];
+        if (held[i]) continue;
+        double pull[3] = {0, 0, 0};
+        for (int e = start[i]; e < start[i + 1]; e++) {
+            const double* v = u + 3 * size_t(neighbour[e]);
+            for (int k = 0; k < 3; k++) pull[k] += stiffness[e] * v[k];
+        }
+        const double scale = 1 / (sum[i] + home[i]);
+        double* v = u + 3 * size_t(i);
+        for (int k = 0; k < 3; k++) v[k] += relaxation * (pull[k] * scale - v[k]);
+    }
+}
+
+} // namespace
+
+double Law::operator()(double row) const {
+    switch (kind) {
+    case Kind::uniform:
+        return a;
+    case Kind::linear:
+        return a * row;
+    case Kind::exponential:
+        return 1 - std::exp(a * row);
+    }
+    return a;
+}
+
+Springs::Springs(const int32_t* start, const int32_t* column, const double* k, const double* x, int nodes,
+                 std::vector<uint8_t> h, Law l, double r)
+    : RingModel({{start, start + nodes + 1}, {column, column + start[nodes]}}, std::move(h), r, 1),
+      stiffness(k, k + start[nodes]), sum(nodes, 0), position(x, x + 3 * size_t(nodes)), law(l) {
+    for (int i = 0; i < nodes; i++)
+        for (int e = start[i]; e < start[i + 1]; e++) sum[i] += stiffness[e];
+}
+
+// Home springs: RSC of the row times the mean of the node's edge springs.
+void Springs::prepare(RingState& s) const {
+    double centre[3 * most_contacts] = {};
+    for (int c = 0; c < s.contacts; c++)
+        for (int at = 0; at < s.count; at++)
+            for (int k = 0; k < 3; k++)
+                centre[3 * c + k] += s.weight[c * Patch::capacity + at] * position[3 * size_t(s.touched[at]) + k];
+    for (int i = 0; i < nodes(); i++) {
+        double row = s.rings.row[i];
+        if (law.by_distance && s.contacts > 0) {
+            double nearest = 1e300;
+            for (int c = 0; c < s.contacts; c++) {
+                double square = 0;
+                for (int k = 0; k < 3; k++) {
+                    double d = position[3 * size_t(i) + k] - centre[3 * c + k];
+                    square += d * d;
+                }
+                nearest = std::min(nearest, square);
+            }
+            row = 1 + std::sqrt(nearest) / law.edge;
+        }
+        s.home[i] = law(row) * sum[i] / (graph.start[i + 1] - graph.start[i]);
+    }
+}
+
+void Springs::touched_matrix(RingState& s, double* A) const {
+    const size_t n = s.count;
+    std::fill_n(A, n * n, 0.0);
+    for (int at = 0; at < s.count; at++) {
+        const int i = s.touched[at];
+        A[at * n + at] = sum[i] + s.home[i];
+        for (int e = graph.start[i]; e < graph.start[i + 1]; e++)
+            if (int other = s.place[graph.neighbour[e]]; other >= 0) A[at * n + other] = -stiffness[e];
+    }
+}
+
+void Springs::touched_right(RingState& s) const {
+    for (int at = 0; at < s.count; at++) {
+        const int i = s.touched[at];
+        double pull[3] = {0, 0, 0};
+        for (int e = graph.start[i]; e < graph.start[i + 1]; e++)
+            if (s.place[graph.neighbour[e]] < 0)
+                for (int k = 0; k < 3; k++) pull[k] += stiffness[e] * s.u[3 * size_t(graph.neighbour[e]) + k];
+        for (int k = 0; k < 3; k++) s.right[k * s.count + at] = pull[k];
+    }
+}
+
+void Springs::relax(RingState& s, int first) const {
+    sweep(s.rings.order.data() + first, nodes() - first, held.data(), graph.start.data(), graph.neighbour.data(),
+          stiffness.data(), sum.data(), s.home.data(), relaxation, s.u.data());
+}
+
+void Springs::internal_force(const State& state, double* out) const {
+    const auto& s = static_cast<const RingState&>(state);
+    for (int i = 0; i < nodes(); i++)
+        for (int k = 0; k < 3; k++) {
+            double total = (sum[i] + s.home[i]) * s.u[3 * size_t(i) + k];
+            for (int e = graph.start[i]; e < graph.start[i + 1]; e++)
+                total -= stiffness[e] * s.u[3 * size_t(graph.neighbour[e]) + k];
+            out[3 * size_t(i) + k] = total;
+        }
+}
+
+double Springs::weighed(const RingState& s, int i, const double r[3]) const {
+    return (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]) / (sum[i] + s.home[i]);
+}
+
+double Springs::contraction(const State& state) const {
+    const auto& s = static_cast<const RingState&>(state);
+    double least = 1;
+    for (int i = 0; i < nodes(); i++)
+        if (!held[i]) least = std::min(least, s.home[i] / (sum[i] + s.home[i]));
+    return least;
+}
+
+} // namespace palpate

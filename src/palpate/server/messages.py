@@ -1,0 +1,145 @@
+"""What page and server say to each other, defined once; `web/messages.py` writes the page's half from this.
+
+Binary messages are little-endian: a byte that says which it is, then the fields in order, then nothing or one array.
+"""
+
+import struct
+from dataclasses import dataclass, fields
+from typing import Annotated, Any, get_args, get_type_hints
+
+import numpy as np
+
+from palpate.arrays import AnyArray, Float32
+from palpate.errors import DataError
+
+# Each type's second part is its code in Python's struct.
+U8 = Annotated[int, "B"]
+U32 = Annotated[int, "I"]
+F32 = Annotated[float, "f"]
+F64 = Annotated[float, "d"]
+Vector = Annotated[tuple[float, float, float], "3f"]
+
+STEPS = 32767  # of the 16-bit displacements
+
+
+@dataclass(frozen=True)
+class Tool:
+    """Page to server: what the hand wants. point: mm, on the surface at rest; displacement: mm."""
+
+    held: U8
+    serial: U32
+    point: Vector
+    displacement: Vector
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Server to page: one tick. mm; force in N, of the tissue on the tool; grip 0 idle, 1 holding, 2 refused.
+
+    serial: of the newest command obeyed. seconds: the loop's clock. busy: seconds of work in a tick, smoothed. Then
+    (count, 3) 16-bit whole numbers: the displacements of the first count shown nodes (0 or all) in units of `step` mm.
+    """
+
+    grip: U8
+    tick: F64
+    late: F64
+    faults: U32
+    serial: U32
+    seconds: F64
+    busy: F32
+    point: Vector
+    displacement: Vector
+    force: Vector
+    step: F32
+    count: U32
+
+
+@dataclass(frozen=True)
+class Part:
+    """Triangles first..first + count of the scene: the organ, or a region inside it."""
+
+    name: str
+    first: int
+    count: int
+    inside: bool
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Server to page, once, as JSON of `header` bytes (a 32-bit number before it), padded with blanks to 4 bytes.
+
+    Then (nodes, 3) float32 mm at rest, then (triangles, 3) 32-bit whole numbers, normals outwards. reach: mm, the
+    longest displacement that a tool may ask for. limit: N, what a device is pushed with at most.
+    """
+
+    title: str
+    model: str
+    nodes: int
+    triangles: int
+    parts: list[Part]
+    elements: int
+    radius: float
+    reach: float
+    limit: float
+    rate: int
+    replay: bool
+
+
+BINARY: list[type] = [Tool, Frame]
+JSON: list[type] = [Part, Scene]
+
+
+def code(message: type) -> str:
+    """Python's struct code of a binary message, kind included, padded so that an array may follow."""
+    hints = get_type_hints(message, include_extras=True)
+    exact = "<B" + "".join(get_args(hints[field.name])[1] for field in fields(message))
+    return exact + "x" * (-struct.calcsize(exact) % 4)
+
+
+def encode(message: Any, rest: AnyArray | None = None) -> bytes:
+    """A binary message and the array behind it."""
+    flat = [BINARY.index(type(message)) + 1]
+    for field in fields(message):
+        value = getattr(message, field.name)
+        flat.extend(value) if isinstance(value, tuple) else flat.append(value)
+    return struct.pack(code(type(message)), *flat) + (b"" if rest is None else rest.tobytes())
+
+
+def decode_tool(data: bytes) -> Tool:
+    """The tool's message. Raises `DataError` on any other length, kind or number."""
+    wanted = struct.calcsize(code(Tool))
+    if len(data) != wanted:
+        raise DataError(f"tool message: {len(data)} bytes, expected {wanted}; reload the page")
+    kind, held, serial, *numbers = struct.unpack(code(Tool), data)
+    if kind != BINARY.index(Tool) + 1 or held > 1:
+        raise DataError(f"tool message: kind {kind}, held {held}, expected {BINARY.index(Tool) + 1} and 0 or 1")
+    if not np.isfinite(numbers).all():
+        raise DataError(f"tool message: {numbers} are not all finite; reload the page")
+    x, y, z, dx, dy, dz = numbers
+    return Tool(held, serial, (x, y, z), (dx, dy, dz))
+
+
+def frame_bytes(frame: Any) -> bytes:
+    """A frame of the loop as a message. At rest there is no array; else the step follows the biggest displacement.
+
+    16 bits of the biggest displacement are 0.2 µm at 5 mm: finer than a pixel, and half the bytes of float32.
+    """
+    shown: Float32 = frame.shown
+    most = float(np.abs(shown).max(initial=0))
+    still = most < 1e-4
+    step = most / STEPS if not still else 0.0
+    message = Frame(
+        grip=frame.grip,
+        tick=float(frame.tick),
+        late=float(frame.late),
+        faults=frame.faults,
+        serial=frame.serial & 0xFFFFFFFF,
+        seconds=frame.seconds,
+        busy=frame.busy,
+        point=tuple(frame.point),
+        displacement=tuple(frame.displacement),
+        force=tuple(frame.force),
+        step=step,
+        count=0 if still else len(shown),
+    )
+    return encode(message, None if still else np.rint(shown / step).astype("<i2"))

@@ -1,0 +1,41 @@
+"""What stays the same while a session runs, for the page: nodes at rest, triangles, what is what."""
+
+import json
+import struct
+from dataclasses import asdict
+
+import numpy as np
+
+from palpate.server.messages import Part, Scene
+from palpate.simulation.session import RATE, Session, region_faces
+from palpate.tissue.models import name_of
+
+
+def reach(session: Session) -> float:
+    """The longest displacement that a tool may ask for: half the organ's diagonal, mm."""
+    return float(np.linalg.norm(np.ptp(session.mesh.nodes, axis=0)) / 2)
+
+
+def scene_bytes(session: Session, title: str, replay: bool = False) -> bytes:
+    """The scene as `messages.Scene` says."""
+    mesh, shown = session.mesh, session.shown
+    groups = [("organ", mesh.surface, False)]
+    groups += [(mesh.names.get(k, f"region {k}"), faces, True) for k, faces in region_faces(mesh).items()]
+    first = np.concatenate([[0], np.cumsum([len(faces) for _, faces, _ in groups])])
+    header = Scene(
+        title=title,
+        model=name_of(session.model),
+        nodes=len(shown),
+        triangles=int(first[-1]),
+        parts=[Part(name, int(first[i]), len(faces), inside) for i, (name, faces, inside) in enumerate(groups)],
+        elements=len(mesh.tets),
+        radius=session.settings.radius,
+        reach=reach(session),
+        limit=session.settings.limit,
+        rate=RATE,
+        replay=replay,
+    )
+    text = json.dumps(asdict(header)).encode()
+    text += b" " * (-len(text) % 4)
+    triangles = np.searchsorted(shown, np.concatenate([faces for _, faces, _ in groups])).astype("<u4")
+    return struct.pack("<I", len(text)) + text + mesh.nodes[shown].astype("<f4").tobytes() + triangles.tobytes()

@@ -1,0 +1,156 @@
+"""The truth: linear elasticity by finite elements, solved directly."""
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import skfem
+from numpy.typing import ArrayLike
+from scipy.sparse import csc_array, csr_array
+from scipy.sparse.linalg import SuperLU, splu
+from skfem.helpers import ddot, sym_grad, trace
+
+from palpate.arrays import Float64, Int32
+from palpate.errors import MaterialError
+from palpate.meshes.mesh import TetMesh
+from palpate.tissue.contact import Answer, Contacts, contacts
+from palpate.tissue.tissue import KPA, Tissue
+
+_ELEMENTS = {"P1": skfem.ElementTetP1, "P2": skfem.ElementTetP2}
+
+
+@skfem.BilinearForm  # type: ignore[untyped-decorator]
+def _elastic(u: Any, v: Any, w: Any) -> Any:
+    """σ(u):ε(v) with σ = 2μ ε + λ tr(ε) I."""
+    e = sym_grad(u)
+    return 2 * w.mu * ddot(e, sym_grad(v)) + w.lam * trace(e) * trace(sym_grad(v))
+
+
+def lame(young: ArrayLike, poisson: ArrayLike) -> tuple[Float64, Float64]:
+    """Lamé's (λ, μ) in N/mm² from Young's modulus in kPa and Poisson's ratio."""
+    E, nu = np.asarray(young, dtype=np.float64) * KPA, np.asarray(poisson, dtype=np.float64)
+    return E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
+
+
+def basis(mesh: TetMesh, element: str = "P1") -> Any:
+    """scikit-fem's basis of vector functions on a mesh, "P1" or "P2"."""
+    tets = skfem.MeshTet(
+        np.ascontiguousarray(mesh.nodes.T), np.ascontiguousarray(mesh.tets.T.astype(np.int64)), sort_t=False
+    )
+    return skfem.Basis(tets, skfem.ElementVector(_ELEMENTS[element]()), intorder=2 if element == "P2" else 1)
+
+
+def stiffness(space: Any, young: Float64, poisson: Float64) -> csr_array:
+    """K of linear elasticity on scikit-fem's basis `space`, N/mm. young: (M,) kPa. poisson: (M,)."""
+    lam, mu = lame(young, poisson)
+    points = space.dx.shape[1]
+    K = _elastic.assemble(space, lam=np.tile(lam[:, None], points), mu=np.tile(mu[:, None], points))
+    return csr_array(K)
+
+
+def factored(K: Any) -> SuperLU:
+    """Sparse factors of a symmetric positive definite matrix."""
+    return splu(csc_array(K), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+
+
+class FiniteElements:
+    """The elastic equilibrium of a tissue, factored once; `push` answers like a model, exactly.
+
+    element: "P1" or "P2"; None: the tissue's own. The prescribed quantity is the patch's weighted mean displacement
+    Wᵀu = d, the force its multiplier. With P2 the same traction (the patch's weight density, linear on each triangle)
+    acts through the quadratic basis.
+    """
+
+    def __init__(self, tissue: Tissue, element: str | None = None) -> None:
+        self.tissue = tissue
+        self.element = tissue.element if element is None else element
+        if self.element not in _ELEMENTS:
+            raise MaterialError(f'element: {self.element!r} is not built; choose "P1" or "P2"')
+        self.space = basis(tissue.mesh, self.element)
+        self.K = stiffness(self.space, tissue.young, tissue.poisson)
+        self.nodal: Int32 = self.space.nodal_dofs.T  # (N, 3) unknowns of each node
+        self.free = np.setdiff1d(np.arange(self.K.shape[0]), self._held_unknowns())
+
+    @cached_property
+    def factors(self) -> SuperLU:
+        """Of the stiffness among the unknowns that are not held."""
+        return factored(self.K[self.free][:, self.free])
+
+    def solve(self, load: Float64) -> Float64:
+        """(unknowns, k) displacements under (unknowns, k) loads, held unknowns 0."""
+        u = np.zeros_like(load)
+        for column in range(load.shape[1]):  # one by one is twice as fast as SuperLU's own block of columns
+            u[self.free, column] = self.factors.solve(load[self.free, column])
+        return u
+
+    def loads(self, found: Contacts) -> Float64:
+        """(unknowns, 3m): column 3c+k is a unit force along axis k spread over patch c."""
+        W = found.weights(len(self.tissue.mesh.nodes))
+        out = np.zeros((self.K.shape[0], 3 * W.shape[1]))
+        if self.element == "P1":
+            for k in range(3):
+                out[self.nodal[:, k], k::3] = W
+            return out
+        density = np.zeros_like(W)
+        density[self._areas[0]] = W[self._areas[0]] / self._areas[1][:, None]
+        for k in range(3):
+            out[:, k::3] = self._surface_mass[k] @ density
+        return out
+
+    def push(
+        self,
+        points: ArrayLike,
+        displacements: ArrayLike,
+        radii: ArrayLike,
+        normals: ArrayLike | None = None,
+        friction: float = np.inf,
+        tolerance: float = 1e-3,
+        warm: Any = None,
+    ) -> Answer:
+        """The exact answer of linear finite elements to m glued contacts; arguments as for every model's `push`."""
+        found = contacts(self.tissue, points, displacements, radii, normals, friction)
+        W = self.loads(found)
+        columns = self.solve(W)
+        C = W.T @ columns
+        force = np.asarray(np.linalg.solve((C + C.T) / 2, found.displacement.ravel()), dtype=np.float64)
+        u = columns @ force
+        residual = self.K[self.free] @ u - W[self.free] @ force
+        error = float(np.linalg.norm(residual) / max(float(np.linalg.norm(W[self.free] @ force)), 1e-300))
+        return found.answer(self.tissue, -force.reshape(-1, 3), u[self.nodal], error, 0, None)
+
+    def support_force(self, displacement: Float64) -> Float64:
+        """(3,) N of the supports on a tissue whose nodes moved by `displacement` (N, 3) mm; P1 only."""
+        u = np.zeros(self.K.shape[0])
+        u[self.nodal] = displacement
+        force: Float64 = (self.K @ u)[self.nodal[self.tissue.fixed]].sum(axis=0)
+        return force
+
+    def _held_unknowns(self) -> Int32:
+        held = [self.nodal[self.tissue.fixed].ravel()]
+        if self.element == "P2":  # an edge between two held nodes lies on the support
+            still = self.tissue.held[self.space.mesh.edges].all(axis=0)
+            held.append(self.space.edge_dofs[:, still].ravel())
+        return np.concatenate(held)
+
+    @cached_property
+    def _areas(self) -> tuple[Int32, Float64]:
+        surface = self.tissue.surface
+        return surface.nodes, surface.areas
+
+    @cached_property
+    def _surface_mass(self) -> list[csr_array]:
+        """For each axis (unknowns, N): the P2 loads of a P1 traction on the boundary."""
+        mesh = self.space.mesh
+        p2 = skfem.FacetBasis(mesh, self.space.elem, intorder=3)
+        p1 = skfem.FacetBasis(mesh, skfem.ElementTetP1(), intorder=3)
+        assert (p1.nodal_dofs[0] == np.arange(len(self.tissue.mesh.nodes))).all()
+
+        def along(axis: int) -> csr_array:
+            return csr_array(skfem.BilinearForm(lambda u, v, w: u * v[axis]).assemble(p1, p2))
+
+        return [along(axis) for axis in range(3)]
+
+
+def finite_elements(tissue: Tissue, element: str | None = None) -> FiniteElements:
+    """The elastic truth of a tissue: `finite_elements(tissue).push(...)` answers like a model, by a direct solve."""
+    return FiniteElements(tissue, element)

@@ -1,0 +1,151 @@
+"""Springs fitted to finite elements, with their own error report."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import minimize_scalar
+
+from palpate.arrays import Float64
+from palpate.errors import DataError, MaterialError
+from palpate.meshes.mesh import TetMesh
+from palpate.tissue.contact import Answer
+from palpate.tissue.elasticity import FiniteElements
+from palpate.tissue.report import FitReport
+from palpate.tissue.springs import SpringModel
+from palpate.tissue.tissue import Constant, SpringLaw, Tissue
+
+_SEARCH = {"uniform": (3e-3, 3.0), "linear": (1e-3, 1.0), "exponential": (3e-3, 2.0)}  # of |RSC0|, by its logarithm
+_TRAINING, _HELD_OUT = 10, 8
+
+
+def fit(
+    mesh: TetMesh,
+    young: Constant,
+    poisson: Constant,
+    fixed: ArrayLike,
+    law: str = "exponential",
+    weights: str = "cotangent",
+    rows: str = "distance",
+    element: str = "P1",
+    radius: float | None = None,
+    depth: float | None = None,
+    progress: Callable[[str, float], None] | None = None,
+) -> Tissue:
+    """A tissue whose springs are as near to finite elements as their law allows, with `.springs` and `.report`.
+
+    young, poisson, fixed, element: as for `Tissue`; element is the truth's. law, weights, rows: as for `SpringLaw`.
+    radius: mm of the contacts; None: two mean edges. depth: mm of the pushes; None: 5 % of the mesh's diagonal, about
+    the 5 mm in a 50 mm cube of the dissertation. progress: called with what is being done and the share done.
+
+    RSC0 minimises the nodal displacement difference, the force scale the difference of reaction forces, over 10
+    pushes along the inward normal at random surface points; the report is on 8 others. Raises `MaterialError` on
+    constants and supports no tissue has, `DataError` on contacts that cannot be.
+    """
+    say = progress or (lambda what, share: None)
+    tissue = Tissue(mesh, young, poisson, fixed, element=element)
+    start = SpringLaw(law, {"exponential": -0.1}.get(law, 0.1), weights, rows)
+    size = float(np.linalg.norm(np.ptp(mesh.nodes, axis=0)))
+    r = 2 * tissue.edge if radius is None else radius
+    d = 0.05 * size if depth is None else depth
+    if not (np.isfinite(d) and d > 0):
+        raise DataError(f"depth: {d} mm; give how deep the fit's contacts push, more than 0")
+    points = scattered_points(tissue, _TRAINING + _HELD_OUT)
+    held_out = np.arange(len(points)) >= _TRAINING
+    inward = -d * surface_normals(tissue, points)
+    truth = FiniteElements(tissue)
+    say("finite elements", 0.1)
+    true = [truth.push(x, w, r) for x, w in zip(points[~held_out], inward[~held_out], strict=True)]
+    say("fitting the springs", 0.5)
+    springs = _fitted(tissue, start, points[~held_out], inward[~held_out], r, true)
+    say("report on other contacts", 0.8)
+    oblique = inward[held_out]
+    half = (len(oblique) + 1) // 2
+    oblique[half:] = _tilted(oblique[half:])
+    report = compare(truth, SpringModel(tissue, springs), points[held_out], oblique, r, d)
+    say("done", 1.0)
+    return Tissue(mesh, tissue.young, tissue.poisson, tissue.fixed, element=element, springs=springs, report=report)
+
+
+def compare(truth: FiniteElements, model: SpringModel, points: Float64, push: Float64, r: float, d: float) -> FitReport:
+    """The report of `model` against `truth` on contacts at points (C, 3) mm, pushed by (C, 3) mm, radius r mm."""
+    worst, rms, expected, found = [], [], [], []
+    error_map = np.zeros(len(truth.tissue.mesh.nodes))
+    for x, w in zip(points, push, strict=True):
+        a, b = truth.push(x, w, r), model.push(x, w, r)
+        gap = np.linalg.norm(a.displacement - b.displacement, axis=1)
+        worst.append(gap.max())
+        rms.append(np.sqrt((gap**2).mean()))
+        expected.append(a.force)
+        found.append(b.force)
+        error_map = np.maximum(error_map, gap)
+    return FitReport(
+        truth.element,
+        r,
+        d,
+        points,
+        push,
+        np.array(worst),
+        np.array(rms),
+        np.array(expected),
+        np.array(found),
+        error_map,
+    )
+
+
+def scattered_points(tissue: Tissue, count: int) -> Float64:
+    """(count, 3) mm: points at random over the surface that no held node borders, the same each time.
+
+    Raises `MaterialError` when all of the surface is held.
+    """
+    mesh = tissue.mesh
+    triangles = mesh.surface[~tissue.held[mesh.surface].any(axis=1)]
+    if len(triangles) == 0:
+        raise MaterialError("fixed: no room left to touch, all of the surface is held; hold fewer nodes")
+    a, b, c = (mesh.nodes[triangles[:, k]] for k in range(3))
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    rng = np.random.default_rng(0)
+    t = rng.choice(len(triangles), count, p=area / area.sum())
+    s, q = np.sqrt(rng.random((count, 1))), rng.random((count, 1))
+    return np.asarray((1 - s) * a[t] + s * (1 - q) * b[t] + s * q * c[t])
+
+
+def surface_normals(tissue: Tissue, points: Float64) -> Float64:
+    """(P, 3) outward unit normals at surface points (P, 3) mm."""
+    surface = tissue.surface
+    return np.stack([surface.normal(surface.closest(np.ascontiguousarray(x))) for x in points])
+
+
+def _fitted(
+    tissue: Tissue, start: SpringLaw, points: Float64, push: Float64, r: float, true: list[Answer]
+) -> SpringLaw:
+    def answers(law: SpringLaw) -> list[Answer]:
+        model = SpringModel(tissue, law, relaxation=1.5)
+        return [model.push(x, w, r) for x, w in zip(points, push, strict=True)]
+
+    def law_of(log: float) -> SpringLaw:
+        return replace(start, rsc=float(np.exp(log)) * (-1 if start.law == "exponential" else 1))
+
+    def misfit(log: float) -> float:
+        pairs = zip(true, answers(law_of(log)), strict=True)
+        return float(sum(((a.displacement - b.displacement) ** 2).sum() for a, b in pairs))
+
+    low, high = np.log(_SEARCH[start.law])
+    grid = np.linspace(low, high, 9)  # the misfit may have more than one valley over so many decades
+    best = int(np.argmin([misfit(g) for g in grid]))
+    bounds = (grid[max(best - 1, 0)], grid[min(best + 1, 8)])
+    law = law_of(float(minimize_scalar(misfit, bounds=bounds, method="bounded", options={"xatol": 0.01}).x))
+    f = np.array([a.force for a in true]).ravel()
+    g = np.array([a.force for a in answers(law)]).ravel()
+    return replace(law, scale=float(f @ g / (g @ g)))
+
+
+def _tilted(push: Float64) -> Float64:
+    """The same lengths, 45° away, each towards the axis that is most sideways to it."""
+    out = np.empty_like(push)
+    for k, w in enumerate(push):
+        axis = np.eye(3)[int(np.argmin(np.abs(w)))]
+        side = np.cross(w, axis)
+        out[k] = (w + side * np.linalg.norm(w) / np.linalg.norm(side)) / np.sqrt(2)
+    return out

@@ -1,0 +1,99 @@
+"""Model `springs`: the dissertation's home and edge springs."""
+
+import numpy as np
+from scipy.sparse import csr_array, diags_array
+
+from palpate import _core
+from palpate.arrays import Float64, Int32
+from palpate.errors import MaterialError
+from palpate.tissue.rings import RingModel, best_relaxation, least_ritz_value, typical_contact, without_diagonal
+from palpate.tissue.tissue import KPA, SpringLaw, Tissue
+
+
+class SpringModel(RingModel):
+    """Every node tied home by k_h and to its neighbours by linear springs k_e (u_j − u_i); law.scale matches the force.
+
+    law: None takes the tissue's fitted springs, or the exponential law where nothing was fitted. relaxation: ω of the
+    sweep; None: chosen from the spectrum under a typical contact.
+    """
+
+    def __init__(self, tissue: Tissue, law: SpringLaw | None = None, relaxation: float | None = None) -> None:
+        self.law = law or tissue.springs or SpringLaw()
+        K = edge_stiffness(tissue, self.law.weights) * self.law.scale
+        start, column, value = without_diagonal(csr_array(K))
+        held = tissue.held.view(np.uint8)
+
+        def native(omega: float) -> "_core.Springs":
+            by_distance = self.law.rows == "distance"
+            return _core.Springs(
+                start,
+                column,
+                value,
+                tissue.mesh.nodes,
+                held,
+                self.law.law,
+                self.law.rsc,
+                by_distance,
+                tissue.edge,
+                omega,
+            )
+
+        omega = _relaxation(tissue, K, native(1.0)) if relaxation is None else float(relaxation)
+        if not 0 < omega < 2:
+            raise MaterialError(f"relaxation: {omega} diverges; give a number between 0 and 2")
+        self._springs = native(omega)
+        super().__init__(tissue, self._springs, omega)
+
+    def least_eigenvalue(self, state: "_core.State") -> float:
+        """1 − ρ with ρ ≤ Σk_e / (Σk_e + k_h) at every free node (Gershgorin): proven, as the contact stands."""
+        return float(self._springs.contraction(state))
+
+
+def edge_stiffness(tissue: Tissue, weights: str) -> csr_array:
+    """(N, N) symmetric, N/mm: k_e of each edge, no diagonal.
+
+    "equal": Young's modulus of the tets around the edge (volume-weighted mean) times the mean edge length.
+    "cotangent": −Σ E V ∇φ_i·∇φ_j over these tets, the stiffness of the scalar Laplacian; where obtuse angles make it
+    smaller than 5 % of the mean it is raised to that, so that no spring pushes.
+    """
+    mesh = tissue.mesh
+    pairs = [(a, b) for a in range(4) for b in range(a + 1, 4)]
+    E = tissue.young * KPA
+    if weights == "cotangent":
+        slope = _slopes(mesh.nodes, mesh.tets)
+        value = np.stack([-E * mesh.volumes * np.einsum("ij,ij->i", slope[:, a], slope[:, b]) for a, b in pairs])
+    else:
+        value = np.stack([E * mesh.volumes] * len(pairs))
+    ends = np.stack([mesh.tets[:, pair] for pair in pairs])
+    shape = (len(mesh.nodes),) * 2
+
+    def gathered(v: Float64) -> csr_array:
+        one_way = csr_array((v.ravel(), (ends[..., 0].ravel(), ends[..., 1].ravel())), shape=shape)
+        return csr_array(one_way + one_way.T)
+
+    K = gathered(value)
+    if weights == "cotangent":
+        K.data = np.maximum(K.data, 0.05 * K.data.mean())
+        return K
+    volume = gathered(np.stack([mesh.volumes] * len(pairs)))
+    K.data *= tissue.edge / volume.data
+    return K
+
+
+def _slopes(nodes: Float64, tets: Int32) -> Float64:
+    """(M, 4, 3) 1/mm: gradient of each corner's linear shape function."""
+    edges = nodes[tets[:, 1:]] - nodes[tets[:, :1]]
+    inner = np.linalg.inv(edges).transpose(0, 2, 1)
+    return np.concatenate([-inner.sum(axis=1, keepdims=True), inner], axis=1)
+
+
+def _relaxation(tissue: Tissue, K: csr_array, model: "_core.Springs") -> float:
+    """ω from the spectrum while a typical contact is held."""
+    state, spot = model.start(), typical_contact(tissue)
+    model.advance(state, spot, np.zeros(3), 0)
+    still = tissue.held.copy()
+    still[spot.nodes] = True
+    free = np.flatnonzero(~still)
+    diagonal = (K.sum(axis=1) + model.home(state))[free]
+    root = diags_array(1 / np.sqrt(diagonal))
+    return best_relaxation(least_ritz_value(csr_array(root @ (diags_array(diagonal) - K[free][:, free]) @ root)))

@@ -1,0 +1,241 @@
+"""Tissue: a mesh, its elastic constants, and where it is held."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.sparse import coo_array, csgraph
+
+from palpate import _core
+from palpate.arrays import Bool, Float64, Int32, float64
+from palpate.errors import MaterialError
+from palpate.meshes.mesh import TetMesh
+from palpate.tissue.report import FitReport
+
+KPA = 1e-3  # N/mm² in a kPa
+
+Constant = float | ArrayLike | dict[int | str, float]
+
+
+@dataclass(frozen=True)
+class SpringLaw:
+    """How a tissue's springs follow from its mesh and constants; `fit` chooses the numbers.
+
+    law: RSC = k_h/k_e as a function of the row r (1 at the contact): "uniform" RSC0, "linear" RSC0·r, or "exponential"
+    1 − exp(RSC0·r) with RSC0 < 0. rows: r counted in "rings" of the mesh (the dissertation) or as 1 + "distance" from
+    the contact in edge lengths, which grows alike without steps. weights: edge springs "equal" in mm or "cotangent"
+    (the edge weights of the scalar Laplacian on linear tetrahedra). scale: their common factor, no unit.
+    """
+
+    law: str = "exponential"
+    rsc: float = -0.14
+    weights: str = "cotangent"
+    rows: str = "distance"
+    scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name, value, known in (
+            ("law", self.law, ("uniform", "linear", "exponential")),
+            ("weights", self.weights, ("equal", "cotangent")),
+            ("rows", self.rows, ("rings", "distance")),
+        ):
+            if value not in known:
+                raise MaterialError(f"{name}: {value!r} is not known; choose one of {', '.join(known)}")
+        right = self.rsc < 0 if self.law == "exponential" else self.rsc > 0
+        if not (np.isfinite(self.rsc) and right):
+            sign = "negative" if self.law == "exponential" else "positive"
+            raise MaterialError(f"rsc: {self.rsc} with the {self.law} law; give a {sign} number, or no node goes home")
+        if not (np.isfinite(self.scale) and self.scale > 0):
+            raise MaterialError(f"scale: {self.scale} makes springs that push outwards; give a positive number")
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class Tissue:
+    """A solid that can be pushed.
+
+    mesh: the solid. young: kPa, one number, (M,) a tet, or {region number or name: kPa}. poisson: likewise, no unit,
+    0 ≤ ν < 0.5. fixed: node indices, or an (N,) mask, of the nodes held still. element: what `finite_elements` uses by
+    default, "P1" or "P2" (P1 locks near ν = 0.5). springs, report: what `fit` found.
+
+    Raises `MaterialError` on constants no tissue has and on supports that leave a rigid motion free.
+    """
+
+    mesh: TetMesh
+    young: Float64
+    poisson: Float64
+    fixed: Int32
+    element: str
+    springs: SpringLaw | None
+    report: FitReport | None
+
+    def __init__(
+        self,
+        mesh: TetMesh,
+        young: Constant,
+        poisson: Constant,
+        fixed: ArrayLike,
+        *,
+        element: str = "P1",
+        springs: SpringLaw | None = None,
+        report: FitReport | None = None,
+    ) -> None:
+        modulus = _constants("young", young, mesh)
+        ratio = _constants("poisson", poisson, mesh)
+        if (modulus <= 0).any():
+            bad = int(np.argmin(modulus))
+            raise MaterialError(
+                f"young: {modulus[bad]:g} kPa at tet {bad}; give a positive stiffness (breast fat: 3.25)"
+            )
+        if (ratio < 0).any() or (ratio >= 0.5).any():
+            bad = int(np.flatnonzero((ratio < 0) | (ratio >= 0.5))[0])
+            raise MaterialError(
+                f"poisson: {ratio[bad]:g} at tet {bad}; these elements need 0 <= poisson < 0.5: for a nearly "
+                f'incompressible tissue give 0.45, or up to 0.49 with element="P2"'
+            )
+        if element not in ("P1", "P2"):
+            raise MaterialError(f'element: {element!r} is not built; choose "P1" or "P2" (nearly incompressible)')
+        held = _node_indices(fixed, len(mesh.nodes))
+        _refuse_rigid_motions(mesh, held)
+        for name, value in (("young", modulus), ("poisson", ratio), ("fixed", held)):
+            value.flags.writeable = False
+            object.__setattr__(self, name, value)
+        for name, thing in (("mesh", mesh), ("element", element), ("springs", springs), ("report", report)):
+            object.__setattr__(self, name, thing)
+
+    @cached_property
+    def held(self) -> Bool:
+        """(N,) True where the node is held still."""
+        mask = np.zeros(len(self.mesh.nodes), dtype=bool)
+        mask[self.fixed] = True
+        return mask
+
+    @cached_property
+    def surface(self) -> "_core.Surface":
+        """The boundary at rest, for nearest points and contact patches; native, immutable, thread-safe."""
+        return _core.Surface(self.mesh.nodes, np.ascontiguousarray(self.mesh.surface), self.held.view(np.uint8))
+
+    @cached_property
+    def edges(self) -> Int32:
+        """(E, 2) pairs of nodes that share an edge, lower index first, sorted."""
+        return mesh_edges(self.mesh)
+
+    @cached_property
+    def edge(self) -> float:
+        """Mean edge length, mm."""
+        ends = self.mesh.nodes[self.edges]
+        return float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).mean())
+
+
+def resting_on(mesh: TetMesh, direction: ArrayLike, depth: float | None = None) -> Int32:
+    """Indices of the surface nodes that lie on a table in `direction`, such as (0, 0, -1) for a table below.
+
+    depth: mm from the outermost node that still count as lying on it; None: 3 % of the mesh's extent that way.
+    Raises `MaterialError` when fewer than three nodes, or nodes on one line, lie there.
+    """
+    way = float64("direction", direction, (3,))
+    length = float(np.linalg.norm(way))
+    if length == 0:
+        raise MaterialError("direction: (0, 0, 0) points nowhere; give the way to the table, such as (0, 0, -1)")
+    if depth is not None and not (np.isfinite(depth) and depth >= 0):
+        raise MaterialError(f"depth: {depth} mm; give a finite depth of 0 or more")
+    height = mesh.nodes @ (way / length)
+    reach = 0.03 * float(np.ptp(height)) if depth is None else depth
+    on_table = mesh.surface_nodes[height[mesh.surface_nodes] >= height.max() - reach - 1e-9 * float(np.ptp(height))]
+    if _rigid_rank(mesh.nodes[on_table]) < 6:
+        raise MaterialError(
+            f"only {len(on_table)} nodes, or nodes on one line, lie within {reach:g} mm of the table in direction "
+            f"{way.tolist()}; give a larger depth, such as depth={max(2 * reach, 1.0):g}"
+        )
+    nodes: Int32 = on_table.astype(np.int32)
+    return nodes
+
+
+def mesh_edges(mesh: TetMesh) -> Int32:
+    """(E, 2) edges of a mesh, lower node index first, sorted, each once."""
+    pairs = np.concatenate([mesh.tets[:, [a, b]] for a in range(4) for b in range(a + 1, 4)])
+    return np.unique(np.sort(pairs, axis=1), axis=0).astype(np.int32)
+
+
+def _constants(name: str, value: Constant, mesh: TetMesh) -> Float64:
+    count = len(mesh.tets)
+    if not isinstance(value, dict):
+        array = float64(name, value)
+        if array.ndim == 0 or array.shape == (1,):
+            return np.full(count, float(array.reshape(())))
+        return float64(name, array, (count,)).copy()
+    out = np.full(count, np.nan)
+    numbers = {text: number for number, text in mesh.names.items()}
+    present = sorted({int(r) for r in np.unique(mesh.region)})
+    known = [f"{number} ({mesh.names[number]})" if number in mesh.names else str(number) for number in present]
+    for key, constant in value.items():
+        region = numbers.get(key) if isinstance(key, str) else int(key)
+        if region not in present:
+            raise MaterialError(f"{name}: the mesh has no region {key!r}; its regions are {', '.join(known)}")
+        out[mesh.region == region] = float64(f"{name} of region {key!r}", constant, ())
+    if np.isnan(out).any():
+        missing = int(mesh.region[np.flatnonzero(np.isnan(out))[0]])
+        raise MaterialError(f"{name}: region {missing} has no value; give one for each of {', '.join(known)}")
+    return out
+
+
+def _node_indices(fixed: ArrayLike, count: int) -> Int32:
+    array = np.asarray(fixed)
+    if array.dtype == bool:
+        if array.shape != (count,):
+            raise MaterialError(f"fixed: a mask needs shape ({count},), got {array.shape}")
+        return np.flatnonzero(array).astype(np.int32)
+    if array.size == 0:
+        raise MaterialError("fixed: no node is held, so the tissue would float away; pp.resting_on(mesh, direction)")
+    if array.ndim != 1 or array.dtype.kind not in "iu":
+        raise MaterialError(f"fixed: expected node indices or a mask, got shape {array.shape} {array.dtype}")
+    if array.min() < 0 or array.max() >= count:
+        raise MaterialError(f"fixed: node {int(array.max())} or {int(array.min())}; nodes are 0 to {count - 1}")
+    return np.unique(array).astype(np.int32)
+
+
+def _rigid_rank(points: Float64) -> int:
+    """How many of the six rigid motions move at least one of `points`."""
+    if len(points) == 0:
+        return 0
+    x = points - points.mean(axis=0)
+    x = x / max(float(np.abs(x).max()), 1e-300)
+    moves = np.zeros((len(x), 3, 6))
+    moves[:, :, :3] = np.eye(3)
+    for k in range(3):
+        moves[:, :, 3 + k] = np.cross(np.eye(3)[k], x)
+    return int(np.linalg.matrix_rank(moves.reshape(-1, 6), tol=1e-6 * np.sqrt(len(x))))
+
+
+def _refuse_rigid_motions(mesh: TetMesh, fixed: Int32) -> None:
+    """A part joined through faces is held by three nodes not in a line; held parts hold the parts they touch."""
+    parts, part = _parts(mesh.tets)
+    held = np.zeros(len(mesh.nodes), dtype=bool)
+    held[fixed] = True
+    members = [np.unique(mesh.tets[part == p]) for p in range(parts)]
+    loose = list(range(parts))
+    while loose:
+        caught = [p for p in loose if _rigid_rank(mesh.nodes[members[p][held[members[p]]]]) == 6]
+        if not caught:
+            p = loose[0]
+            mine = members[p][held[members[p]]]
+            raise MaterialError(
+                f"fixed: {len(mine)} nodes held in part {p} of {parts} of the mesh ({len(members[p])} nodes from node "
+                f"{int(members[p][0])}) leave {6 - _rigid_rank(mesh.nodes[mine])} rigid motions free; hold three or "
+                f"more nodes that are not on one line in each part, for example with pp.resting_on(mesh, (0, 0, -1))"
+            )
+        for p in caught:
+            held[members[p]] = True
+        loose = [p for p in loose if p not in caught]
+
+
+def _parts(tets: Int32) -> tuple[int, Int32]:
+    """Parts of a mesh that hang together through faces: their number, and the part of each tet."""
+    faces = np.sort(np.concatenate([np.delete(tets, k, axis=1) for k in range(4)]), axis=1)
+    owner = np.tile(np.arange(len(tets)), 4)
+    order = np.lexsort(faces.T)
+    same = (faces[order][1:] == faces[order][:-1]).all(axis=1)
+    a, b = owner[order][:-1][same], owner[order][1:][same]
+    joined = coo_array((np.ones(len(a)), (a, b)), shape=(len(tets), len(tets)))
+    count, part = csgraph.connected_components(joined, directed=False)
+    return int(count), part.astype(np.int32)

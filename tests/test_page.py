@@ -1,0 +1,277 @@
+"""The page in a real Chromium, driven by real pointer events."""
+
+import os
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from organs import organ
+
+import palpate as pp
+from palpate.server.serve import loopback_socket, serving
+
+pytestmark = pytest.mark.browser
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+ARGUMENTS = [
+    "--no-sandbox",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--ignore-gpu-blocklist",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--disable-default-apps",
+]
+LAPTOP, PHONE = {"width": 1280, "height": 800}, {"width": 390, "height": 844}
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """Chromium, or a skip that says what is missing; a failure where a browser is required."""
+    try:
+        from playwright.sync_api import sync_playwright
+    except ImportError:
+        missing = "the Python package playwright is missing: pip install playwright"
+    else:
+        found = next(filter(None, map(shutil.which, BROWSERS)), None)
+        missing = None if found else "no Chromium on the PATH: apt-get install chromium"
+    if missing:
+        (pytest.fail if os.environ.get("PALPATE_REQUIRE_BROWSER") == "1" else pytest.skip)(missing)
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=found, args=ARGUMENTS)
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture(scope="session")
+def album(tmp_path_factory):
+    """Where screenshots go: PALPATE_SCREENSHOTS, or a temporary folder."""
+    folder = Path(os.environ.get("PALPATE_SCREENSHOTS") or tmp_path_factory.mktemp("screenshots"))
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+class Touched:
+    """A served session and the page that shows it."""
+
+    def __init__(self, session, page):
+        self.session, self.page = session, page
+        self.problems = []
+        page.on("pageerror", lambda error: self.problems.append(str(error)))
+        page.on("console", lambda line: line.type == "error" and self.problems.append(line.text))
+
+    def see(self, expression):
+        return self.page.evaluate(expression)
+
+    def wait(self, expression, seconds=20):
+        """Until the page finds `expression` true; not by wait_for_function, whose eval the page's policy forbids."""
+        for _ in range(seconds * 20):
+            if self.see(expression):
+                return
+            self.page.wait_for_timeout(50)
+        pytest.fail(f"after {seconds} s still not: {expression}; frame {self.see('palpate.frame')}")
+
+    def open(self, address):
+        self.page.goto(address)
+        self.wait("Boolean(window.palpate && palpate.frame)")
+
+    def place(self, across=0.5, down=0.42):
+        """A pixel of the organ's canvas."""
+        box = self.page.locator("#view").bounding_box()
+        return np.array([box["x"] + across * box["width"], box["y"] + down * box["height"]])
+
+    def settle(self):
+        """Until the force has stood still for some frames."""
+        before = np.full(3, np.inf)
+        for _ in range(100):
+            force = np.array(self.see("palpate.frame.force"))
+            if np.abs(force - before).max() < 2e-4 * max(np.abs(force).max(), 0.1):
+                return
+            before = force
+            self.page.wait_for_timeout(150)
+        pytest.fail(f"the force does not settle: {before}")
+
+    def drag(self, start, way, steps=12):
+        self.page.mouse.move(*start)
+        self.page.mouse.down()
+        for i in range(1, steps + 1):
+            self.page.mouse.move(*(start + way * i / steps))
+            self.page.wait_for_timeout(15)
+
+    def pixels(self):
+        """The organ's picture, (rows, columns, 3)."""
+        import io
+
+        from skimage.io import imread
+
+        shot = self.page.locator("#view").screenshot()
+        return imread(io.BytesIO(shot))[..., :3].astype(float)
+
+
+@pytest.fixture(params=[LAPTOP], ids=["laptop"])
+def touched(browser, request):
+    session = pp.Session(pp.model(organ(11), "blocks"), radius=10.0, sweeps=8)
+    view = request.param
+    context = browser.new_context(viewport=view, has_touch=view is PHONE, color_scheme="light")
+    with serving(session, loopback_socket(None), title="Test organ") as address:
+        mine = Touched(session, context.new_page())
+        mine.open(address)
+        yield mine
+        assert mine.problems == []
+        context.close()
+
+
+def agrees_with_push(touched):
+    """The force read from the page, against the model's own answer for the same point and displacement."""
+    frame = touched.see("palpate.frame")
+    radius = touched.session.settings.radius
+    expected = touched.session.model.push(frame["point"], frame["displacement"], radius, tolerance=1e-4).force
+    force = np.array(frame["force"])
+    assert np.linalg.norm(expected) > 0.1
+    assert np.linalg.norm(force - expected) <= 0.02 * np.linalg.norm(expected)
+    shown = float(touched.page.locator("#force").inner_text())
+    assert shown == pytest.approx(np.linalg.norm(force), abs=0.011)
+
+
+@pytest.mark.parametrize("way", [(60, -40), (-50, 30)])
+def test_pulled_surface_follows_the_pointer(touched, album, way):
+    touched.page.click("text=Pull")
+    start = touched.place()
+    touched.drag(start, np.array(way))
+    touched.settle()
+    held = np.array(touched.see("palpate.held()"))
+    assert np.linalg.norm(held - (start + way)) <= 10
+    assert np.linalg.norm(held - start) > 0.7 * np.linalg.norm(way)  # it did move
+    agrees_with_push(touched)
+    touched.page.screenshot(path=album / f"pull{way[0]}.png")
+    touched.page.mouse.up()
+    touched.wait("palpate.frame.grip === 0 && palpate.frame.force.every((f) => f === 0)")
+
+
+def test_press_goes_in_along_the_normal_and_is_felt(touched, album):
+    start = touched.place()
+    touched.drag(start, np.array((40, 10)))
+    touched.settle()
+    frame = touched.see("palpate.frame")
+    depth = np.linalg.norm(frame["displacement"])
+    surface = touched.session.model.tissue.surface
+    normal = surface.normal(surface.closest(np.array(frame["point"])))
+    assert np.dot(frame["displacement"], normal) == pytest.approx(-depth, rel=0.02)  # straight in
+    assert np.dot(frame["force"], normal) > 0.1  # and pushed out
+    assert touched.page.locator("#depth").inner_text() == f"{depth:.1f} mm"
+    agrees_with_push(touched)
+    touched.page.screenshot(path=album / "press.png")
+    touched.page.mouse.wheel(0, -300)
+    touched.wait(f"Math.hypot(...palpate.frame.displacement) > {1.1 * depth}")  # the wheel presses deeper
+    touched.page.mouse.up()
+    touched.wait("palpate.frame.grip === 0")
+
+
+def test_stroking_over_the_lump_feels_it(touched):
+    """The stiffness read from the page is higher over the lump than beside it."""
+    touched.page.keyboard.press("r")
+    felt = {}
+    for name, point in (("lump", (0.0, 0.0, 25.0)), ("beside", (26.0, 0.0, 19.0))):
+        nodes = touched.session.mesh.nodes[touched.session.shown]
+        node = int(np.argmin(np.linalg.norm(nodes - point, axis=1)))
+        touched.page.mouse.move(*touched.see(f"palpate.pixel({node})"))
+        touched.page.mouse.down()
+        touched.wait("palpate.frame.grip === 1")
+        touched.settle()
+        felt[name] = float(touched.page.locator("#stiffness").inner_text().split()[0])
+        touched.page.mouse.up()
+        touched.wait("palpate.frame.grip === 0")
+    assert felt["lump"] > 1.1 * felt["beside"]
+
+
+def test_wireframe_and_see_inside_change_the_picture(touched, album):
+    smooth = touched.pixels()
+    touched.page.click("text=Wireframe")
+    touched.page.wait_for_timeout(300)
+    wire = touched.pixels()
+    touched.page.screenshot(path=album / "wireframe.png")
+    touched.page.click("text=See inside")
+    touched.page.wait_for_timeout(300)
+    inside = touched.pixels()
+    touched.page.screenshot(path=album / "inside.png")
+    for one, other in ((smooth, wire), (wire, inside)):
+        assert (np.abs(one - other).max(axis=2) > 20).mean() > 0.01
+    flesh = (smooth[..., 0] > smooth[..., 2] + 30).mean()
+    assert flesh > 0.05  # the organ fills a good part of the picture
+    assert (wire[..., 0] > wire[..., 2] + 30).mean() < flesh / 2  # lines only
+
+
+def test_dragging_beside_the_organ_turns_the_view_and_touches_nothing(touched):
+    before = np.array(touched.see("palpate.pixel(0)"))
+    touched.drag(touched.place(0.04, 0.9), np.array((120, 0)))
+    touched.page.mouse.up()
+    assert np.linalg.norm(touched.see("palpate.pixel(0)") - before) > 10
+    touched.drag(touched.place(), np.array((0, 0)), steps=1)
+    touched.wait("palpate.frame.grip === 1")
+    touched.page.mouse.up()
+    touched.page.click("text=Reset view")
+    np.testing.assert_allclose(touched.see("palpate.pixel(0)"), before, atol=1)
+
+
+def test_session_felt_in_the_page_replays_to_the_bit(touched, album, tmp_path):
+    touched.drag(touched.place(), np.array((70, 20)), steps=30)
+    touched.page.mouse.up()
+    touched.page.click("text=Pull")
+    touched.drag(touched.place(0.45), np.array((30, -30)), steps=15)
+    session = touched.session
+    session.stop()
+    pp.write_record(tmp_path / "session.h5", session.record())
+    record = pp.read_record(tmp_path / "session.h5")
+    assert record.held.sum() > 10
+    again = pp.Session(session.model, radius=10.0, sweeps=8)
+    assert again.replay(record) is None
+    assert again.displacement.tobytes() == session.displacement.tobytes()
+    assert np.abs(session.displacement).max() > 0.1
+
+
+def test_lost_server_is_said_and_found_again(browser):
+    model = pp.model(organ(), "blocks")
+    listener = loopback_socket(None)
+    port = listener.getsockname()[1]
+    context = browser.new_context(viewport=LAPTOP)
+    touched = Touched(None, context.new_page())
+    with serving(pp.Session(model, radius=10.0, sweeps=4), listener) as address:
+        touched.open(address)
+        assert not touched.page.locator("#status").is_visible()
+    listener.close()
+    touched.wait("document.getElementById('status').textContent.includes('not running')")
+    assert touched.page.locator("#status").is_visible()
+    with loopback_socket(port) as listener, serving(pp.Session(model, radius=10.0, sweeps=4), listener):
+        touched.wait("document.getElementById('status').textContent.includes('started anew')")  # another token
+    context.close()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_fits_a_phone_and_obeys_a_finger(browser, album, scheme):
+    session = pp.Session(pp.model(organ(11), "blocks"), radius=10.0, sweeps=8)
+    context = browser.new_context(viewport=PHONE, has_touch=True, is_mobile=True, color_scheme=scheme)
+    with serving(session, loopback_socket(None), title="Test organ") as address:
+        touched = Touched(session, context.new_page())
+        touched.open(address)
+        page = touched.page
+        wide = touched.see("document.documentElement.scrollWidth")
+        assert wide == PHONE["width"]  # nothing sticks out sideways
+        for button in page.locator("button").all():
+            box = button.bounding_box()
+            assert box["y"] + box["height"] <= PHONE["height"]
+            assert box["height"] >= 32  # a fingertip
+        finger = context.new_cdp_session(page)
+        x, y = touched.place()
+        finger.send("Input.dispatchTouchEvent", {"type": "touchStart", "touchPoints": [{"x": x, "y": y}]})
+        finger.send("Input.dispatchTouchEvent", {"type": "touchMove", "touchPoints": [{"x": x + 15, "y": y}]})
+        touched.wait("palpate.frame.grip === 1")
+        touched.settle()
+        agrees_with_push(touched)
+        page.screenshot(path=album / f"phone-{scheme}.png")
+        finger.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+        touched.wait("palpate.frame.grip === 0")
+        assert touched.problems == []
+    context.close()

@@ -1,0 +1,295 @@
+"""The server: who is let in, what is refused, what goes over the wire."""
+
+import importlib.util
+import json
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import httpx
+import numpy as np
+import pytest
+from organs import organ
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect
+
+import palpate as pp
+from palpate.server import messages
+from palpate.server.serve import loopback_socket, serving
+
+HERE = Path(__file__).parent
+TOP = (0.0, 0.0, 25.0)
+PRESS = messages.Tool(1, 1, TOP, (0.0, 0.0, -3.0))
+RELEASE = messages.Tool(0, 2, (0.0,) * 3, (0.0,) * 3)
+
+
+@pytest.fixture(scope="module")
+def served():
+    """A running session and its address."""
+    session = pp.Session(pp.model(organ(), "blocks"), radius=10.0, sweeps=4)
+    with serving(session, loopback_socket(None), title="test organ") as address:
+        yield session, address
+
+
+@pytest.fixture
+def address(served):
+    return served[1]
+
+
+def socket_of(address, **changes):
+    """The page's socket, opened as a browser would."""
+    base, token = address.split("/?")
+    token = changes.pop("token", token)
+    return connect(f"{base.replace('http', 'ws')}/socket?{token}", origin=changes.pop("origin", base), **changes)
+
+
+def frames(page):
+    """The socket's frames, decoded by their documented layout."""
+    layout = messages.code(messages.Frame)
+    while True:
+        data = page.recv(timeout=10)
+        values = struct.unpack_from(layout, data)
+        grip, tick, _late, _faults, serial, _seconds, _busy = values[1:8]
+        displacement, force = values[11:14], values[14:17]
+        step, count = values[17:]
+        assert len(data) == struct.calcsize(layout) + 6 * count
+        moved = step * np.frombuffer(data, "<i2", offset=struct.calcsize(layout)).reshape(count, 3)
+        yield {"grip": grip, "tick": tick, "serial": serial, "force": force, "displacement": displacement, "u": moved}
+
+
+def until(page, wanted):
+    return next(frame for frame in frames(page) if wanted(frame))
+
+
+def test_page_is_served_to_who_has_the_token(address):
+    page = httpx.get(address)
+    assert page.status_code == 200
+    assert 'src="static/main.js"' in page.text
+    base = address.split("/?")[0]
+    for file in ("main.js", "worker.js", "style.css", "LICENSES.txt"):
+        assert httpx.get(f"{base}/static/{file}").status_code == 200
+    assert "three.js" in httpx.get(f"{base}/static/LICENSES.txt").text
+    assert httpx.get(f"{base}/static/../app.py").status_code == 404
+    policy = page.headers["content-security-policy"]
+    assert "default-src 'none'" in policy
+    assert "unsafe" not in policy
+
+
+@pytest.mark.parametrize("path", ["/", "/scene"])
+@pytest.mark.parametrize(
+    ("token", "headers", "why"),
+    [
+        ("token=wrong", {}, "token is wrong; open the address"),
+        ("", {}, "token is wrong; open the address"),
+        (None, {"Origin": "http://evil.example"}, "origin 'http://evil.example'"),
+        (None, {"Host": "evil.example"}, "host 'evil.example'"),
+    ],
+)
+def test_strangers_are_refused(address, path, token, headers, why):
+    base, right = address.split("/?")
+    answer = httpx.get(f"{base}{path}?{right if token is None else token}", headers=headers)
+    assert answer.status_code == 403
+    assert why in answer.text
+
+
+@pytest.mark.parametrize(
+    "changes", [{"token": "token=wrong"}, {"token": "token=%C3%A9"}, {"origin": "http://evil.example"}]
+)
+def test_strangers_get_no_socket(address, changes):
+    with pytest.raises(InvalidStatus) as refusal:
+        socket_of(address, **changes)
+    assert refusal.value.response.status_code == 403
+
+
+@pytest.mark.parametrize(
+    ("message", "closing"),
+    [
+        (b"\1" * 2000, 1009),  # too big for any message there is
+        (b"", 1008),
+        (messages.encode(PRESS)[:-1], 1008),
+        (b"\2" + messages.encode(PRESS)[1:], 1008),
+        (messages.encode(messages.Tool(1, 1, (float("nan"), 0, 0), (0, 0, 0))), 1008),
+        (messages.encode(messages.Tool(1, 1, TOP, (0, float("inf"), 0))), 1008),
+        (messages.encode(messages.Tool(1, 1, TOP, (0, 0, 1e6))), 1008),
+        ("text", 1008),
+    ],
+)
+def test_malformed_messages_close_the_socket_and_let_go(address, message, closing):
+    with socket_of(address) as page:
+        page.send(messages.encode(PRESS))
+        until(page, lambda frame: frame["grip"] == 1)
+        page.send(message)
+        with pytest.raises(ConnectionClosed):
+            until(page, lambda frame: False)
+        assert page.close_code == closing
+    with socket_of(address) as page:
+        until(page, lambda frame: frame["grip"] == 0)
+
+
+def test_press_moves_the_surface_and_release_ends_the_force(served):
+    session, address = served
+    expected = session.model.push(TOP, (0, 0, -3.0), 10.0)
+    with socket_of(address) as page:
+        page.send(messages.encode(PRESS))
+        settled = until(page, lambda f: f["serial"] == 1 and abs(f["force"][2] - expected.force[2]) < 2e-3)
+        page.send(messages.encode(RELEASE))
+        loose = until(page, lambda f: f["serial"] == 2)
+    assert expected.force[2] > 0.1
+    np.testing.assert_allclose(settled["u"], expected.displacement[session.shown], atol=0.05)
+    assert loose["grip"] == 0
+    assert loose["force"] == (0, 0, 0)
+
+
+def test_closing_the_page_lets_go(address):
+    with socket_of(address) as page:
+        page.send(messages.encode(PRESS))
+        until(page, lambda frame: frame["grip"] == 1)
+    with socket_of(address) as page:
+        assert until(page, lambda frame: frame["grip"] == 0)["force"] == (0, 0, 0)
+
+
+def test_who_holds_keeps_hold_until_letting_go(address):
+    other = messages.Tool(1, 77, (40.0, 0.0, 0.0), (5.0, 0.0, 0.0))
+    with socket_of(address) as first, socket_of(address) as second:
+        first.send(messages.encode(PRESS))
+        until(first, lambda frame: frame["serial"] == 1 and frame["grip"] == 1)
+        second.send(messages.encode(other))
+        second.send(messages.encode(RELEASE))  # not theirs to let go
+        first.send(messages.encode(messages.Tool(1, 3, TOP, (0, 0, -2.0))))
+        assert until(second, lambda frame: frame["serial"] == 3)["grip"] == 1
+        first.send(messages.encode(messages.Tool(0, 4, TOP, TOP)))
+        until(first, lambda frame: frame["grip"] == 0)
+        second.send(messages.encode(other))
+        until(second, lambda frame: frame["serial"] == 77 and frame["grip"] == 1)
+
+
+def test_a_page_that_does_not_read_gets_the_newest_frame_next(address):
+    with socket_of(address, max_queue=1) as slow, socket_of(address) as quick:
+        slow.send(messages.encode(PRESS))
+        until(quick, lambda frame: frame["serial"] == 1)
+        before = next(frames(slow))["tick"]
+        while (now := next(frames(quick))["tick"]) < before + 1500:
+            pass
+        for _ in range(200):  # what the system's buffers hold, then the newest
+            if next(frames(slow))["tick"] >= now:
+                break
+        else:
+            pytest.fail("frames pile up")
+
+
+def test_scene_holds_surface_and_lump(served):
+    session, address = served
+    data = httpx.get(address.replace("/?", "/scene?")).content
+    size = struct.unpack_from("<I", data)[0]
+    scene = json.loads(data[4 : 4 + size])
+    nodes = np.frombuffer(data, "<f4", 3 * scene["nodes"], 4 + size).reshape(-1, 3)
+    triangles = np.frombuffer(data, "<u4", -1, 4 + size + nodes.nbytes).reshape(-1, 3)
+    mesh = session.mesh
+    assert scene["title"] == "test organ"
+    assert [part["name"] for part in scene["parts"]] == ["organ", "lump"]
+    assert len(triangles) == scene["triangles"] == sum(part["count"] for part in scene["parts"])
+    np.testing.assert_allclose(nodes, mesh.nodes[session.shown], atol=1e-5)
+
+    def enclosed(part):
+        a, b, c = (nodes[triangles[part["first"] : part["first"] + part["count"], k]].astype(float) for k in range(3))
+        return float(np.einsum("ij,ij->", np.cross(a, b), c) / 6)
+
+    assert enclosed(scene["parts"][0]) == pytest.approx(mesh.volumes.sum(), rel=1e-4)
+    assert enclosed(scene["parts"][1]) == pytest.approx(mesh.volumes[mesh.region == 2].sum(), rel=1e-4)
+
+
+def test_wire_displacements_are_within_half_a_step():
+    class Frame:
+        grip, tick, late, faults, serial, seconds, busy = 1, 2**40, 3, 0, 9, 1.5, 1e-4
+        point = displacement = force = (1.0, 2.0, 3.0)
+        shown = np.random.default_rng(0).uniform(-9, 9, (50, 3)).astype(np.float32)
+
+    data = messages.frame_bytes(Frame)
+    size = struct.calcsize(messages.code(messages.Frame))
+    step = struct.unpack_from("<f", data, 74)[0]
+    assert size % 4 == 0
+    moved = step * np.frombuffer(data, "<i2", offset=size).reshape(-1, 3)
+    np.testing.assert_allclose(moved, Frame.shown, atol=0.51 * 9 / 32767)
+
+
+def test_generated_typescript_is_fresh():
+    spec = importlib.util.spec_from_file_location("page_messages", HERE.parent / "web" / "messages.py")
+    generator = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(generator)
+    committed = (HERE.parent / "web" / "src" / "messages.ts").read_text()
+    assert generator.source() == committed, "stale; run: python web/messages.py"
+
+
+def test_lock_file_names_no_registry():
+    lock = json.loads((HERE.parent / "web" / "package-lock.json").read_text())
+    assert lock["packages"]["node_modules/three"]["integrity"]
+    assert not [name for name, package in lock["packages"].items() if "resolved" in package]
+
+
+def test_port_in_use_is_named_before_any_work():
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        with pytest.raises(pp.errors.PortError) as refusal:
+            pp.touch(organ(), port=port, open_browser=False)
+    assert f"port {port}" in str(refusal.value)
+    assert f"--port {port + 1}" in str(refusal.value)
+
+
+def test_impossible_port():
+    with pytest.raises(pp.errors.PortError, match=r"port 70000.*1 to 65535"):
+        pp.touch(organ(), port=70000, open_browser=False)
+
+
+def test_record_that_cannot_be_written_is_refused_before_any_work(tmp_path):
+    with pytest.raises(pp.errors.FileError, match="mkdir"):
+        pp.touch(organ(), record=tmp_path / "no" / "session.h5", open_browser=False)
+
+
+def test_two_sessions_take_two_ports():
+    with loopback_socket(None) as first, loopback_socket(None) as second:
+        assert first.getsockname()[1] != second.getsockname()[1]
+
+
+def test_server_listens_on_loopback_only():
+    with loopback_socket(None) as listener:
+        assert listener.getsockname()[0] == "127.0.0.1"
+
+
+def test_interrupt_closes_cleanly_and_keeps_the_record(tmp_path):
+    """Ctrl-C with a page open and pressing: exit code 0, a whole record that replays."""
+    record = tmp_path / "session.h5"
+    program = f"""
+        import sys; sys.path.insert(0, {str(HERE)!r})
+        import palpate as pp
+        from organs import organ
+        if __name__ == "__main__":
+            pp.touch(organ(), open_browser=False, record={str(record)!r})
+    """
+    process = subprocess.Popen(
+        [sys.executable, "-c", textwrap.dedent(program)], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    )
+    try:
+        line = process.stdout.readline()
+        assert "http://127.0.0.1:" in line, line + process.stdout.read()
+        assert "ssh -N -L" in process.stdout.readline()
+        with socket_of(line.split()[-1]) as page:
+            page.send(messages.encode(PRESS))
+            until(page, lambda frame: frame["grip"] == 1)
+            process.send_signal(signal.SIGINT)
+            with pytest.raises(ConnectionClosed):
+                until(page, lambda frame: False)
+        rest = process.communicate(timeout=20)[0]
+    finally:
+        process.kill()
+    assert process.returncode == 0, rest
+    assert "Traceback" not in rest
+    saved = pp.read_record(record)
+    assert saved.held.tolist() == [True, False]
+    settings = {"radius": saved.settings["radius"], "sweeps": int(saved.settings["sweeps"])}
+    assert pp.Session(pp.model(organ(), "blocks"), **settings).replay(saved) is None

@@ -1,0 +1,126 @@
+"""Tissue: constants and supports that can be, and clear words for those that cannot."""
+
+import numpy as np
+import pytest
+from solids import brick
+
+import palpate as pp
+from palpate.errors import MaterialError
+
+MESH = brick((3, 3, 3), region=lambda c: np.where(c[:, 2] > 30, 2, 1))
+BOTTOM = MESH.nodes[:, 2] == 0
+
+
+def test_constants_may_be_given_per_region_by_number_or_name():
+    named = pp.TetMesh(MESH.nodes, MESH.tets, MESH.region, {1: "fat", 2: "lump"})
+    tissue = pp.Tissue(named, {"fat": 3.25, 2: 42.5}, {1: 0.3, "lump": 0.45}, BOTTOM)
+    np.testing.assert_array_equal(tissue.young, np.where(MESH.region == 2, 42.5, 3.25))
+    np.testing.assert_array_equal(tissue.poisson, np.where(MESH.region == 2, 0.45, 0.3))
+
+
+def test_fixed_nodes_may_be_a_mask_or_indices():
+    by_mask = pp.Tissue(MESH, 5, 0.3, BOTTOM)
+    by_index = pp.Tissue(MESH, np.full(len(MESH.tets), 5.0), 0.3, np.flatnonzero(BOTTOM))
+    np.testing.assert_array_equal(by_mask.fixed, by_index.fixed)
+    np.testing.assert_array_equal(by_mask.held, BOTTOM)
+
+
+@pytest.mark.parametrize(
+    ("constants", "words"),
+    [
+        ({"young": -5.0}, ["young", "-5", "tet 0", "positive"]),
+        ({"young": 0.0}, ["young", "0 kPa", "positive"]),
+        ({"young": np.nan}, ["young", "finite"]),
+        ({"young": [1.0, 2.0]}, ["young", "(2,)", str(len(MESH.tets))]),
+        ({"young": {1: 5.0}}, ["young", "region 2", "no value"]),
+        ({"young": {1: 5.0, 2: 5.0, 7: 5.0}}, ["young", "7", "1, 2"]),
+        ({"young": {"lump": 5.0}}, ["young", "lump", "1, 2"]),
+        ({"young": {1: 5.0, 2: -1.0}}, ["young", "-1", "positive"]),
+        ({"poisson": 0.5}, ["poisson", "0.5", "P2", "0.45"]),
+        ({"poisson": -0.1}, ["poisson", "-0.1"]),
+        ({"element": "mixed"}, ["element", "mixed", "P2"]),
+    ],
+)
+def test_impossible_constants_are_refused(constants, words):
+    given = {"young": 5.0, "poisson": 0.3, "element": "P1"} | constants
+    element = given.pop("element")
+    with pytest.raises(ValueError) as refusal:
+        pp.Tissue(MESH, **given, fixed=BOTTOM, element=element)
+    for word in words:
+        assert word in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("fixed", "words"),
+    [
+        ([], ["fixed", "no node", "resting_on"]),
+        ([0], ["fixed", "3 rigid motions", "three or more"]),
+        (np.flatnonzero((MESH.nodes[:, 1:] == 0).all(axis=1)), ["fixed", "1 rigid motion", "not on one line"]),
+        ([999], ["fixed", "999", "63"]),
+        ([-1, 0, 5], ["fixed", "-1"]),
+        (np.zeros(7, dtype=bool), ["fixed", "(64,)", "(7,)"]),
+        ([0.5, 1.5], ["fixed", "float"]),
+    ],
+)
+def test_supports_that_leave_a_rigid_motion_are_refused(fixed, words):
+    with pytest.raises(MaterialError) as refusal:
+        pp.Tissue(MESH, 5, 0.3, fixed)
+    for word in words:
+        assert word in str(refusal.value)
+
+
+def test_each_loose_part_needs_its_own_support():
+    one = brick((1, 1, 1))
+    two = pp.TetMesh(np.concatenate([one.nodes, one.nodes + 100]), np.concatenate([one.tets, one.tets + 8]))
+    with pytest.raises(MaterialError, match="part 1 of 2"):
+        pp.Tissue(two, 5, 0.3, np.arange(4))
+    pp.Tissue(two, 5, 0.3, np.concatenate([np.arange(4), 8 + np.arange(4)]))
+
+
+def test_a_part_hinged_on_one_edge_still_swings():
+    # Two tets that share only an edge: holding one leaves the other free to turn about it.
+    nodes = [[0, 0, 0], [0, 0, 10], [10, 0, 0], [0, 10, 0], [-10, 0, 0], [0, -10, 0]]
+    mesh = pp.TetMesh(nodes, [[0, 2, 3, 1], [0, 4, 5, 1]])
+    with pytest.raises(MaterialError, match="1 rigid motion"):
+        pp.Tissue(mesh, 5, 0.3, [0, 1, 2, 3])
+    pp.Tissue(mesh, 5, 0.3, [0, 1, 2, 3, 4])
+
+
+def test_resting_on_finds_the_face_on_the_table():
+    np.testing.assert_array_equal(pp.resting_on(MESH, (0, 0, -1)), np.flatnonzero(BOTTOM))
+    np.testing.assert_array_equal(pp.resting_on(MESH, (3, 0, 0)), np.flatnonzero(MESH.nodes[:, 0] == 50))
+    deep = pp.resting_on(MESH, (0, 0, -1), depth=17)
+    inside = ((MESH.nodes > 0) & (MESH.nodes < 50)).all(axis=1)
+    np.testing.assert_array_equal(deep, np.flatnonzero((MESH.nodes[:, 2] < 17) & ~inside))
+
+
+@pytest.mark.parametrize(
+    ("direction", "depth", "words"),
+    [
+        ((0, 0, 0), None, ["direction", "(0, 0, -1)"]),
+        ((1, 1, 1), None, ["1 nodes", "larger depth"]),
+        ((0, 0, -1), -2, ["depth", "-2"]),
+        ((0, np.nan, 1), None, ["direction", "finite"]),
+    ],
+)
+def test_a_table_that_holds_nothing_is_refused(direction, depth, words):
+    with pytest.raises(ValueError) as refusal:
+        pp.resting_on(MESH, direction, depth)
+    for word in words:
+        assert word in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("law", "words"),
+    [
+        ({"law": "cubic"}, ["law", "cubic", "exponential"]),
+        ({"rsc": 0.1}, ["rsc", "0.1", "negative"]),
+        ({"law": "uniform", "rsc": -0.1}, ["rsc", "-0.1", "positive"]),
+        ({"scale": -1.0}, ["scale", "-1", "positive"]),
+    ],
+)
+def test_springs_that_would_push_outwards_are_refused(law, words):
+    with pytest.raises(MaterialError) as refusal:
+        pp.SpringLaw(**law)
+    for word in words:
+        assert word in str(refusal.value)

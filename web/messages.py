@@ -1,0 +1,83 @@
+"""Writes src/messages.ts from palpate.server.messages: python web/messages.py. A test fails when it is stale."""
+
+import struct
+from dataclasses import fields
+from pathlib import Path
+from typing import get_args, get_origin, get_type_hints
+
+from palpate.server import messages
+
+HERE = Path(__file__).parent
+READ = {"B": ("getUint8", 1), "I": ("getUint32", 4), "f": ("getFloat32", 4), "d": ("getFloat64", 8)}
+PLAIN = {str: "string", int: "number", float: "number", bool: "boolean"}
+
+
+def plain(hint: object) -> str:
+    """TypeScript's name of a Python type in a JSON message."""
+    if get_origin(hint) is list:
+        return f"{plain(get_args(hint)[0])}[]"
+    return PLAIN.get(hint) or hint.__name__
+
+
+def sentence(message: type) -> str:
+    """The first sentence of what Python says about the message."""
+    return (message.__doc__ or "").split("\n")[0]
+
+
+def interface(message: type, types: dict[str, str]) -> list[str]:
+    """The message as a TypeScript interface."""
+    body = [f"  {name}: {kind};" for name, kind in types.items()]
+    return ["", f"/** {sentence(message)} */", f"export interface {message.__name__} {{", *body, "}"]
+
+
+def binary(message: type) -> list[str]:
+    """Interface, size, encoder and decoder of a binary message."""
+    hints = get_type_hints(message, include_extras=True)
+    codes = {field.name: get_args(hints[field.name])[1] for field in fields(message)}
+    types = {name: "Vector" if code == "3f" else "number" for name, code in codes.items()}
+    name, kind, at = message.__name__, messages.BINARY.index(message) + 1, 1
+    put, get = [f"  view.setUint8(0, {kind});"], []
+    for field, code in codes.items():
+        call, size = READ[code[-1]]
+        little = "" if size == 1 else ", true"
+        if code == "3f":
+            spots = [f"view.{call}({at + 4 * i}, true)" for i in range(3)]
+            get.append(f"    {field}: [{', '.join(spots)}],")
+            put += [f"  view.{call.replace('get', 'set')}({at + 4 * i}, message.{field}[{i}], true);" for i in range(3)]
+            at += 12
+        else:
+            get.append(f"    {field}: view.{call}({at}{little}),")
+            put.append(f"  view.{call.replace('get', 'set')}({at}, message.{field}{little});")
+            at += size
+    total = struct.calcsize(messages.code(message))
+    return [
+        *interface(message, types),
+        f"export const {name.upper()}_BYTES = {total};",
+        f"export function encode{name}(message: {name}): ArrayBuffer {{",
+        f"  const view = new DataView(new ArrayBuffer({name.upper()}_BYTES));",
+        *put,
+        "  return view.buffer;",
+        "}",
+        f"export function decode{name}(view: DataView): {name} {{",
+        f"  if (view.getUint8(0) !== {kind}) throw new Error(`not a {name}: kind ${{view.getUint8(0)}}`);",
+        "  return {",
+        *get,
+        "  };",
+        "}",
+    ]
+
+
+def source() -> str:
+    """The whole of src/messages.ts."""
+    lines = ["// Written by web/messages.py from palpate.server.messages; do not edit.", ""]
+    lines.append("export type Vector = [number, number, number];")
+    for message in messages.BINARY:
+        lines += binary(message)
+    for message in messages.JSON:
+        hints = get_type_hints(message)
+        lines += interface(message, {field.name: plain(hints[field.name]) for field in fields(message)})
+    return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    (HERE / "src" / "messages.ts").write_text(source())

@@ -1,0 +1,88 @@
+// Plain loops over typed arrays: three's own versions of these are several times slower on a mesh that moves.
+import type { Vector } from "./messages";
+
+/** A point of a triangle mesh: corner weights sum to 1. */
+export interface Hit {
+  triangle: number;
+  weights: Vector;
+  distance: number;
+}
+
+/** First triangle that a ray meets (Möller & Trumbore 1997), from either side, among triangles first..first + count. */
+export function pick(
+  origin: Vector, direction: Vector, positions: Float32Array, triangles: Uint32Array, first: number, count: number,
+): Hit | null {
+  const [ox, oy, oz] = origin;
+  const [dx, dy, dz] = direction;
+  let best: Hit | null = null;
+  for (let t = first; t < first + count; t++) {
+    const a = 3 * triangles[3 * t], b = 3 * triangles[3 * t + 1], c = 3 * triangles[3 * t + 2];
+    const ax = positions[a], ay = positions[a + 1], az = positions[a + 2];
+    const ex = positions[b] - ax, ey = positions[b + 1] - ay, ez = positions[b + 2] - az;
+    const fx = positions[c] - ax, fy = positions[c + 1] - ay, fz = positions[c + 2] - az;
+    const px = dy * fz - dz * fy, py = dz * fx - dx * fz, pz = dx * fy - dy * fx;
+    const determinant = ex * px + ey * py + ez * pz;
+    if (Math.abs(determinant) < 1e-12) continue;
+    const sx = ox - ax, sy = oy - ay, sz = oz - az;
+    const u = (sx * px + sy * py + sz * pz) / determinant;
+    if (u < 0 || u > 1) continue;
+    const qx = sy * ez - sz * ey, qy = sz * ex - sx * ez, qz = sx * ey - sy * ex;
+    const v = (dx * qx + dy * qy + dz * qz) / determinant;
+    if (v < 0 || u + v > 1) continue;
+    const distance = (fx * qx + fy * qy + fz * qz) / determinant;
+    if (distance > 0 && (!best || distance < best.distance)) best = { triangle: t, weights: [1 - u - v, u, v], distance };
+  }
+  return best;
+}
+
+/** A value of three numbers a node, interpolated at a hit. */
+export function at(hit: Hit, values: Float32Array, triangles: Uint32Array): Vector {
+  const out: Vector = [0, 0, 0];
+  for (let c = 0; c < 3; c++) {
+    const node = 3 * triangles[3 * hit.triangle + c];
+    for (let k = 0; k < 3; k++) out[k] += hit.weights[c] * values[node + k];
+  }
+  return out;
+}
+
+/** Unit normals of nodes, each the mean of the triangles around weighted by area. */
+export function normals(positions: Float32Array, triangles: Uint32Array, out: Float32Array): void {
+  out.fill(0);
+  for (let t = 0; t < triangles.length; t += 3) {
+    const a = 3 * triangles[t], b = 3 * triangles[t + 1], c = 3 * triangles[t + 2];
+    const ex = positions[b] - positions[a], ey = positions[b + 1] - positions[a + 1], ez = positions[b + 2] - positions[a + 2];
+    const fx = positions[c] - positions[a], fy = positions[c + 1] - positions[a + 1], fz = positions[c + 2] - positions[a + 2];
+    const nx = ey * fz - ez * fy, ny = ez * fx - ex * fz, nz = ex * fy - ey * fx;
+    out[a] += nx; out[a + 1] += ny; out[a + 2] += nz;
+    out[b] += nx; out[b + 1] += ny; out[b + 2] += nz;
+    out[c] += nx; out[c + 1] += ny; out[c + 2] += nz;
+  }
+  for (let i = 0; i < out.length; i += 3) {
+    const length = Math.hypot(out[i], out[i + 1], out[i + 2]) || 1;
+    out[i] /= length; out[i + 1] /= length; out[i + 2] /= length;
+  }
+}
+
+/** Pairs of nodes joined by an edge, each once. */
+export function edges(triangles: Uint32Array, first: number, count: number): Uint32Array {
+  const seen = new Set<number>();
+  const pairs: number[] = [];
+  for (let t = first; t < first + count; t++)
+    for (let c = 0; c < 3; c++) {
+      const a = triangles[3 * t + c], b = triangles[3 * t + ((c + 1) % 3)];
+      const key = Math.min(a, b) * 67108864 + Math.max(a, b);
+      if (!seen.has(key)) {
+        seen.add(key);
+        pairs.push(a, b);
+      }
+    }
+  return Uint32Array.from(pairs);
+}
+
+export const add = (a: Vector, b: Vector): Vector => [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
+export const minus = (a: Vector, b: Vector): Vector => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
+export const times = (a: Vector, s: number): Vector => [s * a[0], s * a[1], s * a[2]];
+export const dot = (a: Vector, b: Vector): number => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+export const length = (a: Vector): number => Math.hypot(a[0], a[1], a[2]);
+/** `a`, shortened to `most` if it is longer. */
+export const atMost = (a: Vector, most: number): Vector => (length(a) > most ? times(a, most / length(a)) : a);
