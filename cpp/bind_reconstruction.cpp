@@ -93,14 +93,15 @@ void bind_prior(nb::module_& m) {
 }
 
 void same_shape(const Geometry& g, const In<float, 3>& pixels) {
-    if (int64_t(pixels.size()) != int64_t(g.views.size()) * g.pixels()) throw std::invalid_argument("pixels: wrong size");
+    if (int64_t(pixels.size()) != int64_t(g.views.size()) * g.pixels())
+        throw std::invalid_argument("pixels: wrong size");
 }
 
 void bind_descent(nb::module_& m) {
     m.def(
         "descend",
-        [](const Geometry& g, In<float, 3> slope, In<float, 3> curvature, Array<float, 3> f, int potential,
-           double edge, double beta, double relaxation, bool backwards) {
+        [](const Geometry& g, In<float, 3> slope, In<float, 3> curvature, Array<float, 3> f, int potential, double edge,
+           double beta, double relaxation, bool backwards) {
             same_shape(g, slope);
             same_shape(g, curvature);
             const int64_t shape[3] = {g.grid.nz, g.grid.ny, g.grid.nx};

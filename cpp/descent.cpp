@@ -10,19 +10,18 @@ Paraboloid::Paraboloid(const Geometry& geometry, const float* slope, const float
     parallel(int64_t(images.size()), [&](int64_t begin, int64_t end, int) {
         for (int64_t k = begin; k < end; k++) {
             const View& v = geometry.views[k];
+            const Layout layout(v);
             const float *h1 = slope + k * geometry.pixels(), *h2 = curvature + k * geometry.pixels();
-            const int rows = v.resampled ? v.panel.rows : v.nb, columns = v.resampled ? v.panel.columns : v.na;
-            const int64_t start = v.resampled ? 0 : v.start, down = v.resampled ? columns : v.step_b,
-                          right = v.resampled ? 1 : v.step_a;
             Image& image = images[k];
-            image.stride = columns + column_padding;
-            image.slope.assign(rows * image.stride + column_padding, 0);
+            image.stride = layout.stride;
+            image.slope.assign(layout.rows * layout.stride + column_padding, 0);
             image.curvature.assign(image.slope.size(), 0);
-            for (int64_t b = 0; b < rows; b++)
-                for (int64_t a = 0; a < columns; a++) {
-                    const int64_t pixel = start + b * down + a * right;
-                    image.slope[b * image.stride + a] = h1[pixel] * v.path[pixel];
-                    image.curvature[b * image.stride + a] = h2[pixel] * v.path[pixel] * v.path[pixel];
+            for (int64_t row = 0; row < layout.rows; row++)
+                for (int64_t column = 0; column < layout.columns; column++) {
+                    const int64_t pixel = layout.start + row * layout.down + column * layout.right;
+                    const float path = layout.boxed ? v.path[pixel] : 1;
+                    image.slope[row * image.stride + column] = h1[pixel] * path;
+                    image.curvature[row * image.stride + column] = h2[pixel] * path * path;
                 }
         }
     });
@@ -63,58 +62,80 @@ PALPATE_KERNEL void spread(const Box& box, float change, const float* curvature,
         }
 }
 
+// The same two for a footprint that is a list.
+void gather_list(const Box& box, const float* slope, const float* curvature, Lanes* sums) {
+    for (int64_t i = 0; i < box.count; i++) {
+        const float a = box.weight[i];
+        sums[0][i % lanes] += a * slope[box.pixels[i]];
+        sums[1][i % lanes] += a * a * curvature[box.pixels[i]];
+    }
+}
+
+void spread_list(const Box& box, float change, const float* curvature, float* slope) {
+    for (int64_t i = 0; i < box.count; i++) slope[box.pixels[i]] += box.weight[i] * curvature[box.pixels[i]] * change;
+}
+
 // What one thread needs, made once a sweep.
 struct Scratch {
     std::vector<float> gradient, curvature; // of the prior, along a row
-    std::vector<float> boxes, pixels;
+    std::vector<RowScratch> view;
     std::vector<Box> box;
 };
 
 // Footprints of a slice in all views.
 struct Slice {
     const Geometry& geometry;
-    std::vector<SliceFootprints> views;
-    int64_t capacity = 0; // of the boxes of one voxel in all views
+    std::vector<SliceBoxes> views;
+    Footprints all; // for the views that are not boxed
+    bool boxed = true;
     int stride = 1;
 
-    explicit Slice(const Geometry& g) : geometry(g), views(g.views.size()) {}
+    explicit Slice(const Geometry& g) : geometry(g), views(g.views.size()), all(g) {
+        for (const View& v : g.views) boxed = boxed && Layout(v).boxed;
+    }
 
     void make(int z) {
-        std::vector<int64_t> needs(views.size());
         std::vector<int> apart(views.size());
         parallel(int64_t(views.size()), [&](int64_t begin, int64_t end, int) {
             for (int64_t k = begin; k < end; k++) {
                 views[k].make(geometry, geometry.views[k], z);
-                needs[k] = views[k].capacity();
                 apart[k] = views[k].rows_apart();
             }
         });
-        capacity = 0;
-        for (int64_t need : needs) capacity += need;
+        if (!boxed) all.prepare(z);
         stride = *std::max_element(apart.begin(), apart.end());
     }
 
-    void prepare(Scratch& s) const {
-        const bool any_tilted = std::any_of(geometry.views.begin(), geometry.views.end(),
-                                            [](const View& v) { return v.resampled; });
+    void begin_row(int y, Scratch& s) const {
         s.gradient.resize(geometry.grid.nx);
         s.curvature.resize(geometry.grid.nx);
-        s.boxes.resize(std::max<size_t>(s.boxes.size(), capacity));
-        s.pixels.resize(any_tilted ? geometry.pixels() : 0);
+        s.view.resize(views.size());
         s.box.resize(views.size());
+        for (size_t k = 0; k < views.size(); k++) views[k].begin_row(y, s.view[k]);
     }
 
-    // Boxes of voxel (y, x), and its slope and curvature over all views.
+    // Footprints of voxel (y, x), and its slope and curvature over all views.
     void measure(int y, int x, Paraboloid& data, Scratch& s, float& slope, float& curvature) const {
         Lanes sums[2] = {};
-        float* room = s.boxes.data();
-        for (size_t k = 0; k < views.size(); k++) {
-            views[k].box(y, x, room, s.pixels.data(), s.box[k]);
-            room += int64_t(s.box[k].height) * s.box[k].width;
-            gather(s.box[k], data.slope(int(k)), data.curvature(int(k)), data.stride(int(k)), sums);
+        for (int k = 0; k < int(views.size()); k++) {
+            Box& box = s.box[k];
+            views[k].box(all, k, y, x, s.view[k], box);
+            if (box.pixels)
+                gather_list(box, data.slope(k), data.curvature(k), sums);
+            else
+                gather(box, data.slope(k), data.curvature(k), data.stride(k), sums);
         }
         slope = total(sums[0]);
         curvature = total(sums[1]);
+    }
+
+    void move(float change, Paraboloid& data, const Scratch& s) const {
+        for (int k = 0; k < int(views.size()); k++) {
+            if (s.box[k].pixels)
+                spread_list(s.box[k], change, data.curvature(k), data.slope(k));
+            else
+                spread(s.box[k], change, data.curvature(k), data.stride(k), data.slope(k));
+        }
     }
 };
 
@@ -123,6 +144,7 @@ void descend_row(const Slice& slice, const Neighbourhood& n, const Sweep& sweep,
     const float beta = sweep.beta;
     float* row = f + (int64_t(z) * n.ny + y) * n.nx;
     const bool smooth = beta > 0;
+    slice.begin_row(y, s);
     const float beside = n.weight[1][1][0];
     if (smooth) prior_across_rows(n, f, z, y, s.gradient.data(), s.curvature.data());
     for (int64_t i = 0; i < n.nx; i++) {
@@ -145,8 +167,7 @@ void descend_row(const Slice& slice, const Neighbourhood& n, const Sweep& sweep,
         const float moved = std::max(0.0f, old - sweep.relaxation * gradient / curvature), change = moved - old;
         if (change == 0) continue;
         row[x] = moved;
-        for (size_t k = 0; k < slice.views.size(); k++)
-            spread(s.box[k], change, data.curvature(int(k)), data.stride(int(k)), data.slope(int(k)));
+        slice.move(change, data, s);
     }
 }
 
@@ -159,7 +180,6 @@ void descend(const Geometry& geometry, const Neighbourhood& n, const Sweep& swee
         const int z = int(sweep.backwards ? n.nz - 1 - i : i);
         slice.make(z);
         const int64_t stride = std::max(2, slice.stride); // neighbouring rows are bound by the prior
-        for (Scratch& s : scratch) slice.prepare(s);
         const int64_t classes = std::min<int64_t>(stride, n.ny);
         for (int64_t j = 0; j < classes; j++) {
             const int64_t first = sweep.backwards ? classes - 1 - j : j;
@@ -177,13 +197,14 @@ void diagonal(const Geometry& geometry, Paraboloid& data, float* d) {
     std::vector<Scratch> scratch(threads());
     for (int z = 0; z < grid.nz; z++) {
         slice.make(z);
-        for (Scratch& s : scratch) slice.prepare(s);
         parallel(grid.ny, [&](int64_t begin, int64_t end, int thread) {
-            for (int64_t y = begin; y < end; y++)
+            for (int64_t y = begin; y < end; y++) {
+                slice.begin_row(int(y), scratch[thread]);
                 for (int x = 0; x < grid.nx; x++) {
                     float slope;
                     slice.measure(int(y), x, data, scratch[thread], slope, d[z * grid.slice() + y * grid.nx + x]);
                 }
+            }
         });
     }
 }

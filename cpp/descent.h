@@ -6,8 +6,8 @@
 namespace palpate {
 
 // The data's paraboloid, Σ_i slope_i t + curvature_i t²/2 around the line integrals of the current volume. Per view, on
-// the pixels on which its footprints are products (the parallel panel), or else on the measured ones; the length of each
-// ray's path is folded in: slope · path and curvature · path².
+// the pixels on which its footprints are products (the parallel panel), or else on the measured ones; the length of
+// each ray's path is folded in: slope · path and curvature · path².
 class Paraboloid {
 public:
     Paraboloid(const Geometry& geometry, const float* slope, const float* curvature);
@@ -23,8 +23,9 @@ private:
     std::vector<Image> images;
 };
 
-// beta: weight of the prior. relaxation: 1 moves each voxel to the minimum of its parabola; up to 2 it overshoots and the
-// parabola's value still never rises (over-relaxation, which speeds up smooth errors). backwards: the reverse order.
+// beta: weight of the prior. relaxation: 1 moves each voxel to the minimum of its parabola; up to 2 it overshoots and
+// the parabola's value still never rises (over-relaxation, which speeds up smooth errors). backwards: the reverse
+// order.
 struct Sweep {
     float beta, relaxation;
     bool backwards;
@@ -32,8 +33,8 @@ struct Sweep {
 
 // One sweep of coordinate descent over f (z, y, x) on the paraboloid + β·prior (PS,P,CD: Erdogan & Fessler, IEEE Trans.
 // Med. Imaging 18:801, 1999): each voxel along its parabola, clipped at 0, the slopes following at once.
-// Order: slices; in a slice, classes of rows y = class, class + stride, ...; in a row, x. Rows of a class share no pixel
-// and no pair of neighbours, so threads over them give exactly the sequential answer.
+// Order: slices; in a slice, classes of rows y = class, class + stride, ...; in a row, x. Rows of a class share no
+// pixel and no pair of neighbours, so threads over them give exactly the sequential answer.
 void descend(const Geometry& geometry, const Neighbourhood& neighbours, const Sweep& sweep, Paraboloid& data, float* f);
 
 // d_j = Σ_i a_ij² curvature_i: the paraboloid's curvature in each voxel, (z, y, x).

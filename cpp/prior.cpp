@@ -8,7 +8,8 @@
 namespace palpate {
 namespace {
 
-// One step of the neighbourhood for a whole row: a is the row, b the neighbouring row already shifted by the step along x.
+// One step of the neighbourhood for a whole row: a is the row, b the neighbouring row already shifted by the step along
+// x.
 template <Potential potential>
 PALPATE_INLINE void add_row(const float* __restrict a, const float* __restrict b, int64_t count, float weight,
                             float edge, float* __restrict gradient, float* __restrict curvature) {
@@ -24,8 +25,10 @@ PALPATE_KERNEL void add_step(Potential potential, const float* a, const float* b
     switch (potential) {
     case Potential::quadratic:
         return add_row<Potential::quadratic>(a, b, count, weight, edge, gradient, curvature);
-    case Potential::huber: return add_row<Potential::huber>(a, b, count, weight, edge, gradient, curvature);
-    case Potential::lange: return add_row<Potential::lange>(a, b, count, weight, edge, gradient, curvature);
+    case Potential::huber:
+        return add_row<Potential::huber>(a, b, count, weight, edge, gradient, curvature);
+    case Potential::lange:
+        return add_row<Potential::lange>(a, b, count, weight, edge, gradient, curvature);
     }
 }
 

@@ -5,7 +5,8 @@ namespace palpate {
 
 enum class Potential { quadratic, huber, lange };
 
-// R(f) = Σ over pairs of neighbours of ω ψ(f_j − f_s): 26 neighbours (voxels that share at least a vertex), each pair once.
+// R(f) = Σ over pairs of neighbours of ω ψ(f_j − f_s): 26 neighbours (voxels that share at least a vertex), each pair
+// once.
 struct Neighbourhood {
     int64_t nz, ny, nx;
     float weight[3][3][3]; // ω for the step (dz, dy, dx) − 1, mm; the middle is 0
