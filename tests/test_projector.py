@@ -1,11 +1,12 @@
 """The projector: exact line integrals, an exact transpose, and the symmetries of space."""
 
 import numpy as np
-import palpate as pp
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from oracle_projector import projections
+
+import palpate as pp
 from palpate import _core
 
 FAST = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])

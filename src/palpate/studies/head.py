@@ -80,11 +80,8 @@ def left_out(scan: Scan, stages: Stages) -> list[tuple[int, float, float, float 
     for k in range(len(scan.views)):
         stages.progress(f"view {k} predicted from the others", k / len(scan.views))
         others = [i for i in range(len(scan.views)) if i != k]
-        step = None
-        for step in iterates(coarse_scan[others], coarse_grid, levels=2, likelihood="least-squares"):
-            pass
-        assert step is not None
-        predicted = Projector(scan.views[[k]], coarse_grid)(step.volume.values)[0]
+        *_, last = iterates(coarse_scan[others], coarse_grid, levels=2, likelihood="least-squares")
+        predicted = Projector(scan.views[[k]], coarse_grid)(last.volume.values)[0]
         guesses = [predicted]
         if 0 < k < len(scan.views) - 1:
             guesses.append((measured[k - 1] + measured[k + 1]) / 2)
@@ -113,7 +110,10 @@ def _scan_section(scan: Scan, measured: Float32, again: Float32, fits: Sequence[
             f"{ERODED} pixels off the field's edge).",
         ],
         pictures=[
-            (projections(measured[::2], titles[::2]), "Measured, -log(intensity / open beam); r is the re-projection's."),
+            (
+                projections(measured[::2], titles[::2]),
+                "Measured, -log(intensity / open beam); r is the re-projection's.",
+            ),
             (projections(again[::2], titles[::2]), "Re-projected from the volume."),
         ],
     )
@@ -125,7 +125,10 @@ def _volume_section(volume: Volume) -> Section:
         "Slices",
         [f"M-MAP-3 on {' x '.join(map(str, volume.grid.shape))} voxels (z, y, x) of 5 x 1 x 1 mm, front to back."],
         pictures=[
-            (slices(volume, np.linspace(0.2 * nz, 0.8 * nz, 8).astype(int).tolist()), "Coronal slices at eight depths."),
+            (
+                slices(volume, np.linspace(0.2 * nz, 0.8 * nz, 8).astype(int).tolist()),
+                "Coronal slices at eight depths.",
+            ),
             (
                 three_planes(volume, [nz // 2, volume.grid.shape[1] // 2, volume.grid.shape[2] // 2]),
                 "Three planes through the isocentre. The views span 40°: depth is smeared in the second and third.",
