@@ -74,9 +74,9 @@ def test_exact_line_integrals_of_white_noise(case):
     rng = np.random.default_rng(7)
     x = rng.random(grid.shape, dtype=np.float32)
     p = pp.Projector(views, grid)(x)
-    for view in sorted({0, 1, len(views) // 2, len(views) - 1}):
+    for view in sorted({0, 1, len(views) - 1}):
         hit = np.argwhere(p[view] > 0.05 * p[view].max())
-        pixels = hit[rng.integers(0, len(hit), 60)]
+        pixels = hit[rng.integers(0, len(hit), 40)]
         exact = projections(x, views, grid, view, pixels)
         error = p[view][tuple(pixels.T)] - exact
         assert np.linalg.norm(exact) > 0
@@ -274,9 +274,10 @@ def test_voxels_that_no_ray_meets_get_nothing_back():
     assert not back[:, :, :10].any()
 
 
-@pytest.mark.parametrize("case", [circular, skew], ids=lambda case: case.__name__)
+@pytest.mark.parametrize("case", [circular, head, skew], ids=lambda case: case.__name__)
 def test_any_number_of_threads_gives_the_same_bits(case):
     views, grid, _ = case()
+    views = views[:3]
     grid = pp.Grid((9, *grid.shape[1:]), grid.spacing, grid.origin)
     A = pp.Projector(views, grid)
     x, y = noise(grid), np.random.default_rng(1).random(A.range_shape, dtype=np.float32)
