@@ -62,7 +62,7 @@ def shell(points):
 
 
 def pair(points):
-    return 2.7 - np.minimum(np.linalg.norm(points - [3, 0, 0], axis=1), np.linalg.norm(points + [3, 0, 0], axis=1))
+    return 2.7 - np.minimum(np.linalg.norm(points - [3, 0, 0], axis=1), np.linalg.norm(points - [-3, 0, 0], axis=1))
 
 
 @pytest.mark.parametrize(

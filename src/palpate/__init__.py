@@ -6,15 +6,17 @@ The public names, in the order of the data. Each is imported when it is first us
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.1.0"
+from palpate.version import __version__ as __version__
 
 if TYPE_CHECKING:
     from palpate.meshes.files import read_mesh as read_mesh
     from palpate.meshes.files import write_mesh as write_mesh
     from palpate.meshes.mesh import TetMesh as TetMesh
-    from palpate.scans.correct import open_beam as open_beam
     from palpate.meshes.quality import mesh_quality as mesh_quality
     from palpate.meshes.stuffing import tetrahedralize as tetrahedralize
+    from palpate.reconstruction.projector import Projector as Projector
+    from palpate.scans.correct import equal_contrast as equal_contrast
+    from palpate.scans.correct import open_beam as open_beam
     from palpate.scans.files import read_scan as read_scan
     from palpate.scans.files import write_scan as write_scan
     from palpate.scans.geometry_file import read_geometry as read_geometry
@@ -30,15 +32,10 @@ if TYPE_CHECKING:
     from palpate.scans.phantom import Phantom as Phantom
     from palpate.scans.phantom import breast_phantom as breast_phantom
     from palpate.scans.phantom import slab_phantom as slab_phantom
-    from palpate.reconstruction.projector import Projector as Projector
     from palpate.scans.scan import Scan as Scan
     from palpate.scans.simulate import simulate_scan as simulate_scan
     from palpate.scans.views import Panel as Panel
     from palpate.scans.views import Views as Views
-    from palpate.volumes.files import read_labels as read_labels
-    from palpate.volumes.files import read_volume as read_volume
-    from palpate.volumes.files import write_labels as write_labels
-    from palpate.volumes.files import write_volume as write_volume
     from palpate.server.serve import touch as touch
     from palpate.simulation.devices.pointer import Command as Command
     from palpate.simulation.devices.pointer import Pointer as Pointer
@@ -57,7 +54,13 @@ if TYPE_CHECKING:
     from palpate.tissue.tissue import SpringLaw as SpringLaw
     from palpate.tissue.tissue import Tissue as Tissue
     from palpate.tissue.tissue import resting_on as resting_on
+    from palpate.volumes.files import read_labels as read_labels
+    from palpate.volumes.files import read_volume as read_volume
+    from palpate.volumes.files import write_labels as write_labels
+    from palpate.volumes.files import write_volume as write_volume
     from palpate.volumes.grid import Grid as Grid
+    from palpate.volumes.metrics import contrast_to_noise as contrast_to_noise
+    from palpate.volumes.metrics import nmse as nmse
     from palpate.volumes.segment import segment as segment
     from palpate.volumes.volume import Labels as Labels
     from palpate.volumes.volume import Volume as Volume
@@ -66,6 +69,8 @@ _HOME = {
     "Grid": "volumes.grid",
     "Volume": "volumes.volume",
     "Labels": "volumes.volume",
+    "nmse": "volumes.metrics",
+    "contrast_to_noise": "volumes.metrics",
     "read_volume": "volumes.files",
     "write_volume": "volumes.files",
     "read_labels": "volumes.files",
@@ -84,6 +89,7 @@ _HOME = {
     "import_scan": "scans.importers",
     "read_geometry": "scans.geometry_file",
     "open_beam": "scans.correct",
+    "equal_contrast": "scans.correct",
     "Phantom": "scans.phantom",
     "Ellipsoid": "scans.phantom",
     "Box": "scans.phantom",

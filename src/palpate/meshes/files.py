@@ -50,8 +50,8 @@ def read_mesh(path: str | Path) -> TetMesh:
     """The tetrahedra of a .vtu or .msh file (Gmsh 1, 2 and 4), their regions and names.
 
     Inverted tets are turned round and nodes of no tet dropped, with a warning. Raises `FileError` for a file that is
-    missing or cannot be read, `DataError` for nodes that are not finite, `MeshError` for one without tetrahedra, with flat ones, or with a skin that is not a
-    2-manifold.
+    missing or cannot be read, `DataError` for nodes that are not finite, `MeshError` for one without tetrahedra, with
+    flat ones, or with a skin that is not a 2-manifold.
     """
     path = Path(path)
     mesh_format(path)

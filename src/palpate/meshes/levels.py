@@ -5,7 +5,8 @@ from numpy.typing import ArrayLike
 from scipy import ndimage
 
 from palpate.arrays import Bool, Float64, Int64
-from palpate.volumes.grid import Grid
+
+LOW, HIGH = 0.02, 0.98  # no level of a smoothed mask lies outside these
 
 
 class Level:
@@ -18,15 +19,17 @@ class Level:
     def __init__(self, mask: Bool, spacing: ArrayLike, width: ArrayLike) -> None:
         self.spacing = np.array(spacing, dtype=np.float64)
         sigma = np.array(width) / self.spacing
-        self._margin = np.ceil(4 * sigma).astype(int) + 2
-        padded = np.pad(mask, [(int(m), int(m)) for m in self._margin]).astype(np.float32)
+        box = box_of(mask)
+        margin = np.ceil(4 * sigma).astype(int) + 2
+        padded = np.pad(mask[box], [(int(m), int(m)) for m in margin]).astype(np.float32)
+        self._first = np.array([span.start for span in box]) - margin  # index of the first voxel that is kept
         self.smooth = ndimage.gaussian_filter(padded, sigma, mode="constant")
         self.level = 0.5
-        self._sorted = self._samples()
+        self._sorted, self._above = self._samples()
 
     def __call__(self, points: Float64) -> Float64:
         """(N,) positive inside, at (N, 3) mm."""
-        index = (points[:, ::-1] / self.spacing + self._margin).T
+        index = (points[:, ::-1] / self.spacing - self._first).T
         values: Float64 = ndimage.map_coordinates(
             self.smooth, index, output=np.float64, order=1, mode="constant", cval=0.0, prefilter=False
         )
@@ -34,37 +37,46 @@ class Level:
 
     def enclose(self, volume: float) -> None:
         """Sets the level inside which lie `volume` mm³."""
-        wanted = len(self._sorted) - volume / self._sample_volume
-        level = np.interp(wanted, np.arange(len(self._sorted)), self._sorted)
-        self.level = float(np.clip(level, 0.02, 0.98))
+        below = len(self._sorted) + self._above - volume / self._sample_volume
+        at = float(np.clip(below, 0, len(self._sorted) - 1))
+        low = min(int(at), len(self._sorted) - 2)
+        self.level = float(np.interp(at, [low, low + 1], self._sorted[low : low + 2]))
 
     def triangles(self) -> tuple[Float64, Int64]:
         """The surface itself: (V, 3) mm and (T, 3), by marching cubes, triangles about the size of a voxel."""
         from skimage.measure import marching_cubes
 
         vertices, faces, _, _ = marching_cubes(self.smooth, self.level)
-        points: Float64 = ((vertices.astype(np.float64) - self._margin) * self.spacing)[:, ::-1]
+        points: Float64 = ((vertices.astype(np.float64) + self._first) * self.spacing)[:, ::-1]
         return points, faces.astype(np.int64)
 
-    def _samples(self) -> Float64:
-        """The smooth mask on a grid finer by a whole factor, sorted: how much volume lies above each level."""
+    def _samples(self) -> tuple[Float64, int]:
+        """The smooth mask on a finer grid: its values from LOW to HIGH, sorted, and how many lie above HIGH."""
         fine = int(np.clip((4e6 / self.smooth.size) ** (1 / 3), 1, 4))
         self._sample_volume = float(np.prod(self.spacing)) / fine**3
-        if fine == 1:
-            return np.sort(self.smooth, axis=None).astype(np.float64)
         values = self.smooth
-        for axis in range(3):
+        for axis in range(3 if fine > 1 else 0):
             steps = (np.arange(values.shape[axis] * fine) + 0.5) / fine - 0.5
             low = np.clip(np.floor(steps).astype(int), 0, values.shape[axis] - 2)
             part = np.clip(steps - low, 0, 1).astype(np.float32)
             shape = [-1 if i == axis else 1 for i in range(3)]
             part = part.reshape(shape)
             values = np.take(values, low, axis) * (1 - part) + np.take(values, low + 1, axis) * part
-        return np.sort(values, axis=None).astype(np.float64)
+        between = np.sort(values[(values > LOW) & (values < HIGH)].astype(np.float64))
+        return np.concatenate([[LOW], between, [HIGH]]), int(np.count_nonzero(values >= HIGH))
 
 
-def inner_distance(mask: Bool, grid: Grid) -> Float64:
+def box_of(mask: Bool) -> tuple[slice, slice, slice]:
+    """The smallest box of voxels that holds a mask, which must not be empty."""
+    spans = []
+    for axis in range(3):
+        there = np.flatnonzero(mask.any(axis=tuple(i for i in range(3) if i != axis)))
+        spans.append(slice(int(there[0]), int(there[-1]) + 1))
+    return spans[0], spans[1], spans[2]
+
+
+def inner_distance(mask: Bool, spacing: ArrayLike) -> Float64:
     """(z, y, x) mm from each voxel of the mask to the nearest one outside; voxels off the grid count as outside."""
     padded = np.pad(mask, 1)
-    distance: Float64 = ndimage.distance_transform_edt(padded, sampling=grid.spacing)
+    distance: Float64 = ndimage.distance_transform_edt(padded, sampling=np.asarray(spacing, dtype=np.float64))
     return distance[1:-1, 1:-1, 1:-1]

@@ -149,13 +149,10 @@ def _meshed_parts(mask: Bool, mesh: TetMesh, tets: Int32, labels: Labels) -> Boo
 
 def _distances(nodes: Float64, skin: Int32, mask: Bool, labels: Labels) -> Float64:
     spacing = np.array(labels.grid.spacing)
-    there = np.argwhere(mask)
-    low = there.min(axis=0)
-    box = tuple(slice(a, b + 1) for a, b in zip(low, there.max(axis=0), strict=True))
-    level = Level(mask[box], labels.grid.spacing, 0.7 * spacing)
-    level.enclose(float(len(there)) * labels.grid.voxel_volume)
+    level = Level(mask, spacing, 0.7 * spacing)
+    level.enclose(float(np.count_nonzero(mask)) * labels.grid.voxel_volume)
     points, triangles = level.triangles()
-    points = labels.grid.points((points / spacing[::-1])[:, ::-1] + low)
+    points = labels.grid.points((points / spacing[::-1])[:, ::-1])
     samples = np.concatenate([nodes[np.unique(skin)], nodes[skin].mean(axis=1)])
     thin = points[:: max(1, len(points) // 20_000)]
     return np.concatenate([distance_to_surface(samples, points, triangles), distance_to_surface(thin, nodes, skin)])

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from palpate.arrays import Bool, Int32, Int64
+from palpate.arrays import Bool, Float64, Int32, Int64
 from palpate.errors import DataError
-from palpate.meshes.levels import inner_distance
+from palpate.meshes.levels import box_of, inner_distance
 from palpate.volumes.grid import Grid
 from palpate.volumes.volume import Labels
 
@@ -32,12 +32,21 @@ class Solid:
         """mm³."""
         return float(np.count_nonzero(self.mask)) * self.grid.voxel_volume
 
+    def coarse(self, length: float) -> tuple[Bool, Float64]:
+        """Every so many voxels of the mask, no more than `length` mm apart, and their spacing."""
+        steps = np.maximum(np.array(length) // np.array(self.grid.spacing), 1).astype(int)
+        return self.mask[:: steps[0], :: steps[1], :: steps[2]], steps * np.array(self.grid.spacing)
+
+    def thickness(self, length: float) -> float:
+        """mm across the thickest place, to about `length`."""
+        return 2 * float(inner_distance(*self.coarse(length)).max(initial=0))
+
     def depth(self, other: "Solid") -> float:
         """Thinnest layer of `other` around this solid in mm, by its voxels; for neighbours, the gap between them."""
         if (self.mask & other.mask).any():
-            inside = inner_distance(other.mask, self.grid)[self.mask].min()
+            inside = inner_distance(other.mask, self.grid.spacing)[self.mask].min()
         else:
-            inside = inner_distance(~other.mask, self.grid)[self.mask].min()
+            inside = inner_distance(~other.mask, self.grid.spacing)[self.mask].min()
         return max(float(inside) - min(self.grid.spacing), 0.0)
 
 
@@ -57,7 +66,7 @@ def solids(
     inner = [labels.value_of(other) for other in inclusions]
     if value in inner or len(set(inner)) < len(inner):
         raise DataError(f"inclusions {list(inclusions)}: each label once, and not the organ {label!r} itself")
-    box = _box(np.isin(labels.values, [value, *inner]))
+    box = box_of(np.isin(labels.values, [value, *inner]))
     cropped = labels.values[box]
     corner = np.array([s.start for s in box])
     grid = Grid(cropped.shape, labels.grid.spacing)
@@ -77,14 +86,6 @@ def solids(
         around = ndimage.binary_fill_holes(mask)
         held.append(Solid((around & np.isin(cropped, inner)) | mask, v, title, grid, corner))
     return found + sorted(held, key=lambda body: -body.volume)
-
-
-def _box(mask: Bool) -> tuple[slice, slice, slice]:
-    spans = []
-    for axis in range(3):
-        there = np.flatnonzero(mask.any(axis=tuple(i for i in range(3) if i != axis)))
-        spans.append(slice(int(there[0]), int(there[-1]) + 1))
-    return spans[0], spans[1], spans[2]
 
 
 def _kept(mask: Bool, keep: str, grid: Grid, name: str) -> Bool:
