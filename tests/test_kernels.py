@@ -7,6 +7,7 @@ import shutil
 import subprocess
 
 import pytest
+
 from palpate import _core
 
 PROJECTOR = ["mix_lanes", "spread_lanes", "trapezoids", "rows_to_pixels", "pixels_to_row", "add_taps"]
@@ -44,7 +45,9 @@ def versions():
     def body(start):
         after = bisect.bisect_right(edges, start)
         end = edges[after] if after < len(edges) else addresses[-1] + 1
-        return "\n".join(text for _, text in code[bisect.bisect_left(addresses, start) : bisect.bisect_left(addresses, end)])
+        return "\n".join(
+            text for _, text in code[bisect.bisect_left(addresses, start) : bisect.bisect_left(addresses, end)]
+        )
 
     return {name: [body(start) for start in targets] for name, targets in resolvers.items()}
 
