@@ -200,15 +200,15 @@ void bind_ring_models(nb::module_& m) {
             "__init__",
             [](Springs* self, In<int32_t, 1> start, In<int32_t, 1> column, In<double, 1> stiffness,
                In<double, 2> position, In<uint8_t, 1> held, const std::string& law, double parameter, bool by_distance,
-               double edge, double relaxation) {
+               double edge, double relaxation, bool imposed) {
                 Law::Kind kind = law == "uniform"  ? Law::Kind::uniform
                                  : law == "linear" ? Law::Kind::linear
                                                    : Law::Kind::exponential;
                 new (self) Springs(start.data(), column.data(), stiffness.data(), position.data(), int(held.shape(0)),
-                                   flags(held), {kind, parameter, by_distance, edge}, relaxation);
+                                   flags(held), {kind, parameter, by_distance, edge}, relaxation, imposed);
             },
             "start"_a.noconvert(), "column"_a.noconvert(), "stiffness"_a.noconvert(), "position"_a.noconvert(),
-            "held"_a.noconvert(), "law"_a, "parameter"_a, "by_distance"_a, "edge"_a, "relaxation"_a)
+            "held"_a.noconvert(), "law"_a, "parameter"_a, "by_distance"_a, "edge"_a, "relaxation"_a, "imposed"_a)
         .def(
             "home",
             [](const Springs& model, const State& state) {
