@@ -160,7 +160,8 @@ def test_who_holds_keeps_hold_until_letting_go(address):
     other = messages.Tool(1, 77, (40.0, 0.0, 0.0), (5.0, 0.0, 0.0))
     with socket_of(address) as first, socket_of(address) as second:
         first.send(messages.encode(PRESS))
-        until(first, lambda frame: frame["serial"] == 1 and frame["grip"] == 1)
+        for page in (first, second):
+            until(page, lambda frame: frame["serial"] == 1 and frame["grip"] == 1)
         second.send(messages.encode(other))
         second.send(messages.encode(RELEASE))  # not theirs to let go
         for frame, _ in zip(frames(second), range(40), strict=False):
