@@ -268,8 +268,9 @@ def test_server_listens_on_loopback_only():
         assert listener.getsockname()[0] == "127.0.0.1"
 
 
-def test_interrupt_closes_cleanly_and_keeps_the_record(tmp_path):
-    """Ctrl-C with a page open and pressing: exit code 0, a whole record that replays."""
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+def test_interrupt_closes_cleanly_and_keeps_the_record(tmp_path, how):
+    """Ctrl-C (or the system's wish to end) with a page open and pressing: exit code 0, a whole record that replays."""
     record = tmp_path / "session.h5"
     program = f"""
         import sys; sys.path.insert(0, {str(HERE)!r})
@@ -288,7 +289,7 @@ def test_interrupt_closes_cleanly_and_keeps_the_record(tmp_path):
         with socket_of(line.split()[-1]) as page:
             page.send(messages.encode(PRESS))
             until(page, lambda frame: frame["grip"] == 1)
-            process.send_signal(signal.SIGINT)
+            process.send_signal(how)
             with pytest.raises(ConnectionClosed):
                 until(page, lambda frame: False)
         rest = process.communicate(timeout=20)[0]
