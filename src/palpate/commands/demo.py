@@ -1,7 +1,7 @@
 """`palpate demo`: the whole way on data that ships with the package."""
 
 import tempfile
-from enum import Enum
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -11,7 +11,7 @@ import palpate as pp
 from palpate.commands.progress import progress
 
 
-class Which(str, Enum):
+class Which(StrEnum):
     """The samples."""
 
     breast = "breast"
