@@ -273,6 +273,7 @@ def stuff(
     for s in range(len(fields)):
         here = np.flatnonzero(crossed[s])
         pieces = split(grid.place, nodes, tets[here], signs[s, here], snapped.cuts[order], len(points))
+        nodes = pieces.points
         flags = _side(fields, nodes, tets[here][pieces.parent], signs[:, here[pieces.parent]])
         flags[s] = pieces.side > 0
         made.append(pieces.tets)
