@@ -4,8 +4,11 @@
 #include "springs.h"
 #include <algorithm>
 #include <cstring>
+#include <nanobind/stl/optional.h>
+#include <nanobind/stl/pair.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/unique_ptr.h>
+#include <nanobind/stl/variant.h>
 #include <nanobind/stl/vector.h>
 #include <stdexcept>
 
@@ -29,6 +32,16 @@ template <class T> Out<T, 2> table(size_t rows, size_t columns) {
 }
 
 std::vector<uint8_t> flags(const In<uint8_t, 1>& held) { return {held.data(), held.data() + held.shape(0)}; }
+
+void refuse_strangers(const Model& model, const State& state) {
+    if (!model.owns(state)) throw std::invalid_argument("state: another model's; take one from this model's start()");
+}
+
+void refuse_nodes(const Model& model, const Patch& patch) {
+    for (int k = 0; k < patch.count; k++)
+        if (patch.node[k] < 0 || patch.node[k] >= model.nodes())
+            throw std::invalid_argument("patch: names a node that the model does not have");
+}
 
 void bind_contact(nb::module_& m) {
     nb::class_<Patch>(m, "Patch", "Nodes and weights of one contact; weights sum to 1.")
@@ -76,16 +89,16 @@ void bind_contact(nb::module_& m) {
             "at"_a, "Outward unit normal, blended over the triangle.")
         .def(
             "patch",
-            [](const Surface& s, const Hit& at, double radius) -> nb::object {
+            [](const Surface& s, const Hit& at, double radius) -> std::variant<Patch, std::string> {
                 auto scratch = s.scratch();
                 Patch patch;
                 switch (s.patch(at, radius, scratch, patch)) {
                 case Surface::Contact::good:
-                    return nb::cast(patch);
+                    return patch;
                 case Surface::Contact::held:
-                    return nb::cast("held");
+                    return "held";
                 default:
-                    return nb::cast("crowded");
+                    return "crowded";
                 }
             },
             "at"_a, "radius"_a, "The smooth patch, or the word that says why there is none: held, crowded.")
@@ -109,7 +122,8 @@ void bind_ring_models(nb::module_& m) {
         .def(
             "advance",
             [](const Model& model, State& state, const Patch* patch, Point displacement, int sweeps) {
-                if (state.u.size() != 3 * size_t(model.nodes())) throw std::invalid_argument("state: another model's");
+                refuse_strangers(model, state);
+                if (patch) refuse_nodes(model, *patch);
                 double force[3];
                 {
                     nb::gil_scoped_release free;
@@ -122,10 +136,11 @@ void bind_ring_models(nb::module_& m) {
         .def(
             "solve",
             [](const RingModel& model, State& state, const std::vector<Patch>& patches, In<double, 2> displacement,
-               int sweeps) -> nb::object {
-                if (!dynamic_cast<RingState*>(&state) || state.u.size() != 3 * size_t(model.nodes()) ||
-                    displacement.shape(0) != patches.size() || displacement.shape(1) != 3)
-                    throw std::invalid_argument("state or displacement: another model's or the wrong shape");
+               int sweeps) -> std::optional<Out<double, 2>> {
+                refuse_strangers(model, state);
+                for (const Patch& patch : patches) refuse_nodes(model, patch);
+                if (displacement.shape(0) != patches.size() || displacement.shape(1) != 3)
+                    throw std::invalid_argument("displacement: expected shape (contacts, 3)");
                 auto force = table<double>(patches.size(), 3);
                 bool done;
                 {
@@ -133,14 +148,14 @@ void bind_ring_models(nb::module_& m) {
                     done = model.solve(state, patches.data(), int(patches.size()), displacement.data(), sweeps,
                                        force.data());
                 }
-                if (!done) return nb::none();
-                return nb::cast(force);
+                return done ? std::optional(force) : std::nullopt;
             },
             "state"_a, "patches"_a, "displacement"_a.noconvert(), "sweeps"_a,
             "Forces of the tissue on the tools, (contacts, 3) N; None for contacts that cannot be held together.")
         .def(
             "internal_force",
             [](const RingModel& model, const State& state) {
+                refuse_strangers(model, state);
                 auto out = table<double>(model.nodes(), 3);
                 model.internal_force(state, out.data());
                 return out;
@@ -149,15 +164,19 @@ void bind_ring_models(nb::module_& m) {
         .def(
             "balance",
             [](const RingModel& model, const State& state, In<double, 2> force) {
-                double energy, residual;
-                model.balance(state, force.data(), &energy, &residual);
-                return nb::make_tuple(energy, residual);
+                refuse_strangers(model, state);
+                if (force.shape(0) < size_t(static_cast<const RingState&>(state).contacts) || force.shape(1) != 3)
+                    throw std::invalid_argument("force: expected shape (contacts, 3)");
+                std::pair<double, double> out;
+                model.balance(state, force.data(), &out.first, &out.second);
+                return out;
             },
             "state"_a, "force"_a.noconvert(), "Energy u'Ku/2 and residual r'M^-1 r/2, N mm.")
         .def(
             "rows",
-            [](const RingModel&, const State& state) {
-                const auto& row = dynamic_cast<const RingState&>(state).rings.row;
+            [](const RingModel& model, const State& state) {
+                refuse_strangers(model, state);
+                const auto& row = static_cast<const RingState&>(state).rings.row;
                 return copied(row.data(), row.size());
             },
             "state"_a, "Ring of each node, 1 at the contact.")
@@ -166,11 +185,16 @@ void bind_ring_models(nb::module_& m) {
         .def(
             "__init__",
             [](Blocks* self, In<int32_t, 1> start, In<int32_t, 1> column, In<double, 3> block, In<uint8_t, 1> held,
-               double relaxation) {
-                new (self)
-                    Blocks(start.data(), column.data(), block.data(), int(held.shape(0)), flags(held), relaxation);
+               double relaxation, In<double, 2> shape, In<double, 2> load) {
+                const size_t nodes = held.shape(0), size = 3 * nodes * Modes::count;
+                if (shape.size() != load.size() || (shape.size() != size && shape.size() != 0))
+                    throw std::invalid_argument("modes: expected shape and load of (3 nodes, 12), or none");
+                new (self) Blocks(start.data(), column.data(), block.data(), int(nodes), flags(held), relaxation,
+                                  shape.size() ? Modes(shape.data(), load.data(), int(nodes)) : Modes());
             },
-            "start"_a.noconvert(), "column"_a.noconvert(), "block"_a.noconvert(), "held"_a.noconvert(), "relaxation"_a);
+            "start"_a.noconvert(), "column"_a.noconvert(), "block"_a.noconvert(), "held"_a.noconvert(), "relaxation"_a,
+            "shape"_a.noconvert(), "load"_a.noconvert())
+        .def_ro_static("modes", &Modes::count);
     nb::class_<Springs, RingModel>(m, "Springs", "Home and edge springs, relaxed ring by ring.")
         .def(
             "__init__",
@@ -187,12 +211,19 @@ void bind_ring_models(nb::module_& m) {
             "held"_a.noconvert(), "law"_a, "parameter"_a, "by_distance"_a, "edge"_a, "relaxation"_a)
         .def(
             "home",
-            [](const Springs&, const State& state) {
-                const auto& home = dynamic_cast<const RingState&>(state).home;
+            [](const Springs& model, const State& state) {
+                refuse_strangers(model, state);
+                const auto& home = static_cast<const RingState&>(state).home;
                 return copied(home.data(), home.size());
             },
             "state"_a, "Home spring of each node, N/mm.")
-        .def("contraction", &Springs::contraction, "state"_a, "1 - rho: least eigenvalue bound of diag(K)^-1 K.");
+        .def(
+            "contraction",
+            [](const Springs& model, const State& state) {
+                refuse_strangers(model, state);
+                return model.contraction(state);
+            },
+            "state"_a, "1 - rho: least eigenvalue bound of diag(K)^-1 K.");
 }
 
 } // namespace

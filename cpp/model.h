@@ -13,9 +13,12 @@ struct Patch {
     double weight[capacity]; // sum to 1
 };
 
+class Model;
+
 // Every array of a model that changes, sized once by Model::start().
 struct State {
-    std::vector<double> u; // displacement of each node, x y z, mm
+    std::vector<double> u;        // displacement of each node, x y z, mm
+    const Model* owner = nullptr; // the model that started it: states do not fit others
     virtual ~State() = default;
 };
 
@@ -24,7 +27,8 @@ class Model {
 public:
     virtual ~Model() = default;
     virtual int nodes() const = 0;
-    virtual std::unique_ptr<State> start() const = 0; // at rest
+    bool owns(const State& state) const { return state.owner == this; }
+    virtual std::unique_ptr<State> start() const = 0; // at rest, owned
 
     // Moves `state` towards equilibrium by `sweeps` sweeps, warm from where it is, under patch mean = displacement mm
     // (patch null: nothing touches, the tissue goes home). `force` becomes the tissue's force on the tool, N.

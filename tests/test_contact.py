@@ -1,14 +1,14 @@
 """The contact patch is smooth, stays on its side of the wall, and refuses what cannot be touched."""
 
 import numpy as np
-import palpate as pp
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from solids import block, brick
+
+import palpate as pp
 from palpate import _core
 from palpate.tissue.contact import patch
-
-from solids import block, brick
 
 TISSUE = block(11)
 
@@ -116,12 +116,15 @@ def test_pushes_that_cannot_be_are_refused_by_every_model(name):
     tissue = block(6)
     push = pp.finite_elements(tissue).push if name == "finite elements" else pp.model(tissue, name).push
     for arguments, words in [
-        (dict(points=[25, 25, 50], displacements=[0, 0, -1], radii=9, friction=0.5), ["friction", "0.5", "inf"]),
-        (dict(points=[25, 25, 50], displacements=[0, 0, np.nan], radii=9), ["displacements", "finite"]),
-        (dict(points=[[25, 25, 50]] * 2, displacements=[[0, 0, -1]] * 3, radii=9), ["displacements", "(3, 3)"]),
-        (dict(points=[[25, 25, 50]] * 2, displacements=[[0, 0, -1]] * 2, radii=9), ["overlap", "apart"]),
-        (dict(points=[[25, 25, 50]], displacements=[[0, 0, -1]], radii=[9, 9]), ["radii", "(2,)"]),
-        (dict(points=np.zeros((0, 3)), displacements=np.zeros((0, 3)), radii=9), ["points", "no contact"]),
+        (
+            {"points": [25, 25, 50], "displacements": [0, 0, -1], "radii": 9, "friction": 0.5},
+            ["friction", "0.5", "inf"],
+        ),
+        ({"points": [25, 25, 50], "displacements": [0, 0, np.nan], "radii": 9}, ["displacements", "finite"]),
+        ({"points": [[25, 25, 50]] * 2, "displacements": [[0, 0, -1]] * 3, "radii": 9}, ["displacements", "(3, 3)"]),
+        ({"points": [[25, 25, 50]] * 2, "displacements": [[0, 0, -1]] * 2, "radii": 9}, ["overlap", "apart"]),
+        ({"points": [[25, 25, 50]], "displacements": [[0, 0, -1]], "radii": [9, 9]}, ["radii", "(2,)"]),
+        ({"points": np.zeros((0, 3)), "displacements": np.zeros((0, 3)), "radii": 9}, ["points", "no contact"]),
     ]:
         with pytest.raises(ValueError) as refusal:
             push(**arguments)

@@ -1,12 +1,12 @@
 """The truth holds what theory says: patch test, order of convergence, beam, balance, scaling, symmetry."""
 
 import numpy as np
-import palpate as pp
 import pytest
+from solids import block, brick
+
+import palpate as pp
 from palpate.tissue.contact import contacts
 from palpate.tissue.elasticity import lame
-
-from solids import block, brick
 
 TOP = np.array([25.0, 25.0, 50.0])
 
@@ -24,7 +24,7 @@ def test_a_linear_displacement_is_reproduced_on_an_irregular_mesh(element):
         component[fe.space.edge_dofs.T] = np.arange(3)
     u = exact[np.arange(len(exact)), component]
     held = np.setdiff1d(np.arange(len(u)), fe.free)
-    assert len(held) and np.ptp(u[held]) > 0.5  # the boundary does move
+    assert np.ptp(u[held]) > 0.5  # the boundary does move
     inner = fe.factors.solve(-(fe.K[fe.free][:, held] @ u[held]))
     np.testing.assert_allclose(inner, u[fe.free], atol=1e-12 * np.abs(u).max() * 1e2)
 

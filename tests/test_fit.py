@@ -2,14 +2,16 @@
 
 import meshio
 import numpy as np
-import palpate as pp
 import pytest
+from solids import brick
+from typer.testing import CliRunner
+
+import palpate as pp
+from palpate.commands import app
 from palpate.tissue.fit import compare
 from palpate.tissue.lump import THRESHOLDS, without_region
 from palpate.tissue.materials import MATERIALS
 from palpate.tissue.springs import SpringModel
-
-from solids import brick
 
 MESH = brick((6, 6, 6), region=lambda c: np.where(np.linalg.norm(c - [25, 25, 33], axis=1) < 11, 2, 1))
 
@@ -87,7 +89,7 @@ def test_tissue_without_springs_survives_too(tmp_path):
 
 
 def test_files_that_are_not_tissue_are_refused(fitted, tmp_path):
-    with pytest.raises(OSError, match=r"nowhere.vtu.*palpate fit"):
+    with pytest.raises(OSError, match=r"nowhere.vtu.*no such file"):
         pp.read_tissue(tmp_path / "nowhere.vtu")
     with pytest.raises(OSError, match=r"tissue.stl.*vtu"):
         pp.write_tissue(tmp_path / "tissue.stl", fitted)
@@ -98,6 +100,8 @@ def test_files_that_are_not_tissue_are_refused(fitted, tmp_path):
     (tmp_path / "cut.vtu").write_bytes((tmp_path / "whole.vtu").read_bytes()[:5000])
     with pytest.raises(OSError, match=r"cut.vtu.*truncated"):
         pp.read_tissue(tmp_path / "cut.vtu")
+    with pytest.raises(OSError, match=r"tissue.msh.*vtu"):
+        pp.read_tissue(tmp_path / "tissue.msh")
     assert {p.name for p in tmp_path.iterdir()} == {"bare.vtu", "whole.vtu", "cut.vtu"}
 
 
@@ -163,6 +167,59 @@ def test_without_the_region_the_tissue_is_even(lump):
 
 
 def test_materials_say_where_they_are_from():
-    assert all(m.young > 0 and "doi" in m.source or "J. Magn" in m.source for m in MATERIALS.values())
+    assert all((m.young > 0 and "doi" in m.source) or "J. Magn" in m.source for m in MATERIALS.values())
     ratio = MATERIALS["breast carcinoma, ductal, high grade"].young / MATERIALS["breast fibroglandular"].young
     assert 12 < ratio < 14  # "up to a 13-fold increase", says the abstract
+
+
+def command(*words):
+    return CliRunner().invoke(app, ["fit", *map(str, words)], catch_exceptions=True)
+
+
+def test_the_command_fits_a_mesh_and_prints_the_report(tmp_path):
+    named = pp.TetMesh(MESH.nodes, MESH.tets, MESH.region, {1: "organ", 2: "lump"})
+    pp.write_mesh(tmp_path / "mesh.vtu", named)
+    out = tmp_path / "tissue.vtu"
+    done = command(tmp_path / "mesh.vtu", "--young", 3, "--rest-on", "0,0,-1", "--region-young", "lump=20", "-o", out)
+    assert done.exit_code == 0, done.output
+    tissue = pp.read_tissue(out)
+    np.testing.assert_array_equal(tissue.young, np.where(MESH.region == 2, 20.0, 3.0))
+    np.testing.assert_array_equal(tissue.poisson, 0.45)
+    np.testing.assert_array_equal(tissue.held, MESH.nodes[:, 2] == 0)
+    assert tissue.report.text() in done.output
+    assert command("--help").output.count("palpate fit kidney.vtu") == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "parts"),
+    [
+        (["--young", -3], ["young", "-3", "positive"]),
+        (["--young", 3, "--poisson", 0.5], ["poisson", "0.5", "P2"]),
+        (["--young", 3, "--rest-on", "0,0"], ["--rest-on", "0,0", "three numbers"]),
+        (["--young", 3, "--rest-on", "0,0,0"], ["direction", "points nowhere"]),
+        (["--young", 3, "--region-young", "liver=4"], ["--region-young", "liver=4", "regions 1"]),
+        (["--young", 3, "--region-young", "9=4"], ["young", "9", "regions are 1"]),
+        (["--young", 3, "--law", "cubic"], ["law", "cubic", "exponential"]),
+    ],
+)
+def test_the_command_refuses_before_it_writes(tmp_path, words, parts):
+    pp.write_mesh(tmp_path / "mesh.vtu", brick((2, 2, 2)))
+    refused = command(tmp_path / "mesh.vtu", *words, "-o", tmp_path / "tissue.vtu")
+    assert refused.exit_code != 0
+    said = refused.output + str(refused.exception)
+    for part in parts:
+        assert part in said
+    assert [p.name for p in tmp_path.iterdir()] == ["mesh.vtu"]
+
+
+def test_the_command_refuses_files_that_cannot_be(tmp_path):
+    pp.write_mesh(tmp_path / "mesh.vtu", brick((2, 2, 2)))
+    for mesh, out, part in [
+        (tmp_path / "none.vtu", tmp_path / "t.vtu", "no such file"),
+        (tmp_path / "mesh.vtu", tmp_path / "no" / "t.vtu", "does not exist"),
+        (tmp_path / "mesh.vtu", tmp_path / "t.stl", "written as .vtu"),
+    ]:
+        refused = command(mesh, "--young", 3, "-o", out)
+        assert refused.exit_code != 0
+        assert part in str(refused.exception)
+    assert [p.name for p in tmp_path.iterdir()] == ["mesh.vtu"]

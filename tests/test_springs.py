@@ -1,12 +1,12 @@
 """The dissertation's springs, against a dense solution that shares no code with them, and against its own claims."""
 
 import numpy as np
-import palpate as pp
 import pytest
 from scipy.sparse import coo_array, csgraph, diags_array
 from scipy.sparse.linalg import cg
-
 from solids import block, brick
+
+import palpate as pp
 
 TOP = np.array([25.0, 25.0, 50.0])
 

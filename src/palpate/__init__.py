@@ -6,15 +6,26 @@ The public names, in the order of the data. Each is imported when it is first us
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.1.0"
+from palpate.version import __version__ as __version__
 
 if TYPE_CHECKING:
     from palpate.meshes.files import read_mesh as read_mesh
     from palpate.meshes.files import write_mesh as write_mesh
     from palpate.meshes.mesh import TetMesh as TetMesh
-    from palpate.scans.correct import open_beam as open_beam
     from palpate.meshes.quality import mesh_quality as mesh_quality
     from palpate.meshes.stuffing import tetrahedralize as tetrahedralize
+    from palpate.reconstruction.baselines import backproject as backproject
+    from palpate.reconstruction.baselines import sirt as sirt
+    from palpate.reconstruction.cover import covering_grid as covering_grid
+    from palpate.reconstruction.likelihood import Transmission as Transmission
+    from palpate.reconstruction.likelihood import WeightedLeastSquares as WeightedLeastSquares
+    from palpate.reconstruction.prior import Prior as Prior
+    from palpate.reconstruction.projector import Projector as Projector
+    from palpate.reconstruction.reconstruct import iterates as iterates
+    from palpate.reconstruction.reconstruct import reconstruct as reconstruct
+    from palpate.reconstruction.step import Step as Step
+    from palpate.scans.correct import equal_contrast as equal_contrast
+    from palpate.scans.correct import open_beam as open_beam
     from palpate.scans.files import read_scan as read_scan
     from palpate.scans.files import write_scan as write_scan
     from palpate.scans.geometry_file import read_geometry as read_geometry
@@ -30,15 +41,10 @@ if TYPE_CHECKING:
     from palpate.scans.phantom import Phantom as Phantom
     from palpate.scans.phantom import breast_phantom as breast_phantom
     from palpate.scans.phantom import slab_phantom as slab_phantom
-    from palpate.reconstruction.projector import Projector as Projector
     from palpate.scans.scan import Scan as Scan
     from palpate.scans.simulate import simulate_scan as simulate_scan
     from palpate.scans.views import Panel as Panel
     from palpate.scans.views import Views as Views
-    from palpate.volumes.files import read_labels as read_labels
-    from palpate.volumes.files import read_volume as read_volume
-    from palpate.volumes.files import write_labels as write_labels
-    from palpate.volumes.files import write_volume as write_volume
     from palpate.server.serve import touch as touch
     from palpate.simulation.devices.pointer import Command as Command
     from palpate.simulation.devices.pointer import Pointer as Pointer
@@ -47,6 +53,7 @@ if TYPE_CHECKING:
     from palpate.simulation.record import read_record as read_record
     from palpate.simulation.record import write_record as write_record
     from palpate.simulation.session import Session as Session
+    from palpate.studies.demo import demonstrate as demonstrate
     from palpate.tissue.elasticity import finite_elements as finite_elements
     from palpate.tissue.files import read_tissue as read_tissue
     from palpate.tissue.files import write_tissue as write_tissue
@@ -57,7 +64,14 @@ if TYPE_CHECKING:
     from palpate.tissue.tissue import SpringLaw as SpringLaw
     from palpate.tissue.tissue import Tissue as Tissue
     from palpate.tissue.tissue import resting_on as resting_on
+    from palpate.volumes.files import read_labels as read_labels
+    from palpate.volumes.files import read_volume as read_volume
+    from palpate.volumes.files import write_labels as write_labels
+    from palpate.volumes.files import write_volume as write_volume
     from palpate.volumes.grid import Grid as Grid
+    from palpate.volumes.metrics import contrast_to_noise as contrast_to_noise
+    from palpate.volumes.metrics import nmse as nmse
+    from palpate.volumes.resample import resample as resample
     from palpate.volumes.segment import segment as segment
     from palpate.volumes.volume import Labels as Labels
     from palpate.volumes.volume import Volume as Volume
@@ -66,10 +80,13 @@ _HOME = {
     "Grid": "volumes.grid",
     "Volume": "volumes.volume",
     "Labels": "volumes.volume",
+    "nmse": "volumes.metrics",
+    "contrast_to_noise": "volumes.metrics",
     "read_volume": "volumes.files",
     "write_volume": "volumes.files",
     "read_labels": "volumes.files",
     "write_labels": "volumes.files",
+    "resample": "volumes.resample",
     "segment": "volumes.segment",
     "Panel": "scans.views",
     "Views": "scans.views",
@@ -84,6 +101,7 @@ _HOME = {
     "import_scan": "scans.importers",
     "read_geometry": "scans.geometry_file",
     "open_beam": "scans.correct",
+    "equal_contrast": "scans.correct",
     "Phantom": "scans.phantom",
     "Ellipsoid": "scans.phantom",
     "Box": "scans.phantom",
@@ -92,6 +110,15 @@ _HOME = {
     "breast_phantom": "scans.phantom",
     "simulate_scan": "scans.simulate",
     "Projector": "reconstruction.projector",
+    "covering_grid": "reconstruction.cover",
+    "Transmission": "reconstruction.likelihood",
+    "WeightedLeastSquares": "reconstruction.likelihood",
+    "Prior": "reconstruction.prior",
+    "Step": "reconstruction.step",
+    "backproject": "reconstruction.baselines",
+    "sirt": "reconstruction.baselines",
+    "iterates": "reconstruction.reconstruct",
+    "reconstruct": "reconstruction.reconstruct",
     "TetMesh": "meshes.mesh",
     "tetrahedralize": "meshes.stuffing",
     "mesh_quality": "meshes.quality",
@@ -115,6 +142,7 @@ _HOME = {
     "read_record": "simulation.record",
     "write_record": "simulation.record",
     "touch": "server.serve",
+    "demonstrate": "studies.demo",
 }
 __all__ = sorted(_HOME)
 

@@ -1,8 +1,11 @@
 """`palpate fit`."""
 
+from pathlib import Path
+from typing import Annotated
+
 import typer
 
-from palpate.commands.missing import missing
+import palpate as pp
 
 
 def add(app: typer.Typer) -> None:
@@ -10,6 +13,82 @@ def add(app: typer.Typer) -> None:
     app.command("fit")(fit_command)
 
 
-def fit_command() -> None:
-    """Not built yet."""
-    missing("fit")
+def fit_command(
+    mesh: Annotated[Path, typer.Argument(help="Mesh of tetrahedra: .vtu or .msh.", show_default=False)],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Tissue to write: .vtu.", show_default=False)],
+    young: Annotated[float, typer.Option(help="Young's modulus, kPa.", show_default=False)],
+    poisson: Annotated[float, typer.Option(help="Poisson's ratio, from 0 to below 0.5.")] = 0.45,
+    rest_on: Annotated[str, typer.Option(help="Way to the table that holds it: x,y,z.")] = "0,0,-1",
+    depth: Annotated[
+        float | None, typer.Option(help="Nodes so near the table are held, mm. Default: 10 % of the extent.")
+    ] = None,
+    region_young: Annotated[
+        list[str] | None, typer.Option(help="Another modulus for a region, by name or number: lump=20")
+    ] = None,
+    region_poisson: Annotated[list[str] | None, typer.Option(help="Another Poisson's ratio: lump=0.4")] = None,
+    law: Annotated[str, typer.Option(help="Of the home springs: uniform, linear, exponential.")] = "exponential",
+    element: Annotated[str, typer.Option(help="Of the finite elements: P1, or P2 (slower, above 0.45).")] = "P1",
+) -> None:
+    """Give a mesh stiffness and support, fit its springs to finite elements, and say how far they are off.
+
+    [bold]palpate fit kidney.vtu --young 15 --poisson 0.45 --rest-on 0,0,-1 -o tissue.vtu[/bold]
+
+    With a stiff lump: palpate fit breast.vtu --young 3.25 --region-young lump=42.5 -o tissue.vtu
+    """
+    from rich.progress import Progress, TextColumn, TimeRemainingColumn
+
+    from palpate.atomic import writable
+    from palpate.errors import FileError
+
+    writable(output)
+    if output.suffix.lower() != ".vtu":
+        raise FileError(f"{output}: tissue is written as .vtu; name it so")
+    solid = pp.read_mesh(mesh)
+    regions = sorted(set(solid.region.tolist()))
+    E = _by_region(solid.names, regions, "--region-young", young, region_young)
+    nu = _by_region(solid.names, regions, "--region-poisson", poisson, region_poisson)
+    fixed = pp.resting_on(solid, _numbers("--rest-on", rest_on), depth)
+    columns = (TextColumn("{task.description}"), *Progress.get_default_columns()[1:-1], TimeRemainingColumn())
+    with Progress(*columns, transient=True) as bar:
+        task = bar.add_task("finite elements", total=1.0)
+        tissue = pp.fit(
+            solid,
+            E,
+            nu,
+            fixed,
+            law=law,
+            element=element,
+            progress=lambda what, share: bar.update(task, description=what, completed=share),
+        )
+    pp.write_tissue(output, tissue)
+    assert tissue.report is not None
+    typer.echo(tissue.report.text())
+    typer.echo(f"{len(solid.nodes)} nodes, {len(tissue.fixed)} held; wrote {output}")
+
+
+def _numbers(option: str, text: str) -> list[float]:
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) != 3:
+        raise typer.BadParameter(f"{text!r}: give three numbers, such as 0,0,-1", param_hint=option)
+    return numbers
+
+
+def _by_region(
+    names: dict[int, str], regions: list[int], option: str, value: float, others: list[str] | None
+) -> dict[int | str, float]:
+    """One value for every region of the mesh, then those that `others` ("name=value") change."""
+    values: dict[int | str, float] = dict.fromkeys(regions, value)
+    numbers = {name: number for number, name in names.items()}
+    for text in others or []:
+        name, sign, number = text.rpartition("=")
+        try:
+            region = numbers[name] if name in numbers else int(name)
+            values[region] = float(number)
+        except ValueError:
+            known = ", ".join(f"{r} ({names[r]})" if r in names else str(r) for r in regions)
+            hint = f"give region=value; the mesh has regions {known}"
+            raise typer.BadParameter(f"{text!r}: {hint}", param_hint=option) from None
+    return values

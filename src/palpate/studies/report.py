@@ -9,8 +9,8 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-import palpate
 from palpate.atomic import replacing
+from palpate.version import __version__
 
 _STYLE = """
 :root { color-scheme: light dark; --ink: #1c2530; --soft: #5b6775; --line: #d9dfe6; --paper: #fbfcfd; --card: #fff;
@@ -26,9 +26,10 @@ p { max-width: 46rem; margin: .5rem 0; }
 .made { color: var(--soft); font-size: .9rem; }
 code { font: .88em ui-monospace, monospace; background: var(--line); border-radius: 4px; padding: .1em .35em;
   overflow-wrap: anywhere; }
-figure { margin: 1.2rem 0; background: var(--card); border: 1px solid var(--line); border-radius: 10px; overflow: hidden; }
-figure img { display: block; width: 100%; height: auto; background: #fff; }
-figcaption { padding: .6rem .9rem; color: var(--soft); font-size: .9rem; }
+figure { margin: 1.2rem 0; background: #fff; border: 1px solid var(--line); border-radius: 10px;
+  overflow: hidden; }
+figure img { display: block; max-width: 100%; height: auto; margin: 0 auto; }
+figcaption { padding: .6rem .9rem; background: var(--card); color: var(--soft); font-size: .9rem; }
 .scroll { overflow-x: auto; }
 table { border-collapse: collapse; margin: 1rem 0; font-variant-numeric: tabular-nums; font-size: .93rem; }
 th, td { text-align: left; padding: .35rem .9rem .35rem 0; border-bottom: 1px solid var(--line); vertical-align: top; }
@@ -53,7 +54,7 @@ def write_report(path: str | Path, title: str, command: str, sections: Sequence[
     """
     body = [
         f"<h1>{html.escape(title)}</h1>",
-        f"<p class=made>palpate {palpate.__version__}. Made by <code>{html.escape(command)}</code>. "
+        f"<p class=made>palpate {__version__}. Made by <code>{html.escape(command)}</code>. "
         "Research software, not a medical device.</p>",
     ]
     for section in sections:

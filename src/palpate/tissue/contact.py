@@ -55,9 +55,10 @@ class Contacts:
     def answer(self, tissue: Tissue, force: Float64, u: Float64, error: float, sweeps: int, warm: Any) -> Answer:
         """The answer in the shape in which the caller asked."""
         realised = np.stack([p.weights @ u[p.nodes] for p in self.patches])
-        first = (lambda a: a[0]) if self.single else (lambda a: a)
-        state = "stick" if self.single else ("stick",) * len(self.patches)
-        return Answer(first(force), u, first(realised), state, error, tissue.mesh.surface_nodes, sweeps, warm)
+        surface = tissue.mesh.surface_nodes
+        if self.single:
+            return Answer(force[0], u, realised[0], "stick", error, surface, sweeps, warm)
+        return Answer(force, u, realised, ("stick",) * len(self.patches), error, surface, sweeps, warm)
 
 
 def patch(tissue: Tissue, point: ArrayLike, radius: float) -> "_core.Patch":
@@ -87,6 +88,7 @@ def patch(tissue: Tissue, point: ArrayLike, radius: float) -> "_core.Patch":
             f"radius: {radius:g} mm holds more than {_core.Patch.capacity} nodes of edge {tissue.edge:.3g} mm; "
             f"give a smaller radius (1.5 to 3 edges) or a coarser mesh"
         )
+    assert isinstance(found, _core.Patch)
     return found
 
 

@@ -19,7 +19,7 @@ from palpate.tissue.tissue import KPA, Tissue
 _ELEMENTS = {"P1": skfem.ElementTetP1, "P2": skfem.ElementTetP2}
 
 
-@skfem.BilinearForm
+@skfem.BilinearForm  # type: ignore[untyped-decorator]
 def _elastic(u: Any, v: Any, w: Any) -> Any:
     """σ(u):ε(v) with σ = 2μ ε + λ tr(ε) I."""
     e = sym_grad(u)
@@ -112,7 +112,7 @@ class FiniteElements:
         W = self.loads(found)
         columns = self.solve(W)
         C = W.T @ columns
-        force = np.linalg.solve((C + C.T) / 2, found.displacement.ravel())
+        force = np.asarray(np.linalg.solve((C + C.T) / 2, found.displacement.ravel()), dtype=np.float64)
         u = columns @ force
         residual = self.K[self.free] @ u - W[self.free] @ force
         error = float(np.linalg.norm(residual) / max(float(np.linalg.norm(W[self.free] @ force)), 1e-300))

@@ -1,18 +1,15 @@
 """Tissue as one .vtu file that ParaView and meshio open: fields on tets and nodes, and the rest as a text field."""
 
-import contextlib
-import io
 import json
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import meshio
 import numpy as np
 
 from palpate.atomic import replacing
 from palpate.errors import FileError
-from palpate.meshes.mesh import TetMesh
+from palpate.meshes.files import read_mesh, write_mesh
 from palpate.tissue.report import FitReport
 from palpate.tissue.tissue import SpringLaw, Tissue
 
@@ -27,40 +24,29 @@ def write_tissue(path: str | Path, tissue: Tissue) -> None:
     """
     if Path(path).suffix.lower() != ".vtu":
         raise FileError(f"{path}: tissue is written as .vtu; name it so")
-    mesh = tissue.mesh
     nodal: dict[str, Any] = {"fixed": tissue.held.astype(np.uint8)}
     if tissue.report is not None:
         nodal["error"] = tissue.report.error_map
-    stored = meshio.Mesh(
-        mesh.nodes,
-        [("tetra", mesh.tets)],
-        point_data=nodal,
-        cell_data={"region": [mesh.region], "young": [tissue.young], "poisson": [tissue.poisson]},
-    )
     text = {
         "format": 1,
         "element": tissue.element,
-        "names": {str(number): name for number, name in mesh.names.items()},
         "springs": None if tissue.springs is None else asdict(tissue.springs),
         "report": None if tissue.report is None else tissue.report.plain(),
     }
     with replacing(path) as temporary:
-        stored.write(temporary, file_format="vtu")
+        write_mesh(temporary, tissue.mesh, nodal, {"young": tissue.young, "poisson": tissue.poisson})
         _add_text(temporary, json.dumps(text))
 
 
 def read_tissue(path: str | Path) -> Tissue:
     """The tissue in a .vtu file that `write_tissue` wrote. Raises `FileError`, and `Tissue`'s own errors."""
+    import meshio
+
     path = Path(path)
-    if not path.is_file():
-        raise FileError(f"{path}: no such file; make one with: palpate fit mesh.vtu --young 5 -o {path}")
-    try:
-        with contextlib.redirect_stdout(io.StringIO()):  # meshio prints its complaints, and then ends the program
-            stored = meshio.read(path, file_format="vtu")
-    except (SystemExit, Exception) as problem:
-        raise FileError(
-            f"{path}: cannot be read as .vtu ({type(problem).__name__}: {problem}); it may be truncated: write it again"
-        ) from None
+    if path.suffix.lower() != ".vtu":
+        raise FileError(f"{path}: tissue is kept as .vtu; make it so: palpate fit {path} -o tissue.vtu")
+    mesh = read_mesh(path)
+    stored = meshio.read(path)
     fields = {name: values[0] for name, values in stored.cell_data.items()}
     missing = [n for n in ("young", "poisson") if n not in fields] + ["fixed"] * ("fixed" not in stored.point_data)
     if missing or _TEXT not in stored.field_data:
@@ -68,15 +54,15 @@ def read_tissue(path: str | Path) -> Tissue:
             f"{path}: is a mesh without {', '.join([*missing, 'springs'])}; make tissue of it: "
             f"palpate fit {path} --young 5 --poisson 0.45 --rest-on 0,0,-1 -o tissue.vtu"
         )
-    text = json.loads(bytes(np.asarray(stored.field_data[_TEXT], dtype=np.uint8)).decode())
-    names = {int(number): name for number, name in text["names"].items()}
-    mesh = TetMesh(stored.points, stored.cells[0].data, fields.get("region"), names)
-    springs = None if text["springs"] is None else SpringLaw(**text["springs"])
-    report = None if text["report"] is None else FitReport.from_plain(text["report"], stored.point_data["error"])
+    try:
+        text = json.loads(bytes(np.asarray(stored.field_data[_TEXT], dtype=np.uint8)).decode())
+        springs = None if text["springs"] is None else SpringLaw(**text["springs"])
+        report = None if text["report"] is None else FitReport.from_plain(text["report"], stored.point_data["error"])
+        element = text["element"]
+    except (KeyError, TypeError, UnicodeDecodeError, json.JSONDecodeError) as problem:
+        raise FileError(f"{path}: its field {_TEXT!r} is damaged ({problem!r}); fit the mesh again") from None
     held = np.asarray(stored.point_data["fixed"]).astype(bool)
-    return Tissue(
-        mesh, fields["young"], fields["poisson"], held, element=text["element"], springs=springs, report=report
-    )
+    return Tissue(mesh, fields["young"], fields["poisson"], held, element=element, springs=springs, report=report)
 
 
 def _add_text(path: Path, text: str) -> None:
@@ -84,6 +70,9 @@ def _add_text(path: Path, text: str) -> None:
     data = text.encode()
     values = " ".join(str(b) for b in data)
     array = f'<DataArray type="UInt8" Name="{_TEXT}" NumberOfTuples="{len(data)}" format="ascii">{values}</DataArray>'
-    head = "<UnstructuredGrid>"
     whole = path.read_text()
-    path.write_text(whole.replace(head, f"{head}<FieldData>{array}</FieldData>", 1))
+    if "<FieldData>" in whole:
+        whole = whole.replace("<FieldData>", f"<FieldData>{array}", 1)
+    else:
+        whole = whole.replace("<UnstructuredGrid>", f"<UnstructuredGrid><FieldData>{array}</FieldData>", 1)
+    path.write_text(whole)

@@ -80,8 +80,18 @@ def compare(truth: FiniteElements, model: SpringModel, points: Float64, push: Fl
         expected.append(a.force)
         found.append(b.force)
         error_map = np.maximum(error_map, gap)
-    arrays = (np.array(a) for a in (points, push, worst, rms, expected, found))
-    return FitReport(truth.element, r, d, *arrays, error_map=error_map)
+    return FitReport(
+        truth.element,
+        r,
+        d,
+        points,
+        push,
+        np.array(worst),
+        np.array(rms),
+        np.array(expected),
+        np.array(found),
+        error_map,
+    )
 
 
 def scattered_points(tissue: Tissue, count: int) -> Float64:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.arrays import Float64, Int64, float64
+from palpate.arrays import Bool, Float64, Int64, float64
 from palpate.errors import DataError, MaterialError
 from palpate.tissue.blocks import BlockModel
 from palpate.tissue.contact import contacts, patch
@@ -70,9 +70,9 @@ class LumpMap:
             verdict = "between the published thresholds: a trained hand may feel it, not surely"
         return "\n".join(
             [
-                f"pushed {self.depth:.3g} mm in with a patch of radius {self.radius:.3g} mm at {len(self.points)} points,"
-                f" the lump raises the force by at most {most:.1f} % ({self.plain[k]:.3f} to {self.stiff[k]:.3f} N at "
-                f"{np.round(self.points[k], 1).tolist()} mm)",
+                f"pushed {self.depth:.3g} mm in with a patch of radius {self.radius:.3g} mm at {len(self.points)} "
+                f"points, the lump raises the force by at most {most:.1f} % ({self.plain[k]:.3f} to "
+                f"{self.stiff[k]:.3f} N at {np.round(self.points[k], 1).tolist()} mm)",
                 verdict,
                 f"reached: {'; '.join(below) or 'none'}",
                 f"not reached: {'; '.join(above) or 'none'}",
@@ -124,22 +124,24 @@ def lump_map(
 ) -> LumpMap:
     """The force for equal depth with the stiff `region` (number or name) and without it, and the model's own answer.
 
-    points: (P, 3) mm; None: up to `most` surface nodes, those nearest the region and others far from each other. "Without"
-    gives the region the volume-weighted mean constants of the rest. The model is asked at the dozen points of greatest
-    difference and a dozen others.
+    points: (P, 3) mm; None: up to `most` surface nodes, those nearest the region and others far from each other.
+    "Without" gives the region the volume-weighted mean constants of the rest. The model is asked at the dozen points of
+    greatest difference and a dozen others.
     """
     plain = without_region(tissue, region)
     if points is None:
         points = _spread(tissue, most, radius, _centre(tissue, region))
     x = float64("points", points, (None, 3))
     say = progress or (lambda share: None)
-    forces = [force_map(t, depth, radius, x, progress=lambda s, k=k: say((k + s) * 0.35)) for k, t in
-              enumerate((tissue, plain))]  # fmt: skip
-    order = np.argsort(-np.abs(forces[0] - forces[1]))
+    stiff = force_map(tissue, depth, radius, x, progress=lambda share: say(0.35 * share))
+    even = force_map(plain, depth, radius, x, progress=lambda share: say(0.35 + 0.35 * share))
+    order = np.argsort(-np.abs(stiff - even))
     checked = np.unique(np.concatenate([order[:12], order[12 :: max(1, (len(order) - 12) // 12)]]))
-    found = [force_map(t, depth, radius, x[checked], BlockModel(t), lambda s, k=k: say(0.7 + (k + s) * 0.15)) for k, t in
-             enumerate((tissue, plain))]  # fmt: skip
-    return LumpMap(x, surface_normals(tissue, x), *forces, checked, *found, depth, radius)
+    asked = x[checked]
+    model_stiff = force_map(tissue, depth, radius, asked, BlockModel(tissue), lambda share: say(0.7 + 0.15 * share))
+    model_even = force_map(plain, depth, radius, asked, BlockModel(plain), lambda share: say(0.85 + 0.15 * share))
+    normals = surface_normals(tissue, x)
+    return LumpMap(x, normals, stiff, even, checked, model_stiff, model_even, depth, radius)
 
 
 def without_region(tissue: Tissue, region: int | str) -> Tissue:
@@ -163,7 +165,7 @@ def _stiffness_along(solver: FiniteElements, x: Float64, way: Float64, radius: f
     return out
 
 
-def _inside(tissue: Tissue, region: int | str) -> np.ndarray:
+def _inside(tissue: Tissue, region: int | str) -> Bool:
     numbers = {name: number for number, name in tissue.mesh.names.items()}
     number = numbers.get(region, -1) if isinstance(region, str) else region
     inside = tissue.mesh.region == number

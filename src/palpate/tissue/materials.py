@@ -8,8 +8,8 @@ _SAMANI = (
 )
 _LIVER = "table 1 of Phys. Med. Biol. 64 (2019) 225001, doi 10.1088/1361-6560/ab5010, shear modulus times 3"
 _KIDNEY = (
-    "O. Rouvière et al., J. Magn. Reson. Imaging 34 (2011) 880, magnetic resonance elastography at 45 Hz of ten healthy "
-    "volunteers, shear modulus 4.9 ± 0.5 kPa times 3; stiffer than at rest, since tissue stiffens with frequency"
+    "O. Rouvière et al., J. Magn. Reson. Imaging 34 (2011) 880, magnetic resonance elastography at 45 Hz of ten "
+    "healthy volunteers, shear modulus 4.9 ± 0.5 kPa times 3; softer when slow, as tissue is"
 )
 
 

@@ -58,5 +58,5 @@ class FitReport:
     @classmethod
     def from_plain(cls, plain: dict[str, Any], error_map: Float64) -> "FitReport":
         """The inverse of `plain`."""
-        arrays = {k: np.array(v, dtype=np.float64) if isinstance(v, list) else v for k, v in plain.items()}
+        arrays: dict[str, Any] = {k: np.array(v) if isinstance(v, list) else v for k, v in plain.items()}
         return cls(**arrays, error_map=error_map)

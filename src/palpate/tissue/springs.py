@@ -4,7 +4,7 @@ import numpy as np
 from scipy.sparse import csr_array, diags_array
 
 from palpate import _core
-from palpate.arrays import Float64
+from palpate.arrays import Float64, Int32
 from palpate.errors import MaterialError
 from palpate.tissue.rings import RingModel, best_relaxation, least_ritz_value, typical_contact, without_diagonal
 from palpate.tissue.tissue import KPA, SpringLaw, Tissue
@@ -80,7 +80,7 @@ def edge_stiffness(tissue: Tissue, weights: str) -> csr_array:
     return K
 
 
-def _slopes(nodes: Float64, tets: Float64) -> Float64:
+def _slopes(nodes: Float64, tets: Int32) -> Float64:
     """(M, 4, 3) 1/mm: gradient of each corner's linear shape function."""
     edges = nodes[tets[:, 1:]] - nodes[tets[:, :1]]
     inner = np.linalg.inv(edges).transpose(0, 2, 1)
