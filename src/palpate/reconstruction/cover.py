@@ -62,10 +62,9 @@ def _isocentre(views: Views) -> Float64:
         line = panel.points([(n - 1) / 2 for n in panel.shape])[0] - source
         ray = line / np.linalg.norm(line)
         across = np.eye(3) - np.outer(ray, ray)
-        normal += across
-        offset += across @ source
-    point: Float64 = np.linalg.lstsq(normal, offset, rcond=None)[0]
-    return point
+        normal = normal + across
+        offset = offset + across @ source
+    return np.asarray(np.linalg.lstsq(normal, offset, rcond=None)[0], dtype=np.float64)
 
 
 def _pixel_at(views: Views, z: float) -> float:
