@@ -53,6 +53,7 @@ if TYPE_CHECKING:
     from palpate.simulation.record import read_record as read_record
     from palpate.simulation.record import write_record as write_record
     from palpate.simulation.session import Session as Session
+    from palpate.studies.demo import demonstrate as demonstrate
     from palpate.tissue.elasticity import finite_elements as finite_elements
     from palpate.tissue.files import read_tissue as read_tissue
     from palpate.tissue.files import write_tissue as write_tissue
@@ -141,6 +142,7 @@ _HOME = {
     "read_record": "simulation.record",
     "write_record": "simulation.record",
     "touch": "server.serve",
+    "demonstrate": "studies.demo",
 }
 __all__ = sorted(_HOME)
 
