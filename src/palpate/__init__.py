@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from palpate.meshes.files import read_mesh as read_mesh
     from palpate.meshes.files import write_mesh as write_mesh
     from palpate.meshes.mesh import TetMesh as TetMesh
+    from palpate.meshes.quality import mesh_quality as mesh_quality
+    from palpate.meshes.stuffing import tetrahedralize as tetrahedralize
     from palpate.reconstruction.baselines import backproject as backproject
     from palpate.reconstruction.baselines import sirt as sirt
     from palpate.reconstruction.cover import covering_grid as covering_grid
@@ -22,9 +24,6 @@ if TYPE_CHECKING:
     from palpate.reconstruction.reconstruct import iterates as iterates
     from palpate.reconstruction.reconstruct import reconstruct as reconstruct
     from palpate.reconstruction.step import Step as Step
-    from palpate.meshes.quality import mesh_quality as mesh_quality
-    from palpate.meshes.stuffing import tetrahedralize as tetrahedralize
-    from palpate.reconstruction.projector import Projector as Projector
     from palpate.scans.correct import equal_contrast as equal_contrast
     from palpate.scans.correct import open_beam as open_beam
     from palpate.scans.files import read_scan as read_scan
@@ -54,6 +53,7 @@ if TYPE_CHECKING:
     from palpate.simulation.record import read_record as read_record
     from palpate.simulation.record import write_record as write_record
     from palpate.simulation.session import Session as Session
+    from palpate.studies.demo import demonstrate as demonstrate
     from palpate.tissue.elasticity import finite_elements as finite_elements
     from palpate.tissue.files import read_tissue as read_tissue
     from palpate.tissue.files import write_tissue as write_tissue
@@ -69,9 +69,9 @@ if TYPE_CHECKING:
     from palpate.volumes.files import write_labels as write_labels
     from palpate.volumes.files import write_volume as write_volume
     from palpate.volumes.grid import Grid as Grid
-    from palpate.volumes.resample import resample as resample
     from palpate.volumes.metrics import contrast_to_noise as contrast_to_noise
     from palpate.volumes.metrics import nmse as nmse
+    from palpate.volumes.resample import resample as resample
     from palpate.volumes.segment import segment as segment
     from palpate.volumes.volume import Labels as Labels
     from palpate.volumes.volume import Volume as Volume
@@ -142,6 +142,7 @@ _HOME = {
     "read_record": "simulation.record",
     "write_record": "simulation.record",
     "touch": "server.serve",
+    "demonstrate": "studies.demo",
 }
 __all__ = sorted(_HOME)
 

@@ -54,16 +54,16 @@ def find_inclusion(volume: Volume, inside: Bool, smallest: float = 1.0, largest:
         raise DataError("inside: nothing there is brighter than its surroundings; give a mask of the organ alone")
     # Off its middle a ball is a smaller disc that answers as strongly at a smaller scale: size and place are read again
     # in the slice of the centroid.
-    peak = _place(responses[best])
-    middle = round(float(_centroid(responses[best], peak)[0]))
-    near = _square(peak, 2 * largest, spacing, mask.shape)
+    strongest = np.max(responses, axis=0)
+    middle = round(float(_centroid(strongest, _place(strongest))[0]))
+    near = _square(_place(strongest), largest / 2, spacing, mask.shape)
     across = np.array([r[middle][near].max() for r in responses])
     best = int(np.argmax(across))
     radius = float(np.sqrt(2) * sigmas[best] * STEP ** _vertex(across, best))
     local = np.zeros(mask.shape, np.float32)
     local[middle][near] = responses[best][middle][near]
     peak = _place(local)
-    index = _centroid(responses[best], peak)
+    index = _centroid(strongest, peak)
     centre = volume.grid.points(index)[0]
     away = np.ones(mask.shape, dtype=bool)
     away[:, *_square(peak, radius, spacing, mask.shape)] = False
