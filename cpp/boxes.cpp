@@ -26,20 +26,31 @@ int tallest_pixel(const View& v) {
 // belongs to row low[a] + t, which may lie beyond the image. Numerical kernel.
 PALPATE_KERNEL void column_taps(const double* __restrict slope1, const double* __restrict offset1,
                                 const double* __restrict slope2, const double* __restrict offset2, int y, int taps,
-                                int nb, int na, int32_t* __restrict low, int32_t* __restrict high,
-                                float* __restrict weight) {
+                                int nb, int na, double* __restrict per_move, int32_t* __restrict low,
+                                int32_t* __restrict high, float* __restrict weight) {
     for (int a = 0; a < na; a++) {
         const double l1 = slope1[a] * y + offset1[a], l2 = slope2[a] * y + offset2[a];
         const double r1 = slope1[a] * (y + 1) + offset1[a], r2 = slope2[a] * (y + 1) + offset2[a];
         low[a] = int32_t(std::min(std::max(std::floor(std::min(l1, l2) + 0.5), 0.0), double(nb)));
         high[a] = int32_t(std::max(std::min(std::floor(std::max(r1, r2) + 0.5), nb - 1.0), -1.0));
     }
+    // covered(r) − covered(l), with one division an edge instead of one a tap.
+    for (int a = 0; a < na; a++) {
+        const double left = (slope2[a] - slope1[a]) * y + offset2[a] - offset1[a];
+        const double right = (slope2[a] - slope1[a]) * (y + 1) + offset2[a] - offset1[a];
+        per_move[a] = std::fabs(left) < 1e-6 ? 0 : 1 / left;
+        per_move[na + a] = std::fabs(right) < 1e-6 ? 0 : 1 / right;
+    }
     for (int t = 0; t < taps; t++)
         for (int a = 0; a < na; a++) {
-            const double l1 = slope1[a] * y + offset1[a], l2 = slope2[a] * y + offset2[a];
-            const double r1 = slope1[a] * (y + 1) + offset1[a], r2 = slope2[a] * (y + 1) + offset2[a];
             const double q = low[a] + t - 0.5;
-            weight[int64_t(t) * na + a] = float(covered(r1, r2, q) - covered(l1, l2, q));
+            const double l1 = slope1[a] * y + offset1[a] - q, l2 = slope2[a] * y + offset2[a] - q;
+            const double r1 = l1 + slope1[a], r2 = l2 + slope2[a];
+            const double still_left = std::min(std::max(0.5 * (l1 + l2), 0.0), 1.0);
+            const double still_right = std::min(std::max(0.5 * (r1 + r2), 0.0), 1.0);
+            const double left = per_move[a] == 0 ? still_left : (rise(l2) - rise(l1)) * per_move[a];
+            const double right = per_move[na + a] == 0 ? still_right : (rise(r2) - rise(r1)) * per_move[na + a];
+            weight[int64_t(t) * na + a] = float(right - left);
         }
 }
 
@@ -169,11 +180,12 @@ void SliceBoxes::begin_row(int y, RowScratch& s) const {
     int most = 0;
     for (const Rows& e : edges) most = std::max(most, e.taps);
     s.taps.resize(size_t(subs) * most * na);
+    s.per_move.resize(2 * size_t(na));
     s.low.resize(size_t(subs + 1) * na);
     s.high.resize(size_t(subs + 1) * na);
     for (int i = 0; i < subs; i++)
         column_taps(edges[i].slope1.data(), edges[i].offset1.data(), edges[i].slope2.data(), edges[i].offset2.data(), y,
-                    edges[i].taps, nb, na, &s.low[size_t(i + 1) * na], &s.high[size_t(i + 1) * na],
+                    edges[i].taps, nb, na, s.per_move.data(), &s.low[size_t(i + 1) * na], &s.high[size_t(i + 1) * na],
                     &s.taps[size_t(i) * most * na]);
     int first = nb, last = -1;
     for (int a = 0; a < na; a++) { // over the sub-slices: entries 0 of low and high
@@ -191,13 +203,15 @@ void SliceBoxes::begin_row(int y, RowScratch& s) const {
     s.row = first;
     s.height = std::max(0, last - first + 1);
     s.strip.assign(size_t(subs) * s.height * stride, 0);
-    for (int i = 0; i < subs; i++)
-        for (int t = 0; t < edges[i].taps; t++)
-            for (int a = 0; a < na; a++) {
-                const int b = s.low[size_t(i + 1) * na + a] + t;
-                if (b <= s.high[size_t(i + 1) * na + a])
-                    s.strip[(size_t(i) * s.height + b - first) * stride + a] = s.taps[(size_t(i) * most + t) * na + a];
-            }
+    for (int i = 0; i < subs; i++) { // columns that begin in the same row are copied together
+        const int32_t *low = &s.low[size_t(i + 1) * na], *high = &s.high[size_t(i + 1) * na];
+        for (int a = 0, next = 0; a < na; a = next) {
+            for (next = a + 1; next < na && low[next] == low[a] && high[next] == high[a];) next++;
+            for (int b = low[a]; b <= std::min(high[a], low[a] + edges[i].taps - 1); b++)
+                std::copy_n(&s.taps[(size_t(i) * most + b - low[a]) * na + a], next - a,
+                            &s.strip[(size_t(i) * s.height + b - first) * stride + a]);
+        }
+    }
     s.weight.resize(std::max(s.weight.size(), size_t(along_x.width) * s.height));
 }
 

@@ -52,6 +52,7 @@ struct RowScratch {
     std::vector<int32_t> low, high; // turned panels, per column: first and last row under the row of voxels
     std::vector<float> strip;       // turned panels: (subs, height, stride) weights along y
     std::vector<float> taps;
+    std::vector<double> per_move;
     std::vector<float> weight, sums; // the footprint, and for lists one float a measured pixel, 0 between voxels
     std::vector<int64_t> pixels;
 };
