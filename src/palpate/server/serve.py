@@ -5,6 +5,7 @@ import getpass
 import logging
 import os
 import secrets
+import signal
 import socket
 import sys
 import threading
@@ -78,12 +79,24 @@ def touch(
             announce(address, session)
             if open_browser and has_display():
                 webbrowser.open(address)
-            with contextlib.suppress(KeyboardInterrupt):
-                threading.Event().wait()
+            wait_for_interrupt()
     print("\npalpate: closed")
     if record is not None:
         write_record(record, session.record())
         print(f"palpate: session recorded in {record}")
+
+
+def wait_for_interrupt() -> None:
+    """Until Ctrl-C, or until the system asks the process to end: either way the session is closed and recorded."""
+    ended = threading.Event()
+    in_main = threading.current_thread() is threading.main_thread()
+    before = signal.signal(signal.SIGTERM, lambda *_: ended.set()) if in_main else None
+    try:
+        with contextlib.suppress(KeyboardInterrupt):
+            ended.wait()
+    finally:
+        if in_main:
+            signal.signal(signal.SIGTERM, before)
 
 
 def like(record: Record, tissue: Tissue) -> Session:
