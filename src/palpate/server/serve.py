@@ -17,7 +17,7 @@ import uvicorn
 
 from palpate.atomic import writable
 from palpate.errors import PortError
-from palpate.server.app import MESSAGE_BYTES, application
+from palpate.server.app import MESSAGE_BYTES, application, check_page
 from palpate.simulation.devices.pointer import Pointer
 from palpate.simulation.devices.replay import Replay
 from palpate.simulation.record import Record, write_record
@@ -71,6 +71,7 @@ def touch(
     """
     if record is not None:
         writable(record)
+    check_page()
     listener = loopback_socket(port)
     with contextlib.closing(listener):
         session = Session(build(tissue, model), radius=radius) if replay is None else like(replay, tissue)
@@ -84,6 +85,12 @@ def touch(
     if record is not None:
         write_record(record, session.record())
         print(f"palpate: session recorded in {record}")
+
+
+def check_ready(port: int | None) -> None:
+    """Is there a page to serve and a port for it? Asked before long work. Raises `FileError`, `PortError`."""
+    check_page()
+    loopback_socket(port).close()
 
 
 def like(record: Record, tissue: Tissue) -> Session:
