@@ -185,11 +185,16 @@ void bind_ring_models(nb::module_& m) {
         .def(
             "__init__",
             [](Blocks* self, In<int32_t, 1> start, In<int32_t, 1> column, In<double, 3> block, In<uint8_t, 1> held,
-               double relaxation) {
-                new (self)
-                    Blocks(start.data(), column.data(), block.data(), int(held.shape(0)), flags(held), relaxation);
+               double relaxation, In<double, 2> shape, In<double, 2> load) {
+                const size_t nodes = held.shape(0), size = 3 * nodes * Modes::count;
+                if (shape.size() != load.size() || (shape.size() != size && shape.size() != 0))
+                    throw std::invalid_argument("modes: expected shape and load of (3 nodes, 12), or none");
+                new (self) Blocks(start.data(), column.data(), block.data(), int(nodes), flags(held), relaxation,
+                                  shape.size() ? Modes(shape.data(), load.data(), int(nodes)) : Modes());
             },
-            "start"_a.noconvert(), "column"_a.noconvert(), "block"_a.noconvert(), "held"_a.noconvert(), "relaxation"_a);
+            "start"_a.noconvert(), "column"_a.noconvert(), "block"_a.noconvert(), "held"_a.noconvert(), "relaxation"_a,
+            "shape"_a.noconvert(), "load"_a.noconvert())
+        .def_ro_static("modes", &Modes::count);
     nb::class_<Springs, RingModel>(m, "Springs", "Home and edge springs, relaxed ring by ring.")
         .def(
             "__init__",

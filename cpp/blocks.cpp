@@ -63,9 +63,9 @@ PALPATE_KERNEL void multiply(int nodes, const int* start, const int* neighbour, 
 } // namespace
 
 Blocks::Blocks(const int32_t* start, const int32_t* column, const double* values, int nodes, std::vector<uint8_t> h,
-               double r)
+               double r, Modes slow)
     : RingModel(edges(start, column, nodes), std::move(h), r, 3), block(12 * graph.neighbour.size()),
-      diagonal(9 * size_t(nodes)), inverse(9 * size_t(nodes)) {
+      diagonal(9 * size_t(nodes)), inverse(9 * size_t(nodes)), modes(std::move(slow)) {
     size_t edge = 0;
     for (int i = 0; i < nodes; i++)
         for (int k = start[i]; k < start[i + 1]; k++) {
@@ -114,6 +114,14 @@ void Blocks::touched_right(RingState& s) const {
 void Blocks::relax(RingState& s, int first) const {
     sweep(s.rings.order.data() + first, nodes() - first, held.data(), graph.start.data(), graph.neighbour.data(),
           block.data(), inverse.data(), relaxation, s.u.data());
+}
+
+void Blocks::bind(RingState& s) const {
+    if (!modes.empty()) modes.bind(s.touched.data(), s.count, s.weight.data(), s.contacts, s.bound);
+}
+
+void Blocks::settle(RingState& s) const {
+    if (!modes.empty()) modes.settle(s.bound, s.u.data());
 }
 
 double Blocks::weighed(const RingState&, int i, const double r[3]) const {

@@ -1,5 +1,6 @@
 #include "geometry.h"
 #include "parallel.h"
+#include "subslices.h"
 #include <algorithm>
 #include <cmath>
 
@@ -7,7 +8,7 @@ namespace palpate {
 namespace {
 
 constexpr double parallel_enough = 1e-9; // of a unit axis out of x or y
-constexpr int finer = 3;                 // fine pixels along a measured one, on tilted panels
+constexpr int finer = 2;                 // fine pixels along a measured one, on tilted panels
 
 double dot(const Vec3& u, const Vec3& v) { return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]; }
 
@@ -65,58 +66,81 @@ void swap_xy(View& v) {
         std::swap((*u)[0], (*u)[1]);
 }
 
-// A parallel panel through the middle of a tilted one, and the pixels of the tilted one seen on it from the focal spot:
-// a homography, exact for the rays.
-void see_through(View& v) {
+// Where the ray from the source through q meets the plane of the parallel panel; not finite if it runs away from it.
+std::array<double, 2> cast(const View& v, const Vec3& q) {
+    const double reach = (v.height - v.source[2]) / (q[2] - v.source[2]);
+    if (!(reach > 0)) return {NAN, NAN};
+    return {v.source[0] + reach * (q[0] - v.source[0]), v.source[1] + reach * (q[1] - v.source[1])};
+}
+
+struct Box {
+    double low[2] = {HUGE_VAL, HUGE_VAL}, high[2] = {-HUGE_VAL, -HUGE_VAL};
+    void take(const std::array<double, 2>& p) {
+        for (int i = 0; i < 2; i++) low[i] = std::fmin(low[i], p[i]), high[i] = std::fmax(high[i], p[i]);
+    }
+};
+
+Box grid_shadow(const Grid& g, const View& v) {
+    Box box;
+    for (int corner = 0; corner < 8; corner++)
+        box.take(
+            cast(v, {g.x0 + (corner & 1 ? g.nx - 0.5 : -0.5) * g.dx, g.y0 + (corner & 2 ? g.ny - 0.5 : -0.5) * g.dy,
+                     g.z0 + (corner & 4 ? g.nz - 0.5 : -0.5) * g.dz}));
+    return box;
+}
+
+// The pixel of the measured panel that sees the middle of the grid, or the one nearest to it.
+std::array<int, 2> middle_pixel(const Grid& g, const View& v) {
+    const Panel& p = v.panel;
+    const Vec3 normal = {p.columns_along[1] * p.rows_along[2] - p.columns_along[2] * p.rows_along[1],
+                         p.columns_along[2] * p.rows_along[0] - p.columns_along[0] * p.rows_along[2],
+                         p.columns_along[0] * p.rows_along[1] - p.columns_along[1] * p.rows_along[0]};
+    const Vec3 middle = {g.x0 + 0.5 * (g.nx - 1) * g.dx, g.y0 + 0.5 * (g.ny - 1) * g.dy,
+                         g.z0 + 0.5 * (g.nz - 1) * g.dz};
+    Vec3 ray, away, hit;
+    for (int i = 0; i < 3; i++) ray[i] = middle[i] - v.source[i], away[i] = p.origin[i] - v.source[i];
+    const double reach = dot(away, normal) / dot(ray, normal);
+    for (int i = 0; i < 3; i++) hit[i] = reach * ray[i] - away[i];
+    const double row = dot(hit, p.rows_along) / p.dv, column = dot(hit, p.columns_along) / p.du;
+    return {int(std::fmin(std::fmax(row, 0.0), p.rows - 1.0)), int(std::fmin(std::fmax(column, 0.0), p.columns - 1.0))};
+}
+
+// A parallel panel at the height of the tilted one's middle pixel, no larger than the grid's shadow, and the pixels of
+// the tilted one seen on it from the focal spot: a homography, exact for the rays.
+void see_through(const Grid& g, View& v) {
     const Panel& p = v.panel;
     v.pose = Pose::tilted;
     v.start = v.step_a = v.step_b = 0;
     v.rise = 0;
     v.run = 1;
-    v.height = point(p, 0.5 * (p.rows - 1), 0.5 * (p.columns - 1))[2];
+    const auto [row, column] = middle_pixel(g, v);
+    v.height = point(p, row, column)[2];
     std::vector<double> corners(2 * size_t(p.rows + 1) * (p.columns + 1));
-    double a0 = 1e300, a1 = -1e300, b0 = 1e300, b1 = -1e300;
+    Box seen;
     for (int r = 0; r <= p.rows; r++)
         for (int c = 0; c <= p.columns; c++) {
-            const Vec3 q = point(p, r - 0.5, c - 0.5);
-            const double reach = (v.height - v.source[2]) / (q[2] - v.source[2]);
-            double* corner = &corners[2 * (size_t(r) * (p.columns + 1) + c)];
-            for (int i = 0; i < 2; i++) corner[i] = v.source[i] + reach * (q[i] - v.source[i]);
-            a0 = std::min(a0, corner[0]), a1 = std::max(a1, corner[0]);
-            b0 = std::min(b0, corner[1]), b1 = std::max(b1, corner[1]);
+            const auto at = cast(v, point(p, r - 0.5, c - 0.5));
+            seen.take(at);
+            std::copy_n(at.begin(), 2, &corners[2 * (size_t(r) * (p.columns + 1) + c)]);
         }
-    // The middle pixel sets the fine pitch.
-    const size_t middle = 2 * (size_t(p.rows / 2) * (p.columns + 1) + p.columns / 2), down = 2 * size_t(p.columns + 1);
-    const double ea = corners[middle + 2] - corners[middle], eb = corners[middle + 3] - corners[middle + 1];
-    const double fa = corners[middle + down] - corners[middle], fb = corners[middle + down + 1] - corners[middle + 1];
-    v.pa = v.pb = std::sqrt(std::fabs(ea * fb - eb * fa)) / finer;
-    v.na = int(std::ceil((a1 - a0) / v.pa)) + 1;
-    v.nb = int(std::ceil((b1 - b0) / v.pb)) + 1;
-    v.left = a0 + 0.5 * v.pa;
-    v.low = b0 + 0.5 * v.pb;
+    // The middle pixel sets the fine pitch, along x and y apart: its two edges' extents.
+    const double* corner = &corners[2 * (size_t(row) * (p.columns + 1) + column)];
+    const double* below = corner + 2 * size_t(p.columns + 1);
+    v.pa = std::hypot(corner[2] - corner[0], below[0] - corner[0]) / finer;
+    v.pb = std::hypot(corner[3] - corner[1], below[1] - corner[1]) / finer;
+    const Box shadow = grid_shadow(g, v);
+    for (int i = 0; i < 2; i++) {
+        const double pitch = i ? v.pb : v.pa, margin = 2 * finer * pitch; // whole measured pixels beside the shadow
+        const double low = std::fmax(seen.low[i], shadow.low[i] - margin);
+        const double high = std::fmin(seen.high[i], shadow.high[i] + margin);
+        (i ? v.nb : v.na) = std::max(1, int(std::ceil((high - low) / pitch)));
+        (i ? v.low : v.left) = low + 0.5 * pitch;
+    }
     for (size_t i = 0; i < corners.size(); i += 2) {
         corners[i] = (corners[i] - v.left) / v.pa;
         corners[i + 1] = (corners[i + 1] - v.low) / v.pb;
     }
     v.resampling = resampling(p.rows, p.columns, corners, v.na, v.nb);
-}
-
-// The product of two trapezoids is the mean over the slice's thickness only if the shadow moves along one axis: moving
-// along both, by mx and my pixels or voxels (the wider), errs by about 0.1 mx my on white noise. Sub-slices cut both
-// moves.
-int sub_slices(const Grid& g, const View& v, double tolerance) {
-    double most = 1;
-    for (int corner = 0; corner < 8; corner++) {
-        const double x = g.x0 + (corner & 1 ? g.nx - 0.5 : -0.5) * g.dx;
-        const double y = g.y0 + (corner & 2 ? g.ny - 0.5 : -0.5) * g.dy;
-        const double z = g.z0 + (corner & 4 ? g.nz - 0.5 : -0.5) * g.dz;
-        const double shrink = (v.source[2] - z) / (v.source[2] - v.height);
-        const double across = g.dz / (v.source[2] - z);
-        const double mx = std::fabs(x - v.source[0]) * across / std::max(g.dx, v.pa * shrink);
-        const double my = std::fabs(y - v.source[1]) * across / std::max(g.dy, v.pb * shrink);
-        most = std::max(most, std::ceil(std::sqrt(0.1 * mx * my / tolerance)));
-    }
-    return int(std::min(most, 64.0));
 }
 
 void paths(const Grid& g, View& v) {
@@ -151,12 +175,16 @@ Geometry::Geometry(const Grid& grid, int count, int rows, int columns, const dou
         v.swapped = false;
         if (!about_y(p)) swap_xy(v);
         if (!about_y(p))
-            swap_xy(v), see_through(v);
+            swap_xy(v), see_through(grid, v);
         else
             adopt(v);
-        v.subs = sub_slices(seen_by(v), v, tolerance);
-        paths(grid, v);
     }
+    parallel(count, [&](int64_t begin, int64_t end, int) {
+        for (int64_t k = begin; k < end; k++) {
+            views[k].subs = sub_slices(*this, views[k]);
+            paths(grid, views[k]);
+        }
+    });
 }
 
 } // namespace palpate

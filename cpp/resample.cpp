@@ -33,13 +33,15 @@ double area(const Point* p, int count) {
 
 // Calls visit(index, weight) for each fine pixel under a quadrilateral: strips of rows, then cells.
 template <class Visit> void cover(const Point* quad, int na, int nb, Visit visit) {
+    for (int i = 0; i < 4; i++) // a pixel whose rays run away from the parallel panel sees nothing
+        if (!std::isfinite(quad[i].a) || !std::isfinite(quad[i].b)) return;
     auto [a0, a1] = std::minmax({quad[0].a, quad[1].a, quad[2].a, quad[3].a});
     auto [b0, b1] = std::minmax({quad[0].b, quad[1].b, quad[2].b, quad[3].b});
     const double whole = area(quad, 4);
-    if (!(whole > 0)) return;
+    if (!(whole > 0) || a1 <= -0.5 || b1 <= -0.5 || a0 >= na - 0.5 || b0 >= nb - 0.5) return;
     Point low[12], strip[12], left[12], cell[12];
-    const int first_b = std::max(0, int(std::floor(b0 + 0.5))), last_b = std::min(nb - 1, int(std::floor(b1 + 0.5)));
-    const int first_a = std::max(0, int(std::floor(a0 + 0.5))), last_a = std::min(na - 1, int(std::floor(a1 + 0.5)));
+    const int first_b = int(std::max(0.0, b0 + 0.5)), last_b = int(std::min(nb - 1.0, b1 + 0.5));
+    const int first_a = int(std::max(0.0, a0 + 0.5)), last_a = int(std::min(na - 1.0, a1 + 0.5));
     for (int b = first_b; b <= last_b; b++) {
         int n = clip(quad, 4, low, 1, b - 0.5, 1);
         n = clip(low, n, strip, 1, b + 0.5, -1);

@@ -57,6 +57,7 @@ bool RingModel::solve(State& state, const Patch* patches, int contacts, const do
     for (int k = 0; k < sweeps; k++) {
         if (contacts > 0) hold(s, displacement, force);
         relax(s, s.count);
+        if (k % 4 == 3 || k == sweeps - 1) settle(s); // slow shapes need it less often than each sweep
     }
     if (contacts > 0) hold(s, displacement, force);
     return true;
@@ -91,6 +92,7 @@ bool RingModel::touch(RingState& s, const Patch* patches, int contacts) const {
                     if (s.count == capacity) {
                         for (int at = 0; at < s.count; at++) s.place[s.touched[at]] = -1;
                         s.count = s.contacts = 0;
+                        bind(s);
                         return false;
                     }
                     s.place[i] = s.count;
@@ -102,6 +104,7 @@ bool RingModel::touch(RingState& s, const Patch* patches, int contacts) const {
     }
     std::copy_n(s.fresh.begin(), size_t(contacts) * capacity, s.weight.begin());
     s.contacts = contacts;
+    bind(s);
     if (contacts == 0) return s.sound = true;
     if (moved || stiffness_follows_weights()) {
         prepare(s);

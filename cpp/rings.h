@@ -1,5 +1,6 @@
 #pragma once
 #include "model.h"
+#include "modes.h"
 #include "saddle.h"
 #include <cstdint>
 #include <vector>
@@ -33,6 +34,7 @@ struct RingState : State {
     Saddle saddle;              // the touched nodes' own equilibrium
     std::vector<double> right;  // its right-hand side, then its solution
     std::vector<double> home;   // springs only: home spring of each node, N/mm
+    Modes::Bound bound;         // blocks only: what the contacts leave of the slow modes
     bool sound = true;          // false: two of the contacts cannot be told apart
 };
 
@@ -77,6 +79,8 @@ private:
     virtual void relax(RingState& s, int first) const = 0;          // one sweep over order[first ..]
     virtual double weighed(const RingState& s, int node, const double r[3]) const = 0; // r' M^-1 r
     virtual bool stiffness_follows_weights() const = 0;
+    virtual void bind(RingState&) const {}   // the contacts have changed: what they leave of the slow modes
+    virtual void settle(RingState&) const {} // the slow modes, after some sweeps
     bool touch(RingState& s, const Patch* patches, int contacts) const;
     void constrain(RingState& s) const;
     void hold(RingState& s, const double* displacement, double* force) const;

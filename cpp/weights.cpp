@@ -1,69 +1,80 @@
 #include "weights.h"
+#include "dispatch.h"
 #include <algorithm>
 #include <cmath>
 
 namespace palpate {
 
+// weight[i] = the part of pixel first[i] + tap between edges i and i + 1, which move from `from` to `to`.
+PALPATE_KERNEL void trapezoids(const double* __restrict from, const double* __restrict to, int begin, int end, int tap,
+                               const int32_t* __restrict first, float* __restrict weight) {
+    for (int i = begin; i < end; i++) {
+        const double q = first[i] + tap;
+        const double w = covered(from[i + 1], to[i + 1], q) - covered(from[i], to[i], q);
+        weight[i] = w > 1e-7 ? float(w) : 0.0f; // rounding must not tie a voxel to pixels that it does not reach
+    }
+}
+
 void by_voxel(const Geometry& geometry, const View& view, int z, int sub, Axis axis, AxisWeights& out) {
     const Grid grid = geometry.seen_by(view);
     const bool x = axis == Axis::x;
     const int n = x ? grid.nx : grid.ny, count = x ? view.na : view.nb;
-    const double spacing = x ? grid.dx : grid.dy, origin = x ? grid.x0 : grid.y0;
-    const double thickness = grid.dz / view.subs;
-    const double z1 = grid.z0 + (z - 0.5) * grid.dz + sub * thickness, z2 = z1 + thickness;
+    const double spacing = x ? grid.dx : grid.dy, edge = (x ? grid.x0 : grid.y0) - 0.5 * spacing;
     // The ray from the focal spot s through (x, z) meets the line of pixel centres p0 + a * pitch * (run, rise) where
     // a * pitch = cross(s - p0, d) / cross((run, rise), d), d = (x, z) - s.
     const double s = view.source[x ? 0 : 1], p0 = x ? view.left : view.low, pitch = x ? view.pa : view.pb;
     const double run = x ? view.run : 1, rise = x ? view.rise : 0, up = view.source[2] - view.height;
-    auto landed = [&](double height, int i) {
-        const double dx = origin + (i - 0.5) * spacing - s, dz = height - view.source[2];
-        return ((s - p0) * dz - up * dx) / (run * dz - rise * dx) / pitch;
-    };
-
-    // Wide enough for any voxel: the widest shadow, and how far the farthest edge moves.
-    double width = 0, move = 0;
-    for (int i : {0, n}) move = std::max(move, std::fabs(landed(z2, i) - landed(z1, i)));
-    for (int i : {0, n - 1})
-        for (double h : {z1, z2}) width = std::max(width, std::fabs(landed(h, i + 1) - landed(h, i)));
-    const int taps = int(std::ceil(width + move)) + 2;
-    out.n = n;
-    out.first.assign(n, 0);
-    out.weight.assign(size_t(taps) * n, 0);
-    int used = 1;
-    for (int i = 0; i < n; i++) {
-        const double l1 = landed(z1, i), l2 = landed(z2, i), r1 = landed(z1, i + 1), r2 = landed(z2, i + 1);
-        const int low = std::max(0, int(std::floor(std::min(l1, l2) + 0.5)));
-        const int high = std::min(count - 1, int(std::floor(std::max(r1, r2) + 0.5)));
-        if (high < low) continue;
-        out.first[i] = low;
-        for (int a = low; a <= high && a - low < taps; a++) {
-            out.weight[size_t(a - low) * n + i] = float(covered(r1, r2, a - 0.5) - covered(l1, l2, a - 0.5));
-            used = std::max(used, a - low + 1);
+    std::vector<double> edges(2 *
+                              size_t(n + 1)); // where they land at the two faces, counted so that pixel a is [a, a + 1]
+    double *from = edges.data(), *to = from + n + 1;
+    for (int face = 0; face < 2; face++) {
+        const double dz = grid.z0 + (z - 0.5 + double(sub + face) / view.subs) * grid.dz - view.source[2];
+        for (int i = 0; i <= n; i++) {
+            const double dx = edge + i * spacing - s;
+            edges[face * size_t(n + 1) + i] = ((s - p0) * dz - up * dx) / ((run * dz - rise * dx) * pitch) + 0.5;
         }
     }
-    out.taps = used;
-    out.weight.resize(size_t(used) * n);
+    out.n = n;
+    out.first.assign(n, 0);
+    int taps = 1, begin = n, end = 0;
+    for (int i = 0; i < n; i++) {
+        const double low = std::max(0.0, std::min(from[i], to[i]));
+        const double high = std::min(double(count), std::max(from[i + 1], to[i + 1]));
+        if (!(low < high)) continue;
+        begin = std::min(begin, i);
+        end = i + 1;
+        out.first[i] = int(low);
+        taps = std::max(taps, int(std::ceil(high)) - int(low));
+    }
+    out.taps = taps;
+    out.weight.assign(size_t(taps) * n, 0);
+    // No tap leaves the panel: those before the shadow weigh nothing.
+    for (int i = 0; i < n; i++) out.first[i] = std::min(out.first[i], count - taps);
+    for (int t = 0; t < taps; t++) trapezoids(from, to, begin, end, t, out.first.data(), &out.weight[size_t(t) * n]);
 }
 
 void by_pixel(const AxisWeights& voxels, int count, AxisWeights& out) {
+    const int n = voxels.n;
     std::vector<int32_t> last(count, -1);
     out.n = count;
-    out.first.assign(count, 0);
-    for (int i = 0; i < voxels.n; i++)
-        for (int t = 0; t < voxels.taps; t++) {
-            if (voxels.weight[size_t(t) * voxels.n + i] == 0) continue;
-            int a = voxels.first[i] + t;
-            if (last[a] < 0) out.first[a] = i;
-            last[a] = i;
+    out.first.assign(count, INT32_MAX);
+    for (int t = 0; t < voxels.taps; t++)
+        for (int i = 0; i < n; i++) {
+            if (voxels.weight[size_t(t) * n + i] == 0) continue;
+            const int a = voxels.first[i] + t;
+            out.first[a] = std::min(out.first[a], i);
+            last[a] = std::max(last[a], i);
         }
     out.taps = 1;
-    for (int a = 0; a < count; a++) out.taps = std::max(out.taps, last[a] - out.first[a] + 1);
+    for (int a = 0; a < count; a++)
+        if (last[a] >= 0) out.taps = std::max(out.taps, last[a] - out.first[a] + 1);
+    for (int32_t& i : out.first) i = std::min(i, n - out.taps);
     out.weight.assign(size_t(out.taps) * count, 0);
-    for (int i = 0; i < voxels.n; i++)
-        for (int t = 0; t < voxels.taps; t++) {
-            float w = voxels.weight[size_t(t) * voxels.n + i];
+    for (int t = 0; t < voxels.taps; t++)
+        for (int i = 0; i < n; i++) {
+            const float w = voxels.weight[size_t(t) * n + i];
             if (w == 0) continue;
-            int a = voxels.first[i] + t;
+            const int a = voxels.first[i] + t;
             out.weight[size_t(i - out.first[a]) * count + a] = w;
         }
 }

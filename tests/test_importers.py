@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.io
 import tifffile
-from scipy import ndimage
+from scipy import ndimage, stats
 
 import palpate as pp
 from palpate.errors import DataError, FileError
@@ -62,6 +62,20 @@ def test_any_order_of_axes_in_matlab_and_numpy_files(tmp_path, axes):
     g = geometry(tmp_path, f"stack: {{axes: [{', '.join(axes)}]}}\n")
     for name in ("s.mat", "s.npy"):
         assert np.array_equal(pp.import_scan(tmp_path / name, g).counts, COUNTS)
+
+
+@pytest.mark.parametrize("axes", [("view", "row", "column"), ("column", "row", "view"), ("row", "view", "column")])
+def test_several_files_of_any_order_of_axes_follow_along_the_views(tmp_path, axes):
+    stored = COUNTS.transpose([("view", "row", "column").index(a) for a in axes])
+    for k in range(3):
+        image = stored.take(k, axis=axes.index("view"))
+        np.save(tmp_path / f"v{k}.npy", image)
+        (tmp_path / f"v{k}.raw").write_bytes(image.tobytes())
+    shape = [("view", "row", "column").index(a) for a in axes]
+    shape = [COUNTS.shape[i] for i in shape]
+    g = geometry(tmp_path, f"stack: {{axes: [{', '.join(axes)}], dtype: uint16, shape: {shape}}}\n")
+    for pattern in ("v*.npy", "v*.raw"):
+        assert np.array_equal(pp.import_scan(tmp_path / pattern, g).counts, COUNTS)
 
 
 def test_unmeasured_and_dead_pixels_are_masked(tmp_path):
@@ -129,7 +143,10 @@ def test_the_head_sample_is_where_its_description_says():
     assert scan.shape == (11, 512, 512)
     for k, (name, degrees) in enumerate(zip(said["files_in_view_order"], said["angles_deg"], strict=True)):
         image = np.frombuffer((sample("head") / name).read_bytes(), np.uint8).reshape(512, 512)
-        assert np.array_equal(scan.counts[k], image)
+        for row, column in [(40, 300), (255, 100), (300, 480)]:  # order of pixels kept, whatever is done to contrast
+            brighter = image[row, column] > image[row, 200]
+            assert (scan.counts[k, row, column] > scan.counts[k, row, 200]) == brighter
+        assert stats.spearmanr(scan.counts[k, ::7, ::7].ravel(), image[::7, ::7].ravel()).statistic > 0.999999
         assert np.array_equal(scan.mask[k], image > 0)
         t = np.radians(degrees)
         # theirs (x, y, z) is ours (x, z, -y)
@@ -206,6 +223,13 @@ REFUSED = {
         RAW,
         FileError,
         ["121 bytes", "offset"],
+    ),
+    "raw parts": (
+        "s1.raw",
+        lambda p: [raw(p.with_name(f"s{k}.raw")) for k in (1, 2)],
+        RAW,
+        DataError,
+        ["2 files", "(3, 4, 5)", "check both"],
     ),
     "raw unknown": ("s.raw", raw, "", FileError, ["says nothing", "stack.dtype", "stack.shape"]),
     "format": ("s.png", raw, "", FileError, ["cannot tell the format", "stack.format", "raw, tiff, mat or npy"]),
@@ -292,7 +316,7 @@ def test_refused_with_name_value_and_remedy(tmp_path, case):
     base = GEOMETRY.replace("incident: 20000\n", "") if "incident" in extra else GEOMETRY
     g = geometry(tmp_path, extra, base)
     with pytest.raises(kind) as refusal:
-        pp.import_scan(tmp_path / name, g)
+        pp.import_scan(tmp_path / ("s*.raw" if case == "raw parts" else name), g)
     for word in words:
         assert word in str(refusal.value)
 
@@ -326,3 +350,75 @@ def test_every_template_imports_a_stack_that_fits_it(tmp_path):
         small = template(motion).replace("[512, 512] ", "[6, 7] ")
         np.save(tmp_path / "s.npy", np.full((views, 6, 7), 100, np.uint16))
         assert pp.import_scan(tmp_path / "s.npy", geometry(tmp_path, base=small)).shape == (views, 6, 7)
+
+
+# --- contrast --------------------------------------------------------------------------------------------------------
+
+
+def test_views_raised_to_different_powers_come_back_to_one_scale():
+    panel = pp.Panel((60, 80), (2, 2), (-79, -59, 0))
+    views = pp.arc_views(panel, [-10, 0, 10], radius=900, pivot=(0, 0, 50))
+    passed = pp.simulate_scan(pp.slab_phantom(), views, 1, seed=None).counts
+    spoilt = passed ** np.array([0.8, 1, 1.3])[:, None, None]
+    p, q, r = (-np.log(v) for v in (passed, spoilt, pp.equal_contrast(spoilt, 1)))
+    middle = p > 0.5
+    assert np.abs(q[middle] / p[middle] - 1).max() > 0.25
+    assert np.abs(r[middle] / p[middle] - 1).max() < 0.02
+
+
+def test_contrast_needs_something_in_the_beam_and_spares_photons(tmp_path):
+    with pytest.raises(DataError, match=r"contrast of view 0: .* 0, nothing is in the beam"):
+        pp.equal_contrast(np.ones((2, 4, 5)), 1)
+    with pytest.raises(ValueError, match=r"g\.yaml: contrast: equal would spoil .* leave it out"):
+        pp.read_geometry(geometry(tmp_path, "contrast: equal\n"))
+
+
+def test_neighbouring_views_of_the_head_agree_in_contrast():
+    """Quantiles of -log are alike in views 4° apart; as stored, two steps jump by more than a quarter."""
+    scan = pp.import_scan("head")
+    stored = np.stack([np.fromfile(sample("head") / f"1-{k:04d}", np.uint8).reshape(512, 512) for k in range(2, 13)])
+    seen = ndimage.binary_erosion(scan.mask.all(axis=0), iterations=20)
+
+    def ratios(values):
+        p = np.log(scan.incident / np.maximum(values, 1))
+        levels = np.array([np.quantile(view[seen], [0.7, 0.8, 0.9]).mean() for view in p])
+        return np.abs(np.diff(np.log(levels)))
+
+    assert ratios(stored).max() > np.log(1.25)
+    assert ratios(scan.counts).max() < np.log(1.05)
+
+
+# --- the sense of rotation -------------------------------------------------------------------------------------------
+
+
+def bar_slope(image, columns, rows):
+    """Rows per column, and the row at the middle, of the strongest dark-to-bright edge that runs across a window."""
+    steps = np.diff(ndimage.gaussian_filter(image.astype(float), (1, 3)), axis=0)[slice(*rows), slice(*columns)]
+    across, down = np.arange(*columns), rows[0] + 0.5 + steps.argmax(axis=0)
+    for _ in range(5):
+        slope, row = np.polyfit(across - np.mean(columns), down, 1)
+        miss = down - row - slope * (across - np.mean(columns))
+        near = np.abs(miss) < max(1, 2 * miss.std())
+        across, down = across[near], down[near]
+    return np.polyfit(across - np.mean(columns), down, 1)
+
+
+@pytest.mark.parametrize(("first", "last", "columns"), [(0, 3, (260, 345)), (7, 10, (60, 200))])
+def test_the_cross_bar_of_the_couch_turns_with_the_head_views(first, last, columns):
+    """A bar across the axis tilts in the image as the near end grows: by how much and which way needs no depth."""
+    scan = pp.import_scan("head")
+
+    def predicted(views):
+        slopes = []
+        for k in (first, last):
+            row = bar_slope(scan.counts[k], columns, (36, 60))[1]
+            ray = views.panels[k].points([row, np.mean(columns)])[0] - views.source[k]
+            point = views.source[k] + 0.8 * ray  # any depth gives the same tilt
+            a, b = views.project(np.stack([point, point]) + [[-5, 0, 0], [5, 0, 0]])[k]
+            slopes.append((b - a)[0] / (b - a)[1])
+        return slopes[1] - slopes[0]
+
+    measured = bar_slope(scan.counts[last], columns, (36, 60))[0] - bar_slope(scan.counts[first], columns, (36, 60))[0]
+    assert measured == pytest.approx(predicted(scan.views), rel=0.2)
+    mirrored = pp.rotating_views(scan.views[[5]].panels[0], np.arange(20, -21, -4), source=(0, 0, 1000))
+    assert measured * predicted(mirrored) < 0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from organs import organ
+from organs import ellipsoid, organ
 
 import palpate as pp
 from palpate import _core
@@ -97,6 +97,7 @@ def test_command_that_is_no_number_gives_no_force_until_let_go(session, bad):
     poisoned = pp.Command(True, TOP, (0.0, bad, -3.0))
     assert (session.step([poisoned] * 5) == 0).all()
     assert session.frame().grip == REFUSED
+    assert session.frame().faults == 0  # it never reached the tissue
     assert (session.step([press(3.0)] * 20) == 0).all()  # still held: not taken up again
     session.step([None])
     assert np.abs(session.step([press(3.0)] * 50)[-1]).max() > 0.1
@@ -130,14 +131,17 @@ def test_watchdog_sends_a_broken_tissue_home():
     assert frame.grip == REFUSED
 
 
-def test_push_on_the_device_is_limited_and_ramped(model):
-    session = pp.Session(model, radius=10.0, sweeps=20, limit=0.3)
+def test_push_on_the_device_is_limited_and_ramped():
+    mesh = ellipsoid()
+    stiff = pp.Tissue(mesh, 200.0, 0.45, pp.resting_on(mesh, (0, 0, -1), depth=8.0))
+    session = pp.Session(pp.model(stiff, "blocks"), radius=10.0, sweeps=20, limit=3.0)
     pushed, force = [], []
     for _ in range(60):
         force.append(np.linalg.norm(session.step([press(6.0)])))
         pushed.append(np.linalg.norm(session.frame().pushed))
-    assert force[-1] > 0.5  # the tissue's own force passes the limit
-    assert max(pushed) == pytest.approx(0.3)
+    assert force[-1] > 10  # the tissue's own force passes the limit,
+    assert np.diff(force).max() > 0.5  # and rises faster than the ramp
+    assert max(pushed) == pytest.approx(3.0)
     assert np.diff(pushed, prepend=0).max() <= session.settings.ramp * (1 + 1e-12)
     assert (np.array(pushed) <= np.array(force) + 1e-12).all()
 

@@ -273,5 +273,14 @@ def test_fits_a_phone_and_obeys_a_finger(browser, album, scheme):
         page.screenshot(path=album / f"phone-{scheme}.png")
         finger.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
         touched.wait("palpate.frame.grip === 0")
+        before = np.array(touched.see("palpate.pixel(0)"))
+        one, two = {"x": x, "y": y, "id": 0}, {"x": x + 40, "y": y, "id": 1}
+        finger.send("Input.dispatchTouchEvent", {"type": "touchStart", "touchPoints": [one]})
+        finger.send("Input.dispatchTouchEvent", {"type": "touchStart", "touchPoints": [one, two]})
+        one, two = ({**point, "y": y + 40} for point in (one, two))
+        finger.send("Input.dispatchTouchEvent", {"type": "touchMove", "touchPoints": [one, two]})
+        touched.wait("palpate.frame.grip === 0")  # a second finger turns the view, and the first lets go
+        assert np.linalg.norm(touched.see("palpate.pixel(0)") - before) > 5
+        finger.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
         assert touched.problems == []
     context.close()

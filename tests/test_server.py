@@ -62,7 +62,11 @@ def frames(page):
 
 
 def until(page, wanted):
-    return next(frame for frame in frames(page) if wanted(frame))
+    """The first frame that is as wanted; some ten seconds of frames without one are a failure."""
+    for frame, _ in zip(frames(page), range(600), strict=False):
+        if wanted(frame):
+            return frame
+    return pytest.fail(f"never came; the last frame: {frame}")
 
 
 def test_page_is_served_to_who_has_the_token(address):
@@ -159,6 +163,8 @@ def test_who_holds_keeps_hold_until_letting_go(address):
         until(first, lambda frame: frame["serial"] == 1 and frame["grip"] == 1)
         second.send(messages.encode(other))
         second.send(messages.encode(RELEASE))  # not theirs to let go
+        for frame, _ in zip(frames(second), range(40), strict=False):
+            assert (frame["serial"], frame["grip"]) == (1, 1)
         first.send(messages.encode(messages.Tool(1, 3, TOP, (0, 0, -2.0))))
         assert until(second, lambda frame: frame["serial"] == 3)["grip"] == 1
         first.send(messages.encode(messages.Tool(0, 4, TOP, TOP)))

@@ -89,16 +89,24 @@ def test_a_part_hinged_on_one_edge_still_swings():
 def test_resting_on_finds_the_face_on_the_table():
     np.testing.assert_array_equal(pp.resting_on(MESH, (0, 0, -1)), np.flatnonzero(BOTTOM))
     np.testing.assert_array_equal(pp.resting_on(MESH, (3, 0, 0)), np.flatnonzero(MESH.nodes[:, 0] == 50))
-    deep = pp.resting_on(MESH, (0, 0, -1), depth=17)
-    inside = ((MESH.nodes > 0) & (MESH.nodes < 50)).all(axis=1)
-    np.testing.assert_array_equal(deep, np.flatnonzero((MESH.nodes[:, 2] < 17) & ~inside))
+    # Deeper: still the face, for the walls stand on the table and do not lie on it.
+    np.testing.assert_array_equal(pp.resting_on(MESH, (0, 0, -1), depth=17), np.flatnonzero(BOTTOM))
+
+
+def test_a_round_bottom_rests_on_its_cap():
+    ball = brick((8, 8, 8), (2.0, 2.0, 2.0)).nodes - 1  # a cube drawn onto a ball of radius 30
+    nodes = 30 * ball * (np.abs(ball).max(axis=1) / np.maximum(np.linalg.norm(ball, axis=1), 1e-9))[:, None]
+    mesh = pp.TetMesh(nodes, brick((8, 8, 8)).tets)
+    for depth, height in ((None, -24.0), (3.0, -27.0)):
+        expected = np.flatnonzero((np.linalg.norm(nodes, axis=1) > 29.9) & (nodes[:, 2] <= height + 1e-6))
+        np.testing.assert_array_equal(pp.resting_on(mesh, (0, 0, -1), depth), expected)
 
 
 @pytest.mark.parametrize(
     ("direction", "depth", "words"),
     [
         ((0, 0, 0), None, ["direction", "(0, 0, -1)"]),
-        ((1, 1, 1), None, ["1 nodes", "larger depth"]),
+        ((1, 1, 1), 1.0, ["1 nodes", "larger depth"]),
         ((0, 0, -1), -2, ["depth", "-2"]),
         ((0, np.nan, 1), None, ["direction", "finite"]),
     ],

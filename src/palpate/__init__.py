@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from palpate.meshes.quality import mesh_quality as mesh_quality
     from palpate.meshes.stuffing import tetrahedralize as tetrahedralize
     from palpate.reconstruction.projector import Projector as Projector
+    from palpate.scans.correct import equal_contrast as equal_contrast
     from palpate.scans.correct import open_beam as open_beam
     from palpate.scans.files import read_scan as read_scan
     from palpate.scans.files import write_scan as write_scan
@@ -58,6 +59,8 @@ if TYPE_CHECKING:
     from palpate.volumes.files import write_labels as write_labels
     from palpate.volumes.files import write_volume as write_volume
     from palpate.volumes.grid import Grid as Grid
+    from palpate.volumes.metrics import contrast_to_noise as contrast_to_noise
+    from palpate.volumes.metrics import nmse as nmse
     from palpate.volumes.segment import segment as segment
     from palpate.volumes.volume import Labels as Labels
     from palpate.volumes.volume import Volume as Volume
@@ -66,6 +69,8 @@ _HOME = {
     "Grid": "volumes.grid",
     "Volume": "volumes.volume",
     "Labels": "volumes.volume",
+    "nmse": "volumes.metrics",
+    "contrast_to_noise": "volumes.metrics",
     "read_volume": "volumes.files",
     "write_volume": "volumes.files",
     "read_labels": "volumes.files",
@@ -84,6 +89,7 @@ _HOME = {
     "import_scan": "scans.importers",
     "read_geometry": "scans.geometry_file",
     "open_beam": "scans.correct",
+    "equal_contrast": "scans.correct",
     "Phantom": "scans.phantom",
     "Ellipsoid": "scans.phantom",
     "Box": "scans.phantom",

@@ -50,11 +50,6 @@ export class Felt {
     }
   }
 
-  clear(): void {
-    this.stiffness.fill(NaN);
-    this.weight.fill(0);
-  }
-
   /** Colours of all nodes; gives the lowest and highest stiffness, or null if nothing was felt. */
   colours(bare: Vector, out: Float32Array): [number, number] | null {
     let low = Infinity, high = -Infinity;

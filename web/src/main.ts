@@ -75,6 +75,7 @@ function feel(frame: Frame): void {
   plot.add(frame.seconds, force);
   plot.draw();
   write("force", force.toFixed(2));
+  write("depth-name", tools.kind === "pull" ? "Pulled by" : "Depth");
   write("depth", holding ? `${depth.toFixed(1)} mm` : "–");
   write("stiffness", holding && depth > 0.5 ? `${(force / depth).toFixed(3)} N/mm` : "–");
   const bar = element("bar");
@@ -151,7 +152,6 @@ inside.addEventListener("click", () => {
 });
 const reset = () => {
   view.turntable.reset();
-  view.forget();
   view.touched();
 };
 element("reset").addEventListener("click", reset);

@@ -138,10 +138,6 @@ export class View {
     this.translucent = translucent;
     this.style();
   }
-  forget(): void {
-    this.felt?.clear();
-    this.paint();
-  }
 
   private style(): void {
     this.wire.visible = this.wireframe;

@@ -21,7 +21,7 @@ def fit_command(
     poisson: Annotated[float, typer.Option(help="Poisson's ratio, from 0 to below 0.5.")] = 0.45,
     rest_on: Annotated[str, typer.Option(help="Way to the table that holds it: x,y,z.")] = "0,0,-1",
     depth: Annotated[
-        float | None, typer.Option(help="Nodes so near the table are held, mm. Default: 3 % of the extent.")
+        float | None, typer.Option(help="Nodes so near the table are held, mm. Default: 10 % of the extent.")
     ] = None,
     region_young: Annotated[
         list[str] | None, typer.Option(help="Another modulus for a region, by name or number: lump=20")

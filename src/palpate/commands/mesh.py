@@ -20,6 +20,9 @@ def mesh_command(
     label: Annotated[str, typer.Option(help="The organ, by name or number.", show_default=False)],
     edge: Annotated[float, typer.Option(help="Mean edge of the tetrahedra, mm.")] = 4.0,
     inclusion: Annotated[list[str] | None, typer.Option(help="A label inside it, kept as a region.")] = None,
+    fine: Annotated[
+        list[str] | None, typer.Option(help="Shorter edge at an inclusion, mm: lump=1.5.", metavar="LABEL=MM")
+    ] = None,
     names: Annotated[
         Path | None, typer.Option(help="JSON of value to name. Default: label_names.json beside the labels.")
     ] = None,
@@ -48,6 +51,7 @@ def mesh_command(
 
     writable(output)
     mesh_format(output)
+    finer = dict(_label_and_edge(text) for text in fine or [])
     stored = with_names(pp.read_labels(labels), labels, names)
     with warnings.catch_warnings(record=True) as said, progress() as say:
         say(f"meshing {label}", 0.0)
@@ -57,6 +61,7 @@ def mesh_command(
             label,
             edge,
             inclusions=inclusion or [],
+            fine=finer,
             keep="all" if keep_all else "largest",
             fill_holes=not keep_voids,
             closed_at_border=closed_at_border,
@@ -68,3 +73,11 @@ def mesh_command(
     pp.write_mesh(output, mesh)
     typer.echo(str(pp.mesh_quality(mesh, stored)))
     typer.echo(f"wrote {output}")
+
+
+def _label_and_edge(text: str) -> tuple[str, float]:
+    name, _, length = text.rpartition("=")
+    try:
+        return name, float(length)
+    except ValueError:
+        raise typer.BadParameter(f"--fine {text}: expected a label and a length in mm, such as lump=1.5") from None

@@ -9,10 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.arrays import Bool, Float64, Int64
+from palpate.arrays import Float64, Int64
 
 # A node closer to a cut than this part of the edge moves onto it (Labelle & Shewchuk 2007, table 1): long, short edges.
 SNAP_LONG, SNAP_SHORT = 0.24999, 0.41189
+SNAP_DIAGONAL = 0.35  # edges that only occur where cells change size
 EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 
 Field = Callable[[Float64], Float64]  # points (N, 3) mm -> (N,), positive inside
@@ -71,10 +72,10 @@ def edges_of(tets: Int64) -> Int64:
     return np.stack([key // base, key % base], axis=1)
 
 
-def is_long(place: Int64, edges: Int64) -> Bool:
-    """(E,) whether both nodes belong to the same cubic lattice; the others are √3/2 as long."""
-    same: Bool = place[edges[:, 0], 0] % 2 == place[edges[:, 1], 0] % 2
-    return same
+def slant(place: Int64, edges: Int64) -> Int64:
+    """(E,) along how many axes an edge runs: 1 for the long ones, 3 for those √3/2 as long, 2 where cells change size."""
+    axes: Int64 = (place[edges[:, 0]] != place[edges[:, 1]]).sum(axis=1)
+    return axes
 
 
 def snap(place: Int64, points: Float64, tets: Int64, fields: Sequence[Field]) -> Snapped:
@@ -90,7 +91,7 @@ def snap(place: Int64, points: Float64, tets: Int64, fields: Sequence[Field]) ->
     cut, on, t = np.concatenate(cuts), np.concatenate(surface), np.concatenate(where)
     crossing = points[cut[:, 0]] + t[:, None] * (points[cut[:, 1]] - points[cut[:, 0]])
     # In which part of its own threshold a cut lies from either end: below 1 is too close.
-    threshold = np.where(is_long(place, cut), SNAP_LONG, SNAP_SHORT)
+    threshold = np.array([0, SNAP_LONG, SNAP_DIAGONAL, SNAP_SHORT])[slant(place, cut)]
     closeness = np.stack([t, 1 - t], axis=1) / threshold[:, None]
     moved = points.copy()
     taken = np.zeros(len(points), dtype=bool)

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.arrays import Bool, Float64, Int64
-from palpate.meshes.lattice import is_long
+from palpate.errors import MeshError
+from palpate.meshes.lattice import slant
 from palpate.meshes.shape import smallest_dihedral
 
 
@@ -46,9 +47,20 @@ class _Cut:
         """
         P, Q, R = self.place[p], self.place[q], self.place[r]
         greater = (P > Q).sum(axis=1) + ((P == Q) & (P > R)).sum(axis=1)
-        long_pq = is_long(self.place, np.stack([p, q], axis=1))
-        long_pr = is_long(self.place, np.stack([p, r], axis=1))
-        return np.where(long_pq, greater % 2 == 0, ~long_pr)
+        pq, pr, qr = (slant(self.place, np.stack(ends, axis=1)) for ends in ((p, q), (p, r), (q, r)))
+        first: Bool = np.where(pq == 1, greater % 2 == 0, pr == 3)
+        odd = np.flatnonzero((pq == 2) | (pr == 2) | (qr == 2))
+        if len(odd):
+            first[odd] = self._shorter_first(p[odd], q[odd], r[odd])
+        return first
+
+    def _shorter_first(self, p: Int64, q: Int64, r: Int64) -> Bool:
+        """Where cells change size, faces are not the lattice's: the shorter diagonal."""
+        x = self.points
+        from_p = ((x[p] - x[self.middle(q, r)]) ** 2).sum(axis=1)
+        from_q = ((x[q] - x[self.middle(p, r)]) ** 2).sum(axis=1)
+        first: Bool = (from_p < from_q) | ((from_p == from_q) & (p < q))
+        return first
 
 
 def split(place: Int64, points: Float64, tets: Int64, sign: Int64, cuts: Int64, first: int) -> Pieces:
@@ -101,7 +113,9 @@ def _one_three(cut: _Cut, nodes: Int64) -> _Parts:
     top = nodes[:, 1:]
     bottom = np.stack([cut.middle(a, top[:, i]) for i in range(3)], axis=1)
     rises = [cut.from_first(top[:, i], top[:, j], a) for i, j in ((0, 1), (1, 2), (0, 2))]
-    tets, _ = _prism(top, bottom, *rises)
+    tets, ok = _prism(top, bottom, *rises)
+    if not ok.all():
+        raise MeshError("the diagonals of a prism run round in a circle")
     return [(np.column_stack([a, bottom]), 1), *((t, -1) for t in tets)]
 
 
@@ -124,6 +138,8 @@ def _two_two(cut: _Cut, nodes: Int64) -> _Parts:
             score = np.minimum(score, np.where(ok, np.min([smallest_dihedral(x, t) for t in tets], axis=0), -1))
         options.append(parts)
         scores.append(score)
+    if (np.maximum(*scores) < 0).any():
+        raise MeshError("the diagonals of a prism run round in a circle")
     take = (scores[0] >= scores[1])[:, None]
     return [(np.where(take, t, u), side) for (t, side), (u, _) in zip(*options, strict=True)]
 

@@ -1,12 +1,13 @@
 """Tetrahedra from labels by isosurface stuffing, with inclusions whose boundary follows element faces."""
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from palpate.arrays import Bool, Float64, Int64
 from palpate.errors import DataError, MeshError
+from palpate.meshes.grading import MOST_HALVINGS, Grading, grading
 from palpate.meshes.lattice import Field, lattice, snap
 from palpate.meshes.levels import Level, inner_distance
 from palpate.meshes.manifold import unpinched
@@ -28,6 +29,7 @@ def tetrahedralize(
     edge: float = 4.0,
     *,
     inclusions: Sequence[int | str] = (),
+    fine: Mapping[int | str, float] | None = None,
     keep: str = "largest",
     fill_holes: bool = True,
     closed_at_border: bool = False,
@@ -38,7 +40,8 @@ def tetrahedralize(
 
     label: the organ, by value or name. inclusions: labels inside it (a lump); the boundary of each follows element
     faces. The mesh's `region` holds label values, nodes are in mm in the frame of `labels.grid.points` (LPS). Each
-    region has the volume of its label. keep: "largest" or "all" of the parts of the organ. fill_holes: closes voids
+    region has the volume of its label. fine: mm, a shorter edge for some inclusions, from which the elements grow to `edge`
+    (sizes are powers of two times each other, so both can be a fifth off). keep: "largest" or "all" of the parts of the organ. fill_holes: closes voids
     inside the organ. closed_at_border: closes an organ that the edge of the volume cuts with a flat wall. smooth: mm,
     how far the staircase of the voxels is smoothed (default: 0.7 voxels, or 0.3 edges if that is more). most_lost: part
     of the volume that may be lost where the organ is thinner than the elements.
@@ -52,9 +55,13 @@ def tetrahedralize(
     if smooth is not None and not (np.isfinite(smooth) and smooth >= 0):
         raise DataError(f"smooth: expected a length in mm, 0 or more, got {smooth!r}")
     bodies = solids(labels, label, inclusions, keep=keep, fill_holes=fill_holes, closed_at_border=closed_at_border)
+    edges = _edges(bodies, edge, {labels.value_of(k): v for k, v in (fine or {}).items()})
     _check_edge(bodies[0], edge)
-    levels = [_level(body, edge, smooth) for body in bodies]
-    nodes, tets, inside = _fill(bodies, levels, edge * CELL, most_lost)
+    sizes = grading(bodies, edges)
+    if sizes is not None:
+        _check_fine(bodies, edges, sizes)
+    levels = [_level(body, here, smooth) for body, here in zip(bodies, edges, strict=True)]
+    nodes, tets, inside = _fill(bodies, levels, edges, sizes, most_lost)
     region = np.full(len(tets), bodies[0].value)
     for body, flag in zip(bodies[1:], inside[1:], strict=True):
         region[flag] = body.value
@@ -80,6 +87,35 @@ def _check_edge(body: Solid, edge: float) -> None:
         )
 
 
+def _edges(bodies: Sequence[Solid], edge: float, fine: Mapping[int, float]) -> list[float]:
+    """The edge asked for at each body, mm."""
+    names = {body.value: body.name for body in bodies[1:]}
+    for value, length in fine.items():
+        if value not in names:
+            raise MeshError(f"fine: label {value} is not among the inclusions {sorted(names)}; name it there too")
+        if not (np.isfinite(length) and 0 < length <= edge):
+            raise MeshError(
+                f"fine: expected an edge for {names[value]!r} above 0 and up to the organ's {edge:g} mm, got {length!r}"
+            )
+        if length < edge / 2**MOST_HALVINGS:
+            raise MeshError(
+                f"fine: {length:g} mm for {names[value]!r} is less than 1/{2**MOST_HALVINGS} of the organ's {edge:g} mm; "
+                f"use {edge / 2**MOST_HALVINGS:.2g} mm or more, or a shorter edge"
+            )
+    return [edge, *(fine.get(body.value, edge) for body in bodies[1:])]
+
+
+def _check_fine(bodies: Sequence[Solid], edges: Sequence[float], sizes: Grading) -> None:
+    tets = sizes.tets(bodies, CELL * edges[0] * sizes.scale)
+    if tets > MOST_TETS:
+        finest = int(np.argmin(edges))
+        raise MeshError(
+            f"fine: {edges[finest]:g} mm at {bodies[finest].name!r} ({bodies[finest].volume:.3g} mm³) makes about "
+            f"{tets / 1e6:.3g} million tets, at most {MOST_TETS // 1_000_000} million are allowed; use "
+            f"{edges[finest] * (tets / MOST_TETS) ** (1 / 3):.2g} mm or more"
+        )
+
+
 def _level(body: Solid, edge: float, smooth: float | None) -> Level:
     spacing = body.grid.spacing
     width = [max(0.7 * d, 0.3 * edge) for d in spacing] if smooth is None else [smooth] * 3
@@ -89,7 +125,11 @@ def _level(body: Solid, edge: float, smooth: float | None) -> Level:
 
 
 def _fill(
-    bodies: Sequence[Solid], levels: Sequence[Level], cell: float, most_lost: float
+    bodies: Sequence[Solid],
+    levels: Sequence[Level],
+    edges: Sequence[float],
+    sizes: Grading | None,
+    most_lost: float,
 ) -> tuple[Float64, Int64, Bool]:
     """Stuffs, then moves each level until flat facets in round surfaces cost no volume; the best of six rounds."""
     wanted = np.array([body.volume for body in bodies])
@@ -97,17 +137,18 @@ def _fill(
     best, off = None, np.inf
     for attempt in range(6):
         try:
-            nodes, tets, inside = _best(bodies, levels, cell)
+            nodes, tets, inside = _best(bodies, levels, edges, sizes)
         except MeshError:
             if best is None:
                 raise
             break
         if attempt == 0:
-            wanted[0] -= _lost(bodies[0], nodes, tets, cell / CELL, most_lost)
+            wanted[0] -= _lost(bodies[0], nodes, tets, edges[0], most_lost)
         volume = signed_volumes(nodes, tets)
         made = np.array([volume[flag].sum() for flag in inside])
         if (made == 0).any():
-            raise MeshError(_vanished(bodies[int(np.argmin(made))], cell / CELL))
+            gone = int(np.argmin(made))
+            raise MeshError(_vanished(bodies[gone], edges[gone]))
         error = np.abs(made / wanted - 1)
         if error.max() < off:
             best, off = (nodes, tets, inside), float(error.max())
@@ -141,21 +182,24 @@ def _vanished(body: Solid, edge: float) -> str:
     )
 
 
-def _best(bodies: Sequence[Solid], levels: Sequence[Level], cell: float) -> tuple[Float64, Int64, Bool]:
+def _best(
+    bodies: Sequence[Solid], levels: Sequence[Level], edges: Sequence[float], sizes: Grading | None
+) -> tuple[Float64, Int64, Bool]:
     """The first placing of the lattice that gives no angle below 10 degrees."""
     size = np.array(bodies[0].mask.shape[::-1]) * np.array(bodies[0].grid.spacing[::-1])
+    cell = CELL * edges[0] * (1.0 if sizes is None else sizes.scale)
     worst, refusal = -1.0, None
     for shift in SHIFTS:
         origin = -(np.array(shift) + 2.5) * cell
         try:
-            nodes, tets, inside = stuff(levels, origin, size + 6 * cell, cell)
+            nodes, tets, inside = stuff(levels, origin, size + 6 * cell, cell, sizes)
         except MeshError as problem:
             refusal = problem
             continue
         worst = max(worst, float(smallest_dihedral(nodes, tets).min(initial=180)))
         if worst >= WORST_DIHEDRAL:
             return nodes, tets, inside
-    raise MeshError(_too_close(bodies, cell / CELL, worst)) from refusal
+    raise MeshError(_too_close(bodies, edges[0], worst)) from refusal
 
 
 def _too_close(bodies: Sequence[Solid], edge: float, worst: float) -> str:
@@ -201,14 +245,17 @@ def _lost(body: Solid, nodes: Float64, tets: Int64, edge: float, most: float) ->
     return part * body.volume
 
 
-def stuff(fields: Sequence[Field], origin: Float64, size: Float64, cell: float) -> tuple[Float64, Int64, Bool]:
+def stuff(
+    fields: Sequence[Field], origin: Float64, size: Float64, cell: float, sizes: Grading | None = None
+) -> tuple[Float64, Int64, Bool]:
     """Tetrahedra inside the first field, (N, 3) mm and (M, 4), and (fields, M) whether each is inside each field.
 
     fields: positive inside, each inside the one that encloses it. The lattice of cubes of `cell` mm begins at `origin`
-    (3,) and covers `size` (3,) mm. Raises `MeshError` where two surfaces pass through one tetrahedron.
+    (3,) and covers `size` (3,) mm; `sizes` halves them where it wants. Raises `MeshError` where two surfaces pass through one tetrahedron.
     """
-    grid = lattice(np.ceil(size / cell).astype(int))
-    points = origin + grid.place * (cell / 2)
+    cells = np.ceil(size / cell).astype(int)
+    grid = lattice(cells) if sizes is None else sizes.lattice(origin, cells, cell)
+    points = origin + grid.place * (cell / 2 if sizes is None else cell / 2 ** (1 + sizes.depth))
     tets = grid.tets[(fields[0](points) > 0)[grid.tets].any(axis=1)]
     if len(tets) == 0:
         return points, tets, np.zeros((len(fields), 0), dtype=bool)

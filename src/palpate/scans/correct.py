@@ -1,9 +1,9 @@
-"""What the open beam was, when nobody measured it."""
+"""What images on a display scale leave out: the open beam, and one scale for all views."""
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.arrays import AnyArray, Float64, float32
+from palpate.arrays import AnyArray, Float32, Float64, float32
 from palpate.errors import DataError
 
 WIDTH = 0.02  # least half-width, relative, of what counts as one level: unevenness of beam and panel
@@ -52,3 +52,29 @@ def _brightest_level(view: int, values: AnyArray, photons: bool) -> float:
         first, last = around(level)
         level = values[first[0] : last[0]].mean(keepdims=True)
     return float(level[0])
+
+
+def equal_contrast(counts: ArrayLike, incident: ArrayLike, mask: ArrayLike | None = None) -> Float32:
+    """Counts (views, rows, columns) whose line integrals p = -log(counts / incident) share one scale in all views.
+
+    A display scale often raises each view to a power of its own, which multiplies its p by a factor. The factors are
+    chosen so that the mean p of the dense part (p above half of its 95th percentile) is the same in each view, the
+    median over the views. That holds for one object seen over some tens of degrees; the scale itself stays unknown.
+    counts: with 0 wherever nothing was measured. incident: (views,), or one number. mask: True = measured. Raises
+    `DataError` when a view shows nothing dense.
+    """
+    y = float32("counts", counts, (None, None, None))
+    b = np.broadcast_to(float32("incident", incident), len(y))[:, None, None]
+    measured = np.broadcast_to(np.asarray(True if mask is None else mask), y.shape) & (y > 0)
+    p = np.log(b / np.where(measured, y, b))
+    dense = np.empty(len(y))
+    for view, seen in enumerate(measured):
+        values = p[view][seen]
+        top = np.quantile(values, 0.95) if len(values) else 0.0
+        if top <= 0.05:
+            raise DataError(
+                f"contrast of view {view}: its line integrals end at {top:.3g}, nothing is in the beam to match"
+            )
+        dense[view] = values[values > top / 2].mean()
+    factor = (np.median(dense) / dense)[:, None, None]
+    return np.where(measured, b * np.exp(-factor * p), y).astype(np.float32)

@@ -94,7 +94,7 @@ def _scan(path: Path, file: Any) -> Scan:
 
 def _dataset(file: Any, name: str, values: AnyArray, unit: str, meaning: str = "") -> None:
     large = values.size > 4096
-    how = {"chunks": (1, *values.shape[1:]), "compression": 4, "shuffle": True, "fletcher32": True} if large else {}
+    how = {"chunks": (1, *values.shape[1:]), "compression": 4, "shuffle": True} if large else {}
     dataset = file.create_dataset(name, data=values, **how)
     dataset.attrs["units"] = unit
     if meaning:

@@ -17,7 +17,7 @@ from palpate.volumes.files import readable
 
 UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 0.001}
 AXES = ("view", "row", "column")
-TOP = ("units", "values", "incident", "background", "unmeasured", "dead", "stack", "panel", "views")
+TOP = ("units", "values", "incident", "background", "contrast", "unmeasured", "dead", "stack", "panel", "views")
 # Of each motion: its function, the keys it cannot do without, those it can; LENGTHS are scaled by the file's units.
 SWEEP = ("count", "centre", "fulcrum")
 MOTIONS: dict[str, tuple[Callable[..., Views], tuple[str, ...], tuple[str, ...]]] = {
@@ -49,7 +49,8 @@ class Stack:
 class Geometry:
     """What a geometry file says. incident: photons a pixel: one number, (views,), or "estimate"; background likewise.
 
-    values: "photons" or "intensity". unmeasured: value that marks pixels that saw nothing. dead: list of dead pixels.
+    values: "photons" or "intensity". contrast: "as stored" or "equal" (intensities only). unmeasured:
+    value that marks pixels that saw nothing. dead: list of dead pixels.
     """
 
     path: Path
@@ -58,6 +59,7 @@ class Geometry:
     values: str = "photons"
     incident: float | Float64 | str = "estimate"
     background: float | Float64 | str = 0.0
+    contrast: str = "as stored"
     unmeasured: float | None = None
     dead: Path | None = None
 
@@ -85,14 +87,21 @@ def _geometry(path: Path, content: Any) -> Geometry:
     units = _one_of("units", top.get("units", "mm"), tuple(UNITS))
     views = _views(top, UNITS[units])
     incident, background = (_level(k, top.get(k, 0), len(views)) for k in ("incident", "background"))
+    values = _one_of("values", top.get("values", "photons"), ("photons", "intensity"))
+    contrast = _one_of("contrast", top.get("contrast", "as stored"), ("as stored", "equal"))
+    if contrast == "equal" and values == "photons":
+        raise GeometryError(
+            "contrast: equal would spoil the statistics of photons; leave it out, or say values: intensity"
+        )
     unmeasured, dead = top.get("unmeasured"), top.get("dead")
     return Geometry(
         path,
         views,
         _stack(top.get("stack") or {}),
-        _one_of("values", top.get("values", "photons"), ("photons", "intensity")),
+        values,
         incident,
         background,
+        contrast,
         None if unmeasured is None else _number("unmeasured", unmeasured, finite=False),
         None if dead is None else path.parent / str(dead),
     )

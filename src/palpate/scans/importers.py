@@ -12,7 +12,7 @@ import tifffile
 from palpate.arrays import AnyArray, Bool
 from palpate.errors import DataError, FileError
 from palpate.samples import sample
-from palpate.scans.correct import open_beam
+from palpate.scans.correct import equal_contrast, open_beam
 from palpate.scans.geometry_file import AXES, Geometry, Stack, read_geometry
 from palpate.scans.scan import Scan
 from palpate.volumes.files import readable
@@ -64,6 +64,8 @@ def _scan(values: AnyArray, g: Geometry) -> Scan:
     incident = open_beam(counts, mask, g.values == "photons") if isinstance(g.incident, str) else g.incident
     if isinstance(g.background, str):
         raise DataError("background: cannot be estimated; give a number, or one a view")
+    if g.contrast == "equal":
+        counts = equal_contrast(counts, incident, mask)
     return Scan(counts, incident, g.views, g.background, mask)
 
 
@@ -84,21 +86,22 @@ def _files(where: Path, stack: Stack | None = None) -> list[Path]:
 
 
 def _stacked(paths: list[Path], stack: Stack) -> AnyArray:
-    """One array of three axes, in the order of the file; several files follow each other along the first axis."""
+    """One array of three axes, in the order of the file; several files follow each other along the axis of views."""
     form = stack.format or FORMAT_OF.get(paths[0].suffix.lower())
     if form is None:
         raise FileError(f"{paths[0]}: cannot tell the format from the name; set stack.format to raw, tiff, mat or npy")
     parts = [READERS[form](path, stack, len(paths)) for path in paths]
-    parts = [part[None] if part.ndim == 2 else part for part in parts]
+    views = stack.axes.index("view")
+    parts = [np.expand_dims(part, views) if part.ndim == 2 else part for part in parts]
     for path, part in zip(paths, parts, strict=True):
         if part.dtype.kind not in "fiub":
             raise DataError(f"{path}: expected real numbers, got dtype {part.dtype}; export it as numbers")
-        if part.ndim != 3 or part.shape[1:] != parts[0].shape[1:]:
+        if part.ndim != 3 or np.delete(part.shape, views).tolist() != np.delete(parts[0].shape, views).tolist():
             raise DataError(
                 f"{path}: shape {part.shape} does not follow {parts[0].shape} of {paths[0].name}; "
                 f"expected images of one shape, with three axes in all"
             )
-    return parts[0] if len(parts) == 1 else np.concatenate(parts)
+    return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=views)
 
 
 def _raw(path: Path, stack: Stack, files: int) -> AnyArray:
@@ -107,9 +110,10 @@ def _raw(path: Path, stack: Stack, files: int) -> AnyArray:
             f"{path}: a raw file says nothing of itself; set stack.dtype and stack.shape in the geometry file"
         )
     kind = np.dtype(stack.dtype).newbyteorder("<" if stack.order == "little" else ">")
-    if stack.shape[0] % files:
+    views = stack.axes.index("view")
+    if stack.shape[views] % files:
         raise DataError(f"{path}: {files} files cannot hold equal parts of stack.shape {stack.shape}; check both")
-    shape = (stack.shape[0] // files, *stack.shape[1:])
+    shape = tuple(n // files if axis == views else n for axis, n in enumerate(stack.shape))
     wanted, there = stack.offset + int(np.prod(shape)) * kind.itemsize, path.stat().st_size
     if there != wanted:
         what = "truncated, or" if there < wanted else "longer than"

@@ -193,9 +193,9 @@ def breast_phantom() -> Phantom:
 
     Adipose 0.0456, fibroglandular 0.0802 1/mm (20 keV, the values behind the FDA sample), lesion 0.0902 1/mm.
     """
-    outline = Common([Ellipsoid((0, 0, 25), (95, 60, 90)), Box((0, 50, 25), (200, 100, 50))])
-    inside = Common([Ellipsoid((0, 8, 25), (62, 34, 20)), Box((0, 50, 25), (200, 100, 50))])
-    ducts = [(Ellipsoid((x, 30, z), (5, 12, 4)), 0.0173) for x, z in ((-48, 14), (-20, 38), (30, 12), (52, 34))]
+    outline = Common([Ellipsoid((0, 0, 25), (80, 60, 90)), Box((0, 50, 25), (200, 100, 50))])
+    inside = Common([Ellipsoid((0, 8, 25), (54, 34, 20)), Box((0, 50, 25), (200, 100, 50))])
+    ducts = [(Ellipsoid((x, 30, z), (5, 12, 4)), 0.0173) for x, z in ((-40, 14), (-18, 38), (28, 12), (44, 34))]
     return Phantom([(outline, 0.0456), (inside, 0.0173), *ducts, (Ellipsoid((14, 24, 28), 5), 0.0273)])
 
 

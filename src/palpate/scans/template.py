@@ -20,6 +20,7 @@ values: photons          # photons: each number is a count. intensity: proportio
 incident: 20000          # what a pixel reads with nothing in the beam: one number, a list (one a view), or estimate
                          # (from the brightest level that many pixels of a view share; some air must be in each view).
 background: 0            # what a pixel reads behind a perfect absorber: scatter and dark signal. One number or a list.
+# contrast: as stored    # equal (intensities only): undo a display scale that gave each view its own.
 # unmeasured: 0          # a value that marks pixels that measured nothing (outside the field); they are masked.
 # dead: dead.txt         # a text file beside this one, one "row column" a line: pixels to mask in every view.
 

@@ -125,6 +125,8 @@ def serving(
     try:
         while not server.started and thread.is_alive():
             time.sleep(0.005)
+        if not server.started:
+            raise PortError(f"port {listener.getsockname()[1]}: the server did not start; choose another with --port")
         yield f"http://{HOST}:{listener.getsockname()[1]}/?token={token}"
     finally:
         server.should_exit = True

@@ -4,6 +4,7 @@ from functools import cached_property
 
 import numpy as np
 from scipy.sparse import bsr_array, csr_array, diags_array
+from scipy.sparse.linalg import LinearOperator, eigsh
 
 from palpate import _core
 from palpate.arrays import Bool, Float64
@@ -16,30 +17,37 @@ from palpate.tissue.tissue import Tissue
 class BlockModel(RingModel):
     """Block Gauss-Seidel with over-relaxation on linear P1 finite elements, whatever the tissue's `element`.
 
-    relaxation: ω of the sweep; None: chosen from the spectrum under a typical contact.
+    relaxation: ω of the sweep; None: chosen from the spectrum. modes: every few sweeps the energy is also brought to
+    its minimum over the body's twelve slowest shapes, so that an organ does not creep as it tilts on its support;
+    False: bare sweeps. Either way the limit is the same.
     """
 
-    def __init__(self, tissue: Tissue, relaxation: float | None = None) -> None:
+    def __init__(self, tissue: Tissue, relaxation: float | None = None, modes: bool = True) -> None:
         self._K = _ordered_by_node(tissue)
-        still = tissue.held.copy()
-        still[typical_contact(tissue).nodes] = True
-        omega = best_relaxation(least_ritz_value(_scaled(self._K, still))) if relaxation is None else float(relaxation)
+        root = _root(self._K)
+        self._scaled = _scaled(self._K, root, tissue.held)
+        shape, load = np.zeros((0, 0)), np.zeros((0, 0))
+        if modes and self._scaled.shape[0] > 2 * _core.Blocks.modes:
+            self._slowest, beyond, shape, load = _slow_modes(self._K, root, self._scaled, tissue.held)
+            least = beyond / 4  # the tool's constraints take away some modes: what is left is slower than the next one
+        else:
+            still = tissue.held.copy()
+            still[typical_contact(tissue).nodes] = True
+            self._slowest, least = (least_ritz_value(_scaled(self._K, root, part)) for part in (tissue.held, still))
+        omega = best_relaxation(least) if relaxation is None else float(relaxation)
         if not 0 < omega < 2:
             raise MaterialError(f"relaxation: {omega} diverges; give a number between 0 and 2")
+        start, column = self._K.indptr.astype(np.int32), self._K.indices.astype(np.int32)
         held = tissue.held.view(np.uint8)
-        native = _core.Blocks(
-            self._K.indptr.astype(np.int32), self._K.indices.astype(np.int32), self._K.data, held, omega
-        )
-        super().__init__(tissue, native, omega)
+        super().__init__(tissue, _core.Blocks(start, column, self._K.data, held, omega, shape, load), omega)
 
     @cached_property
     def _least(self) -> float:
         """λ such that M⁻½KM⁻½ − λ is positive definite, shown by factors whose pivots are all positive."""
-        scaled = _scaled(self._K, self.tissue.held)
-        identity = diags_array(np.ones(scaled.shape[0]))
-        shift = 0.8 * least_ritz_value(scaled)
+        identity = diags_array(np.ones(self._scaled.shape[0]))
+        shift = 0.9 * self._slowest
         for _ in range(60):
-            factors = factored(scaled - shift * identity)
+            factors = factored(self._scaled - shift * identity)
             on_diagonal = np.array_equal(factors.perm_r, factors.perm_c)
             if on_diagonal and (factors.U.diagonal() > 0).all():
                 return shift
@@ -63,13 +71,30 @@ def _ordered_by_node(tissue: Tissue) -> bsr_array:
     return blocks
 
 
-def _scaled(K: bsr_array, still: Bool) -> csr_array:
-    """M⁻½ K M⁻½ among the unknowns that may move, M the diagonal blocks of K, with its Cholesky factors as root."""
-    nodes = len(still)
+def _root(K: bsr_array) -> bsr_array:
+    """R with R M Rᵀ = 1, M the diagonal blocks of K: the inverse of their Cholesky factors."""
+    nodes = K.shape[0] // 3
     rows = np.repeat(np.arange(nodes), np.diff(K.indptr))
     diagonal: Float64 = K.data[rows == K.indices]
     root = np.linalg.inv(np.linalg.cholesky(diagonal))
-    R = bsr_array((root, np.arange(nodes), np.arange(nodes + 1)), shape=K.shape)
+    return bsr_array((root, np.arange(nodes), np.arange(nodes + 1)), shape=K.shape)
+
+
+def _scaled(K: bsr_array, root: bsr_array, still: Bool) -> csr_array:
+    """R K Rᵀ among the unknowns that may move: its eigenvalues are those of M⁻¹K."""
     free = np.flatnonzero(np.repeat(~still, 3))
-    S = csr_array(R @ csr_array(K) @ R.T)[free][:, free]
+    S = csr_array(root @ csr_array(K) @ root.T)[free][:, free]
     return csr_array((S + S.T) / 2)
+
+
+def _slow_modes(K: bsr_array, root: bsr_array, scaled: csr_array, held: Bool) -> tuple[float, float, Float64, Float64]:
+    """The least eigenvalue of M⁻¹K, the first one past the modes, the modes (3N, 12) with ZᵀKZ = 1, and K Z."""
+    count = _core.Blocks.modes
+    factors = factored(scaled)
+    inverse = LinearOperator(scaled.shape, matvec=factors.solve, dtype=np.float64)
+    start = np.random.default_rng(0).standard_normal(scaled.shape[0])
+    values, vectors = eigsh(scaled, count + 1, sigma=0, OPinv=inverse, v0=start, tol=1e-6)
+    shape = np.zeros((K.shape[0], count))
+    shape[np.repeat(~held, 3)] = vectors[:, :count] / np.sqrt(values[:count])
+    shape = np.ascontiguousarray(root.T @ shape)
+    return float(values[0]), float(values[count]), shape, np.ascontiguousarray(csr_array(K) @ shape)

@@ -130,7 +130,8 @@ class Tissue:
 def resting_on(mesh: TetMesh, direction: ArrayLike, depth: float | None = None) -> Int32:
     """Indices of the surface nodes that lie on a table in `direction`, such as (0, 0, -1) for a table below.
 
-    depth: mm from the outermost node that still count as lying on it; None: 3 % of the mesh's extent that way.
+    They face the table and are at most `depth` mm nearer than the outermost node; None: 10 % of the mesh's extent that
+    way, since a soft organ settles until it lies broadly (held by its tip alone it would tilt at a touch).
     Raises `MaterialError` when fewer than three nodes, or nodes on one line, lie there.
     """
     way = float64("direction", direction, (3,))
@@ -139,9 +140,17 @@ def resting_on(mesh: TetMesh, direction: ArrayLike, depth: float | None = None) 
         raise MaterialError("direction: (0, 0, 0) points nowhere; give the way to the table, such as (0, 0, -1)")
     if depth is not None and not (np.isfinite(depth) and depth >= 0):
         raise MaterialError(f"depth: {depth} mm; give a finite depth of 0 or more")
-    height = mesh.nodes @ (way / length)
-    reach = 0.03 * float(np.ptp(height)) if depth is None else depth
-    on_table = mesh.surface_nodes[height[mesh.surface_nodes] >= height.max() - reach - 1e-9 * float(np.ptp(height))]
+    way = way / length
+    height, surface = mesh.nodes @ way, mesh.surface_nodes
+    reach = 0.1 * float(np.ptp(height)) if depth is None else depth
+    corners = mesh.nodes[mesh.surface]
+    facing = np.zeros(len(mesh.nodes))
+    for k in range(3):  # area-weighted, as the contact's normals
+        np.add.at(
+            facing, mesh.surface[:, k], np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) @ way
+        )
+    low = height[surface] >= height.max() - reach - 1e-9 * float(np.ptp(height))
+    on_table = surface[low & (facing[surface] > 1e-9 * np.abs(facing).max())]
     if _rigid_rank(mesh.nodes[on_table]) < 6:
         raise MaterialError(
             f"only {len(on_table)} nodes, or nodes on one line, lie within {reach:g} mm of the table in direction "

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from palpate.arrays import Bool, Float64
+from palpate.arrays import Bool, Float32, Float64
 from palpate.errors import DataError
 from palpate.volumes.grid import Grid
 from palpate.volumes.volume import Volume
 
-STEP = 2**0.25  # between scales; radius is refined between them
+STEP = 2**0.5  # between scales; radius is refined between them
 
 
 @dataclass(frozen=True)
@@ -29,9 +29,10 @@ class Inclusion:
 def find_inclusion(volume: Volume, inside: Bool, smallest: float = 1.0, largest: float | None = None) -> Inclusion:
     """The bright ball in `inside` (z, y, x) whose slices answer a disc-shaped blob detector most strongly.
 
-    The detector is the scale-normalised Laplacian of Gaussian (Lindeberg, IJCV 30, 1998), taken within slices: a
-    limited-angle volume smears along z, so depth is the centroid of the response there, and the ball is assumed as deep
-    as it is wide. A disc of radius r answers most at sigma = r/sqrt(2). smallest, largest: radii to look for, mm;
+    The detector is the lesser of the two principal curvatures of the Gaussian-smoothed slice, scale-normalised (Lindeberg,
+    IJCV 30, 1998): a disc curves down both ways, a vessel or the skin only one. It works within slices, since a
+    limited-angle volume smears along z: depth is the centroid of the response there, and the ball is assumed as deep as it
+    is wide. A disc of radius r answers most at sigma = r/sqrt(2). smallest, largest: radii to look for, mm;
     `largest` defaults to a quarter of the organ's smallest extent. Raises `DataError` when `inside` is empty or nothing
     in it is brighter than its surroundings.
     """
@@ -76,12 +77,15 @@ def ball(grid: Grid, centre: tuple[float, float, float], radius: float) -> Bool:
     return inside
 
 
-def _response(values: Float64, sigma: float, spacing: Float64, depth: Float64) -> Float64:
-    in_voxels = (0, sigma / spacing[1], sigma / spacing[2])
-    along_y = ndimage.gaussian_filter(values, in_voxels, order=(0, 2, 0)) / spacing[1] ** 2
-    along_x = ndimage.gaussian_filter(values, in_voxels, order=(0, 0, 2)) / spacing[2] ** 2
-    response: Float64 = np.where(depth > 2 * sigma, -(sigma**2) * (along_y + along_x), 0)
-    return response
+def _response(values: Float32, sigma: float, spacing: Float64, depth: Float64) -> Float32:
+    def second(along_y: int, along_x: int) -> Float32:
+        smooth = ndimage.gaussian_filter(values, widths, order=(0, along_y, along_x), truncate=3)
+        return np.asarray(smooth * sigma**2 / (spacing[1] ** along_y * spacing[2] ** along_x))
+
+    widths = (0, sigma / spacing[1], sigma / spacing[2])
+    yy, xx, xy = second(2, 0), second(0, 2), second(1, 1)
+    lesser = -(yy + xx) / 2 - np.hypot((yy - xx) / 2, xy)
+    return np.where(depth > 2 * sigma, lesser, 0).astype(np.float32)
 
 
 def _distance_in_slices(mask: Bool, spacing: Float64) -> Float64:

@@ -1,0 +1,337 @@
+"""The projector: exact line integrals, an exact transpose, and the symmetries of space."""
+
+import numpy as np
+import palpate as pp
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from oracle_projector import projections
+from palpate import _core
+
+FAST = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+
+
+def turned(normal_tilt, azimuth, spin):
+    """Row and column axes of a panel tilted by one angle towards an azimuth and spun in its plane, radians."""
+    c, s = np.cos(azimuth), np.sin(azimuth)
+    around_z = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    c, s = np.cos(normal_tilt), np.sin(normal_tilt)
+    around_y = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
+    turn = around_z @ around_y @ around_z.T
+    c, s = np.cos(spin), np.sin(spin)
+    return turn @ [-s, c, 0], turn @ [c, s, 0]
+
+
+def centred(shape, pitch, middle, row_axis, column_axis):
+    """A panel by its middle."""
+    rows, columns = (np.array(shape) - 1) / 2 * np.array(pitch)
+    origin = np.asarray(middle) - rows * np.asarray(row_axis) - columns * np.asarray(column_axis)
+    return pp.Panel(shape, pitch, origin, row_axis, column_axis)
+
+
+def circular():
+    a = np.arange(8) * np.pi / 4
+    source = np.stack([250 * np.cos(a), 250 * np.sin(a), 0 * a + 1000], axis=1)
+    panel = pp.Panel((512, 512), (0.4, 0.4), (-102.2, -102.2, 0))
+    return pp.Views(source, panel), pp.Grid((48, 256, 256), (1, 0.5, 0.5), (-63.75, -63.75, 30.5)), 5e-3
+
+
+def breast():
+    a = np.radians([-15, -10, -5, 0, 5, 10, 15])
+    source = np.stack([-605 * np.sin(a), 0 * a, 605 * np.cos(a)], axis=1)
+    panel = pp.Panel((615, 170), (0.4, 0.4), (-122.8, 0.2, -45), row_axis=(1, 0, 0), column_axis=(0, 1, 0))
+    return pp.Views(source, panel), pp.Grid((64, 156, 504), (0.8, 0.4, 0.4), (-100.6, 0.2, -44.6)), 5e-3
+
+
+def head():
+    a = np.radians(np.arange(-20, 21, 4))
+    source = np.stack([1000 * np.sin(a), 0 * a, 1000 * np.cos(a)], axis=1)
+    panels = [
+        centred((512, 512), (0.78125, 0.78125), -s / 2, (0, 1, 0), (np.cos(t), 0, -np.sin(t)))
+        for s, t in zip(source, a, strict=True)
+    ]
+    return pp.Views(source, panels), pp.Grid((50, 300, 300), (5, 1, 1), (-149.5, -149.5, -122.5)), 1e-2
+
+
+def skew():
+    """Panels tilted and spun every way, a grid that reaches beyond them."""
+    source = [(120, -90, 600), (-200, 150, 500), (0, 10, 700)]
+    poses = [(0.3, 0.7, 0.4), (0.5, -2.0, 1.2), (0.0, 0.0, np.pi / 4)]
+    panels = [centred((300, 260), (0.5, 0.6), (0, 5, -60), *turned(*pose)) for pose in poses]
+    return pp.Views(source, panels), pp.Grid((60, 160, 190), (1.2, 0.8, 0.9), (-85, -64, -20)), 1e-2
+
+
+@pytest.fixture(scope="module", autouse=True)
+def several_threads():
+    _core.set_threads(2)
+    yield
+    _core.set_threads(0)
+
+
+@pytest.mark.parametrize("case", [circular, breast, head, skew], ids=lambda case: case.__name__)
+def test_exact_line_integrals_of_white_noise(case):
+    views, grid, tolerance = case()
+    rng = np.random.default_rng(7)
+    x = rng.random(grid.shape, dtype=np.float32)
+    p = pp.Projector(views, grid)(x)
+    for view in sorted({0, 1, len(views) // 2, len(views) - 1}):
+        hit = np.argwhere(p[view] > 0.05 * p[view].max())
+        pixels = hit[rng.integers(0, len(hit), 60)]
+        exact = projections(x, views, grid, view, pixels)
+        error = p[view][tuple(pixels.T)] - exact
+        assert np.linalg.norm(exact) > 0
+        assert np.linalg.norm(error) <= tolerance * np.linalg.norm(exact), f"view {view}"
+
+
+def test_a_finer_tolerance_is_met_by_more_sub_slices():
+    views, grid, _ = circular()
+    views = views[1]
+    x = np.random.default_rng(3).random(grid.shape, dtype=np.float32)
+    pixels = np.random.default_rng(4).integers(200, 300, (80, 2))
+    exact = projections(x, views, grid, 0, pixels, within=5e-5)
+    subs = []
+    for tolerance in (1e-2, 1e-3, 2e-4):
+        A = pp.Projector(views, grid, tolerance)
+        error = A(x)[0][tuple(pixels.T)] - exact
+        assert np.linalg.norm(error) <= tolerance * np.linalg.norm(exact)
+        subs.append(A.geometry.subs(0))
+    assert subs[0] < subs[1] < subs[2]
+
+
+@st.composite
+def scenes(draw):
+    """One to three views of a small grid that some ray meets; panels parallel or posed anyhow, odd shapes."""
+    number = st.floats(-1, 1, allow_nan=False)
+    shape = tuple(draw(st.integers(1, 9)) for _ in range(3))
+    spacing = tuple(draw(st.sampled_from([0.4, 1.0, 2.7])) for _ in range(3))
+    grid = pp.Grid(shape, spacing, -np.array(spacing[::-1]) * (np.array(shape[::-1]) - 1) / 2)
+    rows, columns = draw(st.integers(1, 23)), draw(st.integers(1, 23))
+    source, panels = [], []
+    for _ in range(draw(st.integers(1, 3))):
+        source.append((60 * draw(number), 60 * draw(number), 100 + 20 * draw(number)))
+        axes = ((0, 1, 0), (1, 0, 0))
+        if draw(st.booleans()):
+            axes = turned(0.6 * draw(number), 3 * draw(number), 3 * draw(number))
+        pitch = (draw(st.sampled_from([0.3, 1.0, 2.2])), draw(st.sampled_from([0.3, 1.0, 2.2])))
+        middle = -np.array(source[-1]) * 0.4 + [draw(number), draw(number), draw(number)]
+        panels.append(centred((rows, columns), pitch, middle, *axes))
+    return pp.Views(source, panels), grid, draw(st.integers(0, 2**31))
+
+
+@FAST
+@given(scenes())
+def test_the_transpose_is_exact(scene):
+    views, grid, seed = scene
+    A = pp.Projector(views, grid)
+    rng = np.random.default_rng(seed)
+    x = rng.standard_normal(A.domain_shape).astype(np.float32)
+    y = rng.standard_normal(A.range_shape).astype(np.float32)
+    Ax, Aty = A(x).astype(np.float64), A.T(y).astype(np.float64)
+    gap = abs(np.vdot(Ax, y.astype(np.float64)) - np.vdot(x.astype(np.float64), Aty))
+    assert gap <= 1e-6 * np.linalg.norm(Ax) * np.linalg.norm(y)
+
+
+@pytest.mark.parametrize("case", [circular, head, skew], ids=lambda case: case.__name__)
+def test_the_transpose_is_exact_at_size(case):
+    views, grid, _ = case()
+    A = pp.Projector(views[:3], grid)
+    rng = np.random.default_rng(0)
+    x, y = rng.random(A.domain_shape, dtype=np.float32), rng.random(A.range_shape, dtype=np.float32)
+    Ax, Aty = A(x).astype(np.float64), A.T(y).astype(np.float64)
+    assert np.linalg.norm(Ax) > 0
+    assert abs(np.vdot(Ax, y) - np.vdot(x, Aty)) <= 1e-6 * np.linalg.norm(Ax) * np.linalg.norm(y)
+
+
+def test_the_transpose_of_the_transpose_is_the_projector():
+    views, grid, _ = circular()
+    A = pp.Projector(views, grid)
+    assert A.T.T is A
+    assert A.T is A.T
+    assert (A.T.domain_shape, A.T.range_shape) == (A.range_shape, A.domain_shape) == ((8, 512, 512), (48, 256, 256))
+
+
+@FAST
+@given(scenes())
+def test_a_footprint_is_a_column_of_the_projector(scene):
+    views, grid, seed = scene
+    A = pp.Projector(views, grid)
+    z, y, x = (int(i) for i in np.random.default_rng(seed).integers(0, grid.shape))
+    unit = np.zeros(grid.shape, np.float32)
+    unit[z, y, x] = 1
+    column = np.zeros(A.range_shape)
+    pixels, weights = A.geometry.column(z, y, x)
+    column.reshape(-1)[pixels] = weights
+    np.testing.assert_allclose(A(unit), column, rtol=1e-4, atol=1e-6 * max(1.0, column.max()))
+
+
+def small(**changes):
+    at = dict(shape=(12, 14), pitch=(1.5, 1.25), origin=(-8.0, -8.0, 0.0))
+    return pp.Views([(9, 7, 80), (-15, 4, 90)], pp.Panel(**(at | changes))), pp.Grid((3, 5, 7), (2, 1, 1), (-3, -2, 10))
+
+
+def noise(grid, seed=0):
+    return np.random.default_rng(seed).random(grid.shape, dtype=np.float32)
+
+
+@pytest.mark.parametrize("axes", [((0, 1, 0), (1, 0, 0)), turned(0.35, 0.9, 0.5)], ids=["parallel", "tilted"])
+def test_ray_through_a_box_reads_its_chord(axes):
+    source = np.array([30.0, -20.0, 120.0])
+    middle = np.array([-6.0, 4.0, -24.0])  # on the ray through the origin, where the box is
+    views = pp.Views([source], centred((5, 5), (0.2, 0.2), middle, *axes))
+    grid = pp.Grid((10, 30, 30), (1, 1, 1), (-14.5, -14.5, -4.5))
+    p = pp.Projector(views, grid)(np.full(grid.shape, 0.02))
+    chord = 10 * np.linalg.norm(source) / source[2]
+    assert p[0, 2, 2] == pytest.approx(0.02 * chord, rel=1e-4)
+
+
+def test_it_is_linear():
+    views, grid = small()
+    A, x, y = pp.Projector(views, grid), noise(grid, 1), noise(grid, 2)
+    np.testing.assert_allclose(A(2 * x - 3 * y), 2 * A(x) - 3 * A(y), atol=1e-5)
+    assert not A(np.zeros(grid.shape)).any()
+
+
+def test_rays_beside_the_volume_read_zero():
+    views, grid = small(pitch=(4, 4), origin=(-24, -24, 0))
+    p = pp.Projector(views, grid)(np.ones(grid.shape))
+    low, high = grid.bounds
+    corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
+    for view, shadow in enumerate(views.project(corners)):
+        row, column = np.indices(views.shape[1:])
+        beside = np.zeros(views.shape[1:], dtype=bool)
+        for index, axis in ((row, 0), (column, 1)):
+            beside |= (index + 0.5 < shadow[:, axis].min()) | (index - 0.5 > shadow[:, axis].max())
+        assert beside.any()
+        assert not p[view][beside].any()
+        assert p[view][~beside].any()
+
+
+def test_a_mirrored_panel_gives_the_flipped_image():
+    views, grid = small()
+    p = pp.Projector(views, grid)(noise(grid))
+    flipped, _ = small(origin=(-8 + 13 * 1.25, -8 + 11 * 1.5, 0), row_axis=(0, -1, 0), column_axis=(-1, 0, 0))
+    np.testing.assert_array_equal(pp.Projector(flipped, grid)(noise(grid)), p[:, ::-1, ::-1])
+    swapped, _ = small(shape=(14, 12), pitch=(1.25, 1.5), row_axis=(1, 0, 0), column_axis=(0, 1, 0))
+    np.testing.assert_array_equal(pp.Projector(swapped, grid)(noise(grid)), p.transpose(0, 2, 1))
+
+
+def quarter(v):
+    """90 degrees about z."""
+    return np.stack([-v[..., 1], v[..., 0], v[..., 2]], axis=-1)
+
+
+def mirror(v):
+    return v * np.array([-1, 1, 1])
+
+
+@pytest.mark.parametrize("pose", [(0, 0, 0), (0.3, 0.8, 0.5)], ids=["parallel", "tilted"])
+@pytest.mark.parametrize(
+    ("move", "volume"),
+    [
+        (quarter, lambda x: x.transpose(0, 2, 1)[:, :, ::-1]),
+        (mirror, lambda x: x[:, :, ::-1]),
+    ],
+    ids=["quarter turn", "mirror"],
+)
+def test_moving_everything_by_a_symmetry_changes_nothing(pose, move, volume):
+    grid = pp.Grid((4, 9, 9), (2, 1, 1), (-4, -4, 3))
+    source = np.array([(20.0, -12.0, 90.0), (-9.0, 30.0, 80.0)])
+    axes = [np.asarray(axis, dtype=float) for axis in turned(*pose)]
+    panel = centred((25, 22), (0.8, 0.7), (-2, 1, -15), *axes)
+    moved = pp.Panel(panel.shape, panel.pitch, move(panel.origin), *(move(axis) for axis in axes))
+    x = noise(grid)
+    p = pp.Projector(pp.Views(source, panel), grid)(x)
+    q = pp.Projector(pp.Views(move(source), moved), grid)(volume(x))
+    assert np.linalg.norm(q - p) <= (1e-5 if pose == (0, 0, 0) else 0.02) * np.linalg.norm(p)
+
+
+@pytest.mark.parametrize("pose", [(0, 0, 0), (0.3, 0.8, 0.5)], ids=["parallel", "tilted"])
+def test_moving_everything_by_a_shift_changes_nothing(pose):
+    axes, shift = turned(*pose), np.array([32.0, -16.0, 64.0])
+    grid = pp.Grid((4, 9, 9), (2, 1, 1), (-4, -4, 3))
+    moved = pp.Grid(grid.shape, grid.spacing, np.array(grid.origin) + shift)
+    source = np.array([(20.0, -12.0, 90.0)])
+    p = pp.Projector(pp.Views(source, centred((25, 22), (0.8, 0.7), (-2, 1, -15), *axes)), grid)(noise(grid))
+    panel = centred((25, 22), (0.8, 0.7), np.array([-2, 1, -15]) + shift, *axes)
+    q = pp.Projector(pp.Views(source + shift, panel), moved)(noise(grid))
+    np.testing.assert_allclose(q, p, atol=1e-4 * p.max())
+
+
+def test_a_small_panel_is_a_window_of_a_large_one():
+    grid = pp.Grid((6, 40, 40), (1, 1, 1), (-20, -20, 10))
+    source, x = [(25, 14, 100)], noise(grid)
+    whole = pp.Projector(pp.Views(source, pp.Panel((64, 60), (1, 1), (-36, -34, 0))), grid)(x)
+    window = pp.Projector(pp.Views(source, pp.Panel((20, 17), (1, 1), (-36 + 22, -34 + 20, 0))), grid)(x)
+    assert whole[0, 20:40, 22:39].all()
+    np.testing.assert_allclose(window[0], whole[0, 20:40, 22:39], rtol=1e-5)
+
+
+def test_voxels_that_no_ray_meets_get_nothing_back():
+    grid = pp.Grid((2, 8, 30), (1, 1, 1), (-15, -4, 10))
+    A = pp.Projector(pp.Views([(0, 0, 100)], pp.Panel((8, 4), (1, 1), (-1.5, -3.5, 0))), grid)
+    back = A.T(np.ones(A.range_shape))
+    assert back[:, :, 14:16].all()
+    assert not back[:, :, :10].any()
+
+
+@pytest.mark.parametrize("case", [circular, skew], ids=lambda case: case.__name__)
+def test_any_number_of_threads_gives_the_same_bits(case):
+    views, grid, _ = case()
+    grid = pp.Grid((9, *grid.shape[1:]), grid.spacing, grid.origin)
+    A = pp.Projector(views, grid)
+    x, y = noise(grid), np.random.default_rng(1).random(A.range_shape, dtype=np.float32)
+    answers = []
+    for threads in (1, 2, 3):
+        _core.set_threads(threads)
+        answers.append((pp.Projector(views, grid)(x), A.T(y)))
+    _core.set_threads(2)
+    for p, f in answers[1:]:
+        np.testing.assert_array_equal(p, answers[0][0])
+        np.testing.assert_array_equal(f, answers[0][1])
+
+
+def test_out_is_filled_and_its_old_values_do_not_matter():
+    views, grid = small()
+    A = pp.Projector(views, grid)
+    p, f = np.full(A.range_shape, np.nan, np.float32), np.full(grid.shape, np.nan, np.float32)
+    assert A(noise(grid), out=p) is p
+    assert A.T(p, out=f) is f
+    np.testing.assert_array_equal(p, A(noise(grid)))
+    np.testing.assert_array_equal(f, A.T(p))
+
+
+def test_wrong_arrays_are_refused_before_anything_is_written():
+    views, grid = small()
+    A = pp.Projector(views, grid)
+    out = np.full(A.range_shape, 7, np.float32)
+    with pytest.raises(ValueError, match=r"volume: expected shape \(3, 5, 7\), got \(3, 5, 8\)"):
+        A(np.zeros((3, 5, 8)), out=out)
+    bad = noise(grid)
+    bad[1, 2, 3] = np.nan
+    with pytest.raises(ValueError, match=r"volume: 1 values are not finite.*\(1, 2, 3\).*nan_to_num"):
+        A(bad, out=out)
+    assert (out == 7).all()
+    with pytest.raises(ValueError, match=r"projections: expected shape \(2, 12, 14\)"):
+        A.T(np.zeros((2, 12, 13)))
+    with pytest.raises(ValueError, match=r"out: expected a C-contiguous float32 array of shape \(2, 12, 14\)"):
+        A(noise(grid), out=np.zeros(A.range_shape))  # type: ignore[arg-type]
+
+
+def refused(views, grid, *words, tolerance=1e-3):
+    with pytest.raises(ValueError) as caught:
+        pp.Projector(views, grid, tolerance)
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_geometries_that_cannot_be_are_refused():
+    views, grid = small()
+    away, _ = small(origin=(900, 900, 0))
+    refused(away, grid, "geometry misses the volume", "rows", "columns", "check the grid's origin")
+    above = pp.Grid(grid.shape, grid.spacing, (-3, -2, 78))
+    refused(views, above, "source of view 0 is at z = 80 mm", "lower the grid")
+    below = pp.Grid(grid.shape, grid.spacing, (-3, -2, -40))
+    refused(views, below, "geometry misses the volume", "behind the panel of view 0", "move the grid's origin")
+    overhead, _ = small(origin=(-8, -8, 200))
+    refused(overhead, grid, "behind the focal spot of view 0", "check the panel's origin and axes")
+    refused(views, grid, "tolerance", "0.0", "between", tolerance=0.0)
