@@ -10,13 +10,19 @@ def progress() -> Iterator[Callable[[str, float], None]]:
 
     A share of 0 that stays 0 shows that something goes on, not how far it is.
     """
+    import sys
+
     from rich.console import Console
     from rich.markup import escape
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
     # On stderr: what a command has to say goes to stdout, for others to read.
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield lambda what, share: print(f"  done: {what}", file=sys.stderr) if share >= 1 else None
+        return
     columns = (TextColumn("{task.description:<44}"), BarColumn(28), TimeElapsedColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    with Progress(*columns, console=console, transient=True) as bar:
         task, reached = bar.add_task("", total=None), 1.0
 
         def say(what: str, share: float) -> None:

@@ -8,7 +8,10 @@ import typer
 
 import palpate as pp
 
-scan_app = typer.Typer(no_args_is_help=True, help="Scan files: import, simulate, or a geometry template.")
+scan_app = typer.Typer(
+    no_args_is_help=True,
+    help="Example: [bold]palpate scan import breast -o breast.h5[/bold]\n\nScan files: import, simulate, or a geometry template.",
+)
 
 
 class Motion(StrEnum):
@@ -31,7 +34,7 @@ class PhantomName(StrEnum):
 
 def add(app: typer.Typer) -> None:
     """Adds the commands to `app`."""
-    app.add_typer(scan_app, name="scan")
+    app.add_typer(scan_app, name="scan", short_help="Scan files: import, simulate, or a geometry template.")
 
 
 @scan_app.command("import", short_help="Imports a stack of projections.")
