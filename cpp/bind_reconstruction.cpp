@@ -1,3 +1,138 @@
 #include "bind.h"
+#include "descent.h"
+#include "likelihood.h"
+#include "prior.h"
+#include <nanobind/stl/array.h>
+#include <nanobind/stl/pair.h>
+#include <stdexcept>
 
-void bind_reconstruction(nb::module_&) {}
+using namespace nb::literals;
+using namespace palpate;
+
+namespace {
+
+using Spacing = std::array<double, 3>;
+template <class T> using Made = nb::ndarray<nb::numpy, T, nb::ndim<3>>;
+
+// A new (n0, n1, n2) float32 array that Python owns.
+Made<float> made(const size_t shape[3]) {
+    float* data = new float[shape[0] * shape[1] * shape[2]];
+    return Made<float>(data, 3, shape, nb::capsule(data, [](void* p) noexcept { delete[] static_cast<float*>(p); }));
+}
+
+template <class... Others> void same_size(const In<float, 3>& first, const Others&... others) {
+    if (((others.size() != first.size()) || ...)) throw std::invalid_argument("arrays of different sizes");
+}
+
+Counts pixels(const In<float, 3>& y, const In<float, 3>& b, const In<float, 3>& r) {
+    return {y.data(), b.data(), r.data(), int64_t(y.size())};
+}
+
+Made<float> slope_or_curvature(In<float, 3> y, In<float, 3> b, In<float, 3> r, In<float, 3> l, int kind) {
+    same_size(y, b, r, l);
+    size_t shape[3] = {y.shape(0), y.shape(1), y.shape(2)};
+    Made<float> out = made(shape);
+    nb::gil_scoped_release release;
+    if (kind < 0)
+        transmission_slope(pixels(y, b, r), l.data(), out.data());
+    else
+        transmission_curvature(pixels(y, b, r), l.data(), Curvature(kind), out.data());
+    return out;
+}
+
+Neighbourhood around(const In<float, 3>& f, const Spacing& spacing, int potential, double edge) {
+    int64_t shape[3] = {int64_t(f.shape(0)), int64_t(f.shape(1)), int64_t(f.shape(2))};
+    return neighbourhood(shape, spacing.data(), Potential(potential), edge);
+}
+
+void bind_likelihood(nb::module_& m) {
+    m.def(
+        "transmission_value",
+        [](In<float, 3> y, In<float, 3> b, In<float, 3> r, In<float, 3> l) {
+            same_size(y, b, r, l);
+            nb::gil_scoped_release release;
+            return transmission_value(pixels(y, b, r), l.data());
+        },
+        "counts"_a.noconvert(), "incident"_a.noconvert(), "background"_a.noconvert(), "l"_a.noconvert());
+    m.def(
+        "transmission_slope",
+        [](In<float, 3> y, In<float, 3> b, In<float, 3> r, In<float, 3> l) {
+            return slope_or_curvature(y, b, r, l, -1);
+        },
+        "counts"_a.noconvert(), "incident"_a.noconvert(), "background"_a.noconvert(), "l"_a.noconvert());
+    m.def("transmission_curvature", &slope_or_curvature, "counts"_a.noconvert(), "incident"_a.noconvert(),
+          "background"_a.noconvert(), "l"_a.noconvert(), "kind"_a);
+    m.def(
+        "least_squares_value",
+        [](In<float, 3> weight, In<float, 3> p, In<float, 3> l) {
+            same_size(weight, p, l);
+            nb::gil_scoped_release release;
+            return least_squares_value(weight.data(), p.data(), l.data(), int64_t(l.size()));
+        },
+        "weights"_a.noconvert(), "line_integrals"_a.noconvert(), "l"_a.noconvert());
+}
+
+void bind_prior(nb::module_& m) {
+    m.def(
+        "prior_value",
+        [](In<float, 3> f, Spacing spacing, int potential, double edge) {
+            nb::gil_scoped_release release;
+            return prior_value(around(f, spacing, potential, edge), f.data());
+        },
+        "f"_a.noconvert(), "spacing"_a, "potential"_a, "edge"_a);
+    m.def(
+        "prior_surrogate",
+        [](In<float, 3> f, Spacing spacing, int potential, double edge) {
+            size_t shape[3] = {f.shape(0), f.shape(1), f.shape(2)};
+            auto answer = std::make_pair(made(shape), made(shape));
+            nb::gil_scoped_release release;
+            prior_surrogate(around(f, spacing, potential, edge), f.data(), answer.first.data(), answer.second.data());
+            return answer;
+        },
+        "f"_a.noconvert(), "spacing"_a, "potential"_a, "edge"_a);
+}
+
+void same_shape(const Geometry& g, const In<float, 3>& pixels) {
+    if (int64_t(pixels.size()) != int64_t(g.views.size()) * g.pixels())
+        throw std::invalid_argument("pixels: wrong size");
+}
+
+void bind_descent(nb::module_& m) {
+    m.def(
+        "descend",
+        [](const Geometry& g, In<float, 3> slope, In<float, 3> curvature, Array<float, 3> f, int potential, double edge,
+           double beta, double relaxation, bool backwards) {
+            same_shape(g, slope);
+            same_shape(g, curvature);
+            const int64_t shape[3] = {g.grid.nz, g.grid.ny, g.grid.nx};
+            const double spacing[3] = {g.grid.dz, g.grid.dy, g.grid.dx};
+            if (int64_t(f.size()) != shape[0] * shape[1] * shape[2]) throw std::invalid_argument("volume: wrong size");
+            nb::gil_scoped_release release;
+            Paraboloid data(g, slope.data(), curvature.data());
+            descend(g, neighbourhood(shape, spacing, Potential(potential), edge),
+                    {float(beta), float(relaxation), backwards}, data, f.data());
+        },
+        "geometry"_a, "slope"_a.noconvert(), "curvature"_a.noconvert(), "f"_a.noconvert(), "potential"_a, "edge"_a,
+        "beta"_a, "relaxation"_a = 1.0, "backwards"_a = false, "One sweep of coordinate descent over f, in place.");
+    m.def(
+        "diagonal",
+        [](const Geometry& g, In<float, 3> curvature) {
+            same_shape(g, curvature);
+            const size_t shape[3] = {size_t(g.grid.nz), size_t(g.grid.ny), size_t(g.grid.nx)};
+            Made<float> out = made(shape);
+            nb::gil_scoped_release release;
+            Paraboloid data(g, curvature.data(), curvature.data());
+            diagonal(g, data, out.data());
+            return out;
+        },
+        "geometry"_a, "curvature"_a.noconvert(), "Σ_i a_ij² curvature_i of each voxel.");
+    m.def("row_stride", &row_stride, "geometry"_a, "z"_a, "Rows of slice z this far apart share no pixel.");
+}
+
+} // namespace
+
+void bind_reconstruction(nb::module_& m) {
+    bind_likelihood(m);
+    bind_prior(m);
+    bind_descent(m);
+}

@@ -3,7 +3,8 @@
 #include "taps.h"
 
 namespace palpate {
-namespace {
+
+constexpr int block = 64; // columns that the kernels below treat together, in registers and the first-level cache
 
 // image[b, a] += sum over the voxels y above pixel b of columns[y, a] * weight, for columns begin to end. Numerical
 // kernel.
@@ -11,22 +12,32 @@ PALPATE_KERNEL void rows_to_pixels(const double* __restrict slope1, const double
                                    const double* __restrict slope2, const double* __restrict offset2, int voxels,
                                    int ny, int stride, const float* __restrict columns, int nb, int na, int64_t begin,
                                    int64_t end, float* __restrict image) {
-    for (int b = 0; b < nb; b++) {
-        const double q = b - 0.5;
-        float* row = image + int64_t(b) * na;
-        for (int64_t a = begin; a < end; a++) {
-            // The first voxel whose upper edge passes q at either end of its move.
-            const double y1 = (q - offset1[a]) / slope1[a], y2 = (q - offset2[a]) / slope2[a];
-            const int y0 = int(std::min(std::max(std::floor(std::min(y1, y2)), 0.0), double(ny)));
-            double before = covered(slope1[a] * y0 + offset1[a], slope2[a] * y0 + offset2[a], q);
-            float sum = 0;
-            for (int t = 0; t < voxels; t++) {
-                const int y = y0 + t + 1; // upper edge; rows beyond the grid are padding that holds 0
-                const double after = covered(slope1[a] * y + offset1[a], slope2[a] * y + offset2[a], q);
-                sum += float(after - before) * columns[int64_t(y - 1) * stride + (a - begin)];
-                before = after;
+    int32_t y0[block];
+    double before[block];
+    float sum[block];
+    for (int64_t a0 = begin; a0 < end; a0 += block) {
+        const int n = int(std::min<int64_t>(block, end - a0));
+        const double *s1 = slope1 + a0, *o1 = offset1 + a0, *s2 = slope2 + a0, *o2 = offset2 + a0;
+        const float* from = columns + (a0 - begin);
+        for (int b = 0; b < nb; b++) {
+            const double q = b - 0.5;
+            for (int a = 0; a < n; a++) {
+                // The first voxel whose upper edge passes q at either end of its move.
+                const double y1 = (q - o1[a]) / s1[a], y2 = (q - o2[a]) / s2[a];
+                const double y = std::min(std::max(std::floor(std::min(y1, y2)), 0.0), double(ny));
+                y0[a] = int32_t(y);
+                before[a] = covered(s1[a] * y + o1[a], s2[a] * y + o2[a], q);
+                sum[a] = 0;
             }
-            row[a] += sum;
+            for (int t = 0; t < voxels; t++)
+                for (int a = 0; a < n; a++) {
+                    const double y = y0[a] + t + 1; // upper edge; rows beyond the grid are padding that holds 0
+                    const double after = covered(s1[a] * y + o1[a], s2[a] * y + o2[a], q);
+                    sum[a] += float(after - before[a]) * from[(y0[a] + t) * stride + a];
+                    before[a] = after;
+                }
+            float* row = image + int64_t(b) * na + a0;
+            for (int a = 0; a < n; a++) row[a] += sum[a];
         }
     }
 }
@@ -35,25 +46,30 @@ PALPATE_KERNEL void rows_to_pixels(const double* __restrict slope1, const double
 PALPATE_KERNEL void pixels_to_row(const double* __restrict slope1, const double* __restrict offset1,
                                   const double* __restrict slope2, const double* __restrict offset2, int taps, int y,
                                   int nb, int na, const float* __restrict image, float* __restrict column) {
-    for (int a = 0; a < na; a++) {
-        const double l1 = slope1[a] * y + offset1[a], l2 = slope2[a] * y + offset2[a];
-        const double r1 = slope1[a] * (y + 1) + offset1[a], r2 = slope2[a] * (y + 1) + offset2[a];
-        const int b0 = int(std::min(std::max(std::floor(std::min(l1, l2) + 0.5), 0.0), double(nb)));
-        float sum = 0;
-        for (int t = 0; t < taps; t++) {
-            const double q = b0 + t - 0.5; // rows beyond the image are padding that holds 0
-            sum += float(covered(r1, r2, q) - covered(l1, l2, q)) * image[int64_t(b0 + t) * na + a];
+    int32_t b0[block];
+    float sum[block];
+    for (int a0 = 0; a0 < na; a0 += block) {
+        const int n = std::min(block, na - a0);
+        const double *s1 = slope1 + a0, *o1 = offset1 + a0, *s2 = slope2 + a0, *o2 = offset2 + a0;
+        for (int a = 0; a < n; a++) {
+            const double l1 = s1[a] * y + o1[a], l2 = s2[a] * y + o2[a];
+            b0[a] = int32_t(std::min(std::max(std::floor(std::min(l1, l2) + 0.5), 0.0), double(nb)));
+            sum[a] = 0;
         }
-        column[a] = sum;
+        for (int t = 0; t < taps; t++)
+            for (int a = 0; a < n; a++) {
+                const double q = b0[a] + t - 0.5; // rows beyond the image are padding that holds 0
+                const double l1 = s1[a] * y + o1[a], l2 = s2[a] * y + o2[a];
+                const double w = covered(l1 + s1[a], l2 + s2[a], q) - covered(l1, l2, q);
+                sum[a] += float(w) * image[(b0[a] + t) * na + a0 + a];
+            }
+        for (int a = 0; a < n; a++) column[a0 + a] = sum[a];
     }
 }
-
-} // namespace
 
 void project_turned(const Geometry& g, const View& v, const float* f, float* image) {
     const Grid grid = g.seen_by(v);
     std::fill_n(image, int64_t(v.nb) * v.na, 0.0f);
-    constexpr int block = 64; // columns that one thread owns at a time
     parallel((v.na + block - 1) / block, [&](int64_t begin, int64_t end, int) {
         AxisWeights voxels, wx;
         Rows wy;

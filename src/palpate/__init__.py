@@ -12,6 +12,16 @@ if TYPE_CHECKING:
     from palpate.meshes.files import read_mesh as read_mesh
     from palpate.meshes.files import write_mesh as write_mesh
     from palpate.meshes.mesh import TetMesh as TetMesh
+    from palpate.reconstruction.baselines import backproject as backproject
+    from palpate.reconstruction.baselines import sirt as sirt
+    from palpate.reconstruction.cover import covering_grid as covering_grid
+    from palpate.reconstruction.likelihood import Transmission as Transmission
+    from palpate.reconstruction.likelihood import WeightedLeastSquares as WeightedLeastSquares
+    from palpate.reconstruction.prior import Prior as Prior
+    from palpate.reconstruction.projector import Projector as Projector
+    from palpate.reconstruction.reconstruct import iterates as iterates
+    from palpate.reconstruction.reconstruct import reconstruct as reconstruct
+    from palpate.reconstruction.step import Step as Step
     from palpate.meshes.quality import mesh_quality as mesh_quality
     from palpate.meshes.stuffing import tetrahedralize as tetrahedralize
     from palpate.reconstruction.projector import Projector as Projector
@@ -59,6 +69,7 @@ if TYPE_CHECKING:
     from palpate.volumes.files import write_labels as write_labels
     from palpate.volumes.files import write_volume as write_volume
     from palpate.volumes.grid import Grid as Grid
+    from palpate.volumes.resample import resample as resample
     from palpate.volumes.metrics import contrast_to_noise as contrast_to_noise
     from palpate.volumes.metrics import nmse as nmse
     from palpate.volumes.segment import segment as segment
@@ -75,6 +86,7 @@ _HOME = {
     "write_volume": "volumes.files",
     "read_labels": "volumes.files",
     "write_labels": "volumes.files",
+    "resample": "volumes.resample",
     "segment": "volumes.segment",
     "Panel": "scans.views",
     "Views": "scans.views",
@@ -98,6 +110,15 @@ _HOME = {
     "breast_phantom": "scans.phantom",
     "simulate_scan": "scans.simulate",
     "Projector": "reconstruction.projector",
+    "covering_grid": "reconstruction.cover",
+    "Transmission": "reconstruction.likelihood",
+    "WeightedLeastSquares": "reconstruction.likelihood",
+    "Prior": "reconstruction.prior",
+    "Step": "reconstruction.step",
+    "backproject": "reconstruction.baselines",
+    "sirt": "reconstruction.baselines",
+    "iterates": "reconstruction.reconstruct",
+    "reconstruct": "reconstruction.reconstruct",
     "TetMesh": "meshes.mesh",
     "tetrahedralize": "meshes.stuffing",
     "mesh_quality": "meshes.quality",

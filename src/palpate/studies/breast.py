@@ -4,6 +4,7 @@ import json
 from collections.abc import Mapping
 
 import numpy as np
+from scipy import ndimage
 
 from palpate.arrays import Float64, Int32
 from palpate.meshes.mesh import TetMesh
@@ -41,21 +42,24 @@ def breast(stages: Stages) -> Mapping[str, Tissue]:
     added, at = training_labels(labels)
     training = _tissue(stages, added, "training-mesh.vtu", "training.vtu", TRAINING_RADIUS)
     radius = 8.0  # mm of a fingertip
+    made_up = (
+        f"added by us at {np.round(at, 1).tolist()} mm, {TRAINING_RADIUS:g} mm in radius, its centre "
+        f"{TRAINING_DEPTH:g} mm below the skin; not in the data"
+    )
     sections = [
         _scan_section(scan, lesion),
         _volume_section(volume, labels, lesion, steps),
         mesh_section(tissue.mesh, labels, [f"Edge {EDGE:g} mm, finer towards the lesion."]),
         tissue_section(tissue, _assumptions(tissue)),
         lump_section("What a hand would feel of the lesion", tissue, "lesion", 5.0, radius, stages),
-        lump_section(
-            f"The training lump: added by us at {np.round(at, 1).tolist()} mm, {TRAINING_RADIUS:g} mm in radius, its "
-            f"centre {TRAINING_DEPTH:g} mm below the skin; not in the data",
-            training, "lesion", 5.0, radius, stages,
-        ),
+        lump_section(f"The training lump: {made_up}", training, "lesion", 5.0, radius, stages),
         files_section(stages),
-    ]  # fmt: skip
+    ]
     write_report(
-        stages.folder / "report.html", "A breast you can touch, from seven X-ray views", "palpate demo --no-browser", sections
+        stages.folder / "report.html",
+        "A breast you can touch, from seven X-ray views",
+        "palpate demo --no-browser",
+        sections,
     )
     return {"breast": tissue, "training": training}
 
@@ -88,8 +92,6 @@ def training_labels(labels: Labels) -> tuple[Labels, Float64]:
     organ = labels.values > 0
     columns = organ.any(axis=0)
     # The spot farthest from the outline seen from above, so that the lump has tissue all around.
-    from scipy import ndimage
-
     depth = ndimage.distance_transform_edt(columns, sampling=labels.grid.spacing[1:])
     y, x = np.unravel_index(int(np.argmax(depth)), depth.shape)
     top = int(np.flatnonzero(organ[:, y, x]).max())
@@ -107,10 +109,9 @@ def held(mesh: TetMesh) -> Int32:
 
 
 def _tissue(stages: Stages, labels: Labels, mesh_name: str, name: str, radius: float) -> Tissue:
-    mesh = meshed(
-        stages, labels, mesh_name, label="breast", edge=EDGE, inclusions=["lesion"], closed_at_border=True,
-        fine={"lesion": radius / 2},
-    )  # fmt: skip
+    fine = {"lesion": radius / 2}
+    options = {"label": "breast", "edge": EDGE, "inclusions": ["lesion"], "closed_at_border": True, "fine": fine}
+    mesh = meshed(stages, labels, mesh_name, **options)
     young = {
         "breast": MATERIALS["breast fibroglandular"].young,
         "lesion": MATERIALS["breast carcinoma, ductal, high grade"].young,
@@ -149,8 +150,10 @@ def _volume_section(volume: Volume, labels: Labels, lesion: Inclusion, steps: li
         lines = {f"level {k}": np.array([s.objective for s in steps if s.level == k]) for k in levels}
         longest = max(len(y) for y in lines.values())
         pictures.append(
-            (curves(np.arange(1, longest + 1), lines, "iteration", "negative log-posterior", log=True),
-             "The objective on each level, coarsest first; it compares only within a level.")  # fmt: skip
+            (
+                curves(np.arange(1, longest + 1), lines, "iteration", "negative log-posterior", log=True),
+                "The objective on each level, coarsest first; it compares only within a level.",
+            )  # fmt: skip
         )
     x, y, z = lesion.centre
     return Section(

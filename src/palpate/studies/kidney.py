@@ -33,8 +33,12 @@ def kidney(stages: Stages) -> Mapping[str, Tissue]:
     sections = [
         Section(
             "CT and labels",
-            [f"The organ is label {ORGAN!r} of a real CT at {ct.grid.spacing[0]:g} mm, drawn by a network, not by hand."],
-            pictures=[(three_planes(ct, middle, outline, window=(-160, 240)), "HU from -160 to 240, the organ outlined.")],
+            [
+                f"The organ is label {ORGAN!r} of a real CT at {ct.grid.spacing[0]:g} mm, drawn by a network, not by hand."
+            ],
+            pictures=[
+                (three_planes(ct, middle, outline, window=(-160, 240)), "HU from -160 to 240, the organ outlined.")
+            ],
         ),
         mesh_section(mesh, labels, [f"Edge length asked for: {EDGE:g} mm."]),
         tissue_section(
@@ -47,6 +51,7 @@ def kidney(stages: Stages) -> Mapping[str, Tissue]:
         ),
         files_section(stages),
     ]
-    write_report(stages.folder / "report.html", "A kidney under the pointer", "palpate demo kidney --no-browser", sections)
+    write_report(
+        stages.folder / "report.html", "A kidney under the pointer", "palpate demo kidney --no-browser", sections
+    )
     return {"kidney": tissue}
-

@@ -57,7 +57,9 @@ def three_planes(
     planes = ((z, slice(None), slice(None)), (slice(None), y, slice(None)), (slice(None), slice(None), x))
     names = (f"plane z = {volume.grid.axis('z')[z]:.1f} mm", f"plane y = {volume.grid.axis('y')[y]:.1f} mm",
              f"plane x = {volume.grid.axis('x')[x]:.1f} mm")  # fmt: skip
-    for axes, plane, name, aspect in zip(figure.subplots(1, 3), planes, names, (dy / dx, dz / dx, dz / dy), strict=True):
+    for axes, plane, name, aspect in zip(
+        figure.subplots(1, 3), planes, names, (dy / dx, dz / dx, dz / dy), strict=True
+    ):
         _picture(axes, volume.values[plane], aspect, low, high)
         axes.set_title(name, fontsize=9, color=INK)
         if labels is not None:

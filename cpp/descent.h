@@ -1,0 +1,46 @@
+#pragma once
+#include "geometry.h"
+#include "prior.h"
+#include <vector>
+
+namespace palpate {
+
+// The data's paraboloid, Σ_i slope_i t + curvature_i t²/2 around the line integrals of the current volume. Per view, on
+// the pixels on which its footprints are products (the parallel panel), or else on the measured ones; the length of
+// each ray's path is folded in: slope · path and curvature · path².
+class Paraboloid {
+public:
+    Paraboloid(const Geometry& geometry, const float* slope, const float* curvature);
+    float* slope(int view) { return images[view].slope.data(); }
+    const float* curvature(int view) const { return images[view].curvature.data(); }
+    int64_t stride(int view) const { return images[view].stride; }
+
+private:
+    struct Image {
+        int64_t stride;
+        std::vector<float> slope, curvature;
+    };
+    std::vector<Image> images;
+};
+
+// beta: weight of the prior. relaxation: 1 moves each voxel to the minimum of its parabola; up to 2 it overshoots and
+// the parabola's value still never rises (over-relaxation, which speeds up smooth errors). backwards: the reverse
+// order.
+struct Sweep {
+    float beta, relaxation;
+    bool backwards;
+};
+
+// One sweep of coordinate descent over f (z, y, x) on the paraboloid + β·prior (PS,P,CD: Erdogan & Fessler, IEEE Trans.
+// Med. Imaging 18:801, 1999): each voxel along its parabola, clipped at 0, the slopes following at once.
+// Order: slices; in a slice, classes of rows y = class, class + stride, ...; in a row, x. Rows of a class share no
+// pixel and no pair of neighbours, so threads over them give exactly the sequential answer.
+void descend(const Geometry& geometry, const Neighbourhood& neighbours, const Sweep& sweep, Paraboloid& data, float* f);
+
+// d_j = Σ_i a_ij² curvature_i: the paraboloid's curvature in each voxel, (z, y, x).
+void diagonal(const Geometry& geometry, Paraboloid& data, float* d);
+
+// Rows this far apart in slice z share no pixel of any view.
+int row_stride(const Geometry& geometry, int z);
+
+} // namespace palpate

@@ -1,0 +1,92 @@
+"""A run that was stopped goes on: one HDF5 file, replaced whole."""
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from palpate.atomic import replacing
+from palpate.errors import FileError
+from palpate.reconstruction.step import Step
+from palpate.scans.scan import Scan
+from palpate.volumes.grid import Grid
+from palpate.volumes.volume import Volume
+
+KIND = "palpate checkpoint 1"
+
+
+def fingerprint(scan: Scan, settings: Mapping[str, Any]) -> dict[str, str]:
+    """What must be the same for a run to go on: the settings in words, and a digest of the scan."""
+    digest = hashlib.sha256()
+    for array in (scan.counts, scan.incident, scan.background, scan.mask, scan.views.source):
+        digest.update(np.ascontiguousarray(array).tobytes())
+    for panel in scan.views.panels:
+        pose = (*panel.pitch, *panel.origin, *panel.row_axis, *panel.column_axis)
+        digest.update(np.array(pose, dtype=np.float64).tobytes())
+    return {"scan": digest.hexdigest()[:16], **{name: _words(value) for name, value in settings.items()}}
+
+
+def write_checkpoint(path: str | Path, step: Step, run: Mapping[str, str]) -> None:
+    """Writes the state after `step`; `run` is the run's `fingerprint`. Raises `FileError`."""
+    with replacing(path) as temporary, h5py.File(temporary, "w") as file:
+        file.attrs["kind"] = KIND
+        file.attrs["run"] = json.dumps(dict(run))
+        grid = step.volume.grid
+        for name in ("spacing", "origin", "direction"):
+            file.attrs[name] = np.asarray(getattr(grid, name), dtype=np.float64)
+        for name in ("objective", "level", "iteration", "seconds", "finished"):
+            file.attrs[name] = getattr(step, name)
+        file["values"] = step.volume.values
+
+
+def read_checkpoint(path: str | Path, run: Mapping[str, str]) -> Step:
+    """The step after which to go on. Raises `FileError` if the file is missing, truncated, or of another run."""
+    path = Path(path)
+    if not path.is_file():
+        raise FileError(f"{path}: there is no checkpoint here to go on from; leave out --resume to start afresh")
+    try:
+        with h5py.File(path, "r") as file:
+            if file.attrs.get("kind") != KIND:
+                raise FileError(f"{path}: not a checkpoint of palpate reconstruct; leave out --resume")
+            held = json.loads(str(file.attrs["run"]))
+            values = np.asarray(file["values"])
+            grid = Grid(values.shape, *(file.attrs[name] for name in ("spacing", "origin", "direction")))
+            objective, seconds = float(file.attrs["objective"]), float(file.attrs["seconds"])
+            level, iteration = int(file.attrs["level"]), int(file.attrs["iteration"])
+            step = Step(Volume(values, grid), objective, level, iteration, seconds, bool(file.attrs["finished"]))
+    except FileError:
+        raise
+    except (OSError, KeyError, ValueError, RuntimeError) as problem:
+        raise FileError(f"{path}: truncated or damaged ({problem}); remove it and start afresh") from None
+    differing = [name for name in sorted(set(held) | set(run)) if held.get(name) != run.get(name)]
+    if differing:
+        told = "; ".join(f"{name} was {held.get(name)}, now {run.get(name)}" for name in differing)
+        raise FileError(f"{path}: belongs to another run ({told}); give the same options, or leave out --resume")
+    return step
+
+
+def checkpointed(steps: Iterator[Step], path: str | Path, run: Mapping[str, str], every: int) -> Iterator[Step]:
+    """The same steps; every `every`-th is kept at `path`, and the last one whatever stops the run, Ctrl-C included."""
+    last, kept = None, True
+    try:
+        for count, step in enumerate(steps, start=1):
+            last, kept = step, False
+            if count % every == 0 or step.finished:
+                write_checkpoint(path, step, run)
+                kept = True
+            yield step
+    finally:
+        if last is not None and not kept:
+            write_checkpoint(path, last, run)
+
+
+def _words(value: Any) -> str:
+    if isinstance(value, Grid):
+        return f"{value.shape} voxels of {value.spacing} mm from {value.origin}"
+    if isinstance(value, Volume):
+        return hashlib.sha256(value.values.tobytes()).hexdigest()[:16]
+    return str(value)

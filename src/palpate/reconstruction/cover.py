@@ -1,0 +1,84 @@
+"""A grid for a scan that came without one."""
+
+import numpy as np
+
+from palpate.arrays import Float64
+from palpate.errors import GeometryError
+from palpate.scans.views import Panel, Views
+from palpate.volumes.grid import Grid
+
+COARSEST_SLICE = 8  # in-plane voxels
+
+
+def covering_grid(views: Views, thickness: float | None, spacing: float | None = None) -> Grid:
+    """The box that at least half of the views see, `thickness` mm deep.
+
+    A level panel: from its surface upwards. Otherwise about the point nearest to all central rays. spacing: mm in the
+    slice; None is the pixel pitch as it is at mid-depth. A slice is as thick as makes a voxel's parallax over half of
+    the sources' range one voxel. Raises `GeometryError`, also without a thickness: no geometry knows how thick the
+    object is.
+    """
+    if thickness is None or not thickness > 0:
+        raise GeometryError(
+            f"thickness: how deep the object is cannot be known from the geometry, got {thickness!r}; give thickness=... "
+            f"in mm (palpate reconstruct --thickness), or a Grid"
+        )
+    level = [abs(abs(p.normal[2]) - 1) < 1e-6 for p in views.panels]
+    centre = _isocentre(views)
+    low_z = max(float(p.origin[2]) for p in views.panels) if all(level) else float(centre[2]) - thickness / 2
+    middle = low_z + thickness / 2
+    if views.source[:, 2].min() <= low_z + thickness:
+        raise GeometryError(
+            f"thickness: {thickness:g} mm reaches z = {low_z + thickness:g} mm, the lowest focal spot is at "
+            f"z = {views.source[:, 2].min():g} mm; give the thickness of the object in mm"
+        )
+    fields = np.array(
+        [_field(s, p, z) for s, p in zip(views.source, views.panels, strict=True) for z in (low_z, low_z + thickness)]
+    )
+    low, high = np.median(fields[:, 0], axis=0), np.median(fields[:, 1], axis=0)
+    if (high <= low).any():
+        raise GeometryError("thickness: the views share no field at this depth; give a Grid")
+    width = spacing if spacing is not None else _pixel_at(views, middle)
+    depth = _slice(views, np.array([*(low + high) / 2, middle]), width)
+    shape = np.maximum(np.floor([thickness / depth, *((high - low) / width)[::-1]]), 1)
+    step = np.array([thickness / shape[0], width, width])
+    corner = np.array([*((low + high) / 2 - shape[:0:-1] * width / 2), low_z])
+    return Grid(shape, step, corner + step[::-1] / 2)
+
+
+def _field(source: Float64, panel: Panel, z: float) -> Float64:
+    """(2, 2): lowest and highest (x, y) at height z that the panel sees, mm."""
+    rows, columns = panel.shape
+    corners = panel.points([(r, c) for r in (-0.5, rows - 0.5) for c in (-0.5, columns - 0.5)])
+    rays = corners - source
+    at = source + ((z - source[2]) / rays[:, 2])[:, None] * rays
+    return np.stack([at[:, :2].min(axis=0), at[:, :2].max(axis=0)])
+
+
+def _isocentre(views: Views) -> Float64:
+    """The point nearest to all central rays."""
+    normal, offset = np.zeros((3, 3)), np.zeros(3)
+    for source, panel in zip(views.source, views.panels, strict=True):
+        ray = panel.points([(n - 1) / 2 for n in panel.shape])[0] - source
+        ray /= np.linalg.norm(ray)
+        across = np.eye(3) - np.outer(ray, ray)
+        normal += across
+        offset += across @ source
+    point: Float64 = np.linalg.lstsq(normal, offset, rcond=None)[0]
+    return point
+
+
+def _pixel_at(views: Views, z: float) -> float:
+    """Pixel pitch as seen at height z, mm; the mean view."""
+    pitches = []
+    for source, panel in zip(views.source, views.panels, strict=True):
+        middle = panel.points([(n - 1) / 2 for n in panel.shape])[0]
+        pitches.append(min(panel.pitch) * (source[2] - z) / (source[2] - middle[2]))
+    return float(np.mean(pitches))
+
+
+def _slice(views: Views, centre: Float64, width: float) -> float:
+    """Slice thickness, mm: over it the extreme rays part by two voxels."""
+    slopes = (views.source[:, :2] - centre[:2]) / (views.source[:, 2] - centre[2])[:, None]
+    half = np.ptp(slopes, axis=0).max() / 2
+    return float(np.clip(width / max(half, 1e-9), width, COARSEST_SLICE * width))

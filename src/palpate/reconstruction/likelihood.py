@@ -1,0 +1,146 @@
+"""How well line integrals explain the counts: small values that answer value, slope and curvature.
+
+Both live on line integrals l, (views, rows, columns) without unit, and never see the projector. A pixel that was not
+measured carries no weight.
+"""
+
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from palpate import _core
+from palpate.arrays import Bool, Float32, float32
+from palpate.errors import DataError
+from palpate.scans.scan import Scan
+
+Curvature = Literal["precomputed", "optimal", "maximum"]
+CURVATURES: tuple[Curvature, ...] = ("precomputed", "optimal", "maximum")
+
+
+class Likelihood(Protocol):
+    """What the descent asks of the data."""
+
+    @property
+    def measured(self) -> Bool:
+        """(views, rows, columns): the pixels that carry weight."""
+
+    @property
+    def line_integrals(self) -> Float32:
+        """What each measured pixel alone says of its line integral, 0 where nothing was measured."""
+
+    def value(self, l: Float32) -> float:
+        """Minus log-likelihood, 0 where the data are met exactly."""
+
+    def slope(self, l: Float32) -> Float32:
+        """Derivative of `value` by each line integral."""
+
+    def curvature(self, l: Float32, kind: Curvature = "optimal") -> Float32:
+        """Second derivative of a parabola in each line integral that touches at l."""
+
+
+@dataclass(frozen=True, eq=False)
+class Transmission:
+    """Poisson counts behind an absorber: mean = incident · e^-l + background.
+
+    counts, incident, background: photons, (views, rows, columns) float32; incident is 0 where nothing was measured.
+    h(l) = m − y + y log(y/m), which differs from m − y log m only by what does not depend on l.
+    """
+
+    counts: Float32
+    incident: Float32
+    background: Float32
+
+    @classmethod
+    def of(cls, scan: Scan) -> "Transmission":
+        """The likelihood of a scan; masked pixels get incident 0."""
+        return cls(*(np.where(scan.mask, a, np.float32(0)) for a in (scan.counts, scan.incident, scan.background)))
+
+    @property
+    def measured(self) -> Bool:
+        """Pixels with an incident beam."""
+        return self.incident > 0
+
+    @property
+    def line_integrals(self) -> Float32:
+        """log(b / (y − r)); a pixel without a count over background is taken to have half a photon."""
+        return _line_integrals(self.counts, self.incident, self.background)
+
+    def value(self, l: Float32) -> float:
+        """Σ m − y + y log(y/m) over measured pixels: half the deviance."""
+        return _core.transmission_value(self.counts, self.incident, self.background, self._checked(l))
+
+    def slope(self, l: Float32) -> Float32:
+        """h'(l) = b e^-l (y/m − 1), photons."""
+        return _core.transmission_slope(self.counts, self.incident, self.background, self._checked(l))
+
+    def curvature(self, l: Float32, kind: Curvature = "optimal") -> Float32:
+        """Curvature of the parabola through h at l, photons (Erdogan & Fessler, IEEE TMI 18:801, 1999).
+
+        "optimal" is the smallest that stays above h for all l >= 0, "maximum" the largest h'' there: neither ever
+        raises the objective. "precomputed" is (y − r)²/y, h'' at its minimum: cheap, and not guaranteed to descend.
+        """
+        index = CURVATURES.index(kind)
+        return _core.transmission_curvature(self.counts, self.incident, self.background, self._checked(l), index)
+
+    def _checked(self, l: Float32) -> Float32:
+        return np.ascontiguousarray(np.broadcast_to(np.asarray(l, np.float32), self.counts.shape))
+
+
+@dataclass(frozen=True, eq=False)
+class WeightedLeastSquares:
+    """Σ weight (l − p)²/2, for panels that integrate energy and for intensities that are no counts.
+
+    line_integrals: p, no unit. weights: 1/variance of p, 0 where nothing was measured. Both (views, rows, columns).
+    """
+
+    line_integrals: Float32
+    weights: Float32
+
+    def __post_init__(self) -> None:
+        p = float32("line_integrals", self.line_integrals, (None, None, None))
+        w = float32("weights", self.weights, p.shape)
+        if (w < 0).any() or not (w > 0).any():
+            raise DataError(f"weights: expected none below 0 and some above, found {w.min():g} to {w.max():g}")
+        object.__setattr__(self, "line_integrals", p)
+        object.__setattr__(self, "weights", w)
+
+    @classmethod
+    def of(cls, scan: Scan, electronic: ArrayLike = 0.0) -> "WeightedLeastSquares":
+        """p = log(b / (y − r)), weight (y − r)² / (y + electronic²): the variance of a count, carried through the log.
+
+        electronic: standard deviation of the read-out noise, in the units of counts. A pixel with no signal over its
+        background carries no weight.
+        """
+        signal = scan.counts - scan.background
+        used = scan.mask & (signal > 0)
+        variance = scan.counts + np.square(np.asarray(electronic, np.float32))
+        weights = np.where(used, np.square(signal) / np.where(used, variance, 1), 0)
+        incident = np.where(used, scan.incident, 0)
+        return cls(_line_integrals(scan.counts, incident, scan.background), weights.astype(np.float32))
+
+    @property
+    def measured(self) -> Bool:
+        """Pixels with weight."""
+        return self.weights > 0
+
+    def value(self, l: Float32) -> float:
+        """Σ weight (l − p)²/2."""
+        l = np.ascontiguousarray(np.broadcast_to(np.asarray(l, np.float32), self.weights.shape))
+        return _core.least_squares_value(self.weights, self.line_integrals, l)
+
+    def slope(self, l: Float32) -> Float32:
+        """weight (l − p)."""
+        return self.weights * (l - self.line_integrals)
+
+    def curvature(self, l: Float32, kind: Curvature = "optimal") -> Float32:
+        """The weights: a parabola is its own surrogate."""
+        return self.weights
+
+
+def _line_integrals(counts: Float32, incident: Float32, background: Float32) -> Float32:
+    measured = incident > 0
+    signal = np.maximum(counts - background, np.float32(0.5))
+    p: Float32 = np.where(measured, np.log(np.where(measured, incident, signal) / signal), np.float32(0))
+    return p

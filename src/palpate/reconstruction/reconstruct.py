@@ -1,0 +1,187 @@
+"""From a scan to a volume: the levels, the methods, the stopping rule."""
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+
+from palpate.arrays import Float32
+from palpate.errors import DataError
+from palpate.reconstruction.baselines import backproject, sirt, uniform
+from palpate.reconstruction.cover import covering_grid
+from palpate.reconstruction.descent import data_curvature, descend
+from palpate.reconstruction.likelihood import CURVATURES, Curvature, Likelihood, Transmission, WeightedLeastSquares
+from palpate.reconstruction.multires import Downsample, pyramid
+from palpate.reconstruction.prior import Prior
+from palpate.reconstruction.projector import Projector
+from palpate.reconstruction.step import Step
+from palpate.reconstruction.tune import median_curvature, tune
+from palpate.scans.scan import Scan
+from palpate.volumes.grid import Grid
+from palpate.volumes.resample import INTERPOLATIONS, Interpolation, resample
+from palpate.volumes.volume import Volume
+
+Method = Literal["map", "ml", "sirt", "backprojection"]
+LikelihoodOf = Literal["poisson", "least-squares"] | Callable[[Scan], Likelihood]
+LIKELIHOODS: dict[str, Callable[[Scan], Likelihood]] = {
+    "poisson": Transmission.of,
+    "least-squares": WeightedLeastSquares.of,
+}
+TOLERANCE = 1e-3
+
+
+@dataclass(frozen=True)
+class _Rule:
+    """When a level is finished: after so many iterations, or when one gains less than a share of the objective."""
+
+    iterations: Sequence[int]
+    tolerance: float
+
+    def finished(self, level: int, iteration: int, objective: float, previous: float | None) -> bool:
+        gained = previous is not None and abs(previous - objective) > self.tolerance * abs(objective)
+        return iteration >= self.iterations[level] or (previous is not None and not gained)
+
+
+def iterates(
+    scan: Scan,
+    grid: Grid,
+    *,
+    levels: int = 3,
+    method: Method = "map",
+    prior: Prior | None = None,
+    likelihood: LikelihoodOf = "poisson",
+    start: Literal["backprojection", "uniform"] | Volume = "backprojection",
+    curvature: Curvature = "precomputed",
+    iterations: int | Sequence[int] = 50,
+    tolerance: float = TOLERANCE,
+    downsample: Downsample = "sum",
+    interpolation: Interpolation = "linear",
+    resume: Step | None = None,
+) -> Iterator[Step]:
+    """Every iterate of a reconstruction, coarsest level first (M-MAP-L; `levels=1` is F-MAP).
+
+    method: "map" minimises -log likelihood + β R by coordinate descent, "ml" without prior (β = 0); "sirt" and
+    "backprojection" are baselines on the finest level. prior: `Prior()` if None; what it leaves open the data choose.
+    likelihood: "poisson" for counts, "least-squares" for intensities that are none, or a function from a scan to a
+    likelihood. start: on the coarsest level. curvature: see `Transmission.curvature`. iterations: at most so many a
+    level, one number or one a level, finest first. tolerance: a level ends when an iteration lowers the objective by less
+    than this share. downsample, interpolation: see `pyramid`, `resample`. resume: the step after which to go on, exactly as
+    if never stopped. Raises `DataError` and `GeometryError` at once, before any work.
+    """
+    rule = _Rule(_per_level(iterations, levels), tolerance)
+    _choices(method, curvature, interpolation, start, likelihood, tolerance)
+    chosen = LIKELIHOODS[likelihood] if isinstance(likelihood, str) else likelihood
+    scans = pyramid(scan, grid, levels if method in ("map", "ml") else 1, downsample)
+    Projector(scan.views, grid)  # a geometry that cannot be is refused here
+    prior = prior if prior is not None else Prior()
+    steps = _run(scans, method, prior, chosen, start, curvature, rule, interpolation, resume)
+    return steps
+
+
+def reconstruct(
+    scan: Scan,
+    grid: Grid | None = None,
+    *,
+    thickness: float | None = None,
+    spacing: float | None = None,
+    **options: object,
+) -> Volume:
+    """The attenuation (z, y, x), 1/mm, behind a scan: the last of `iterates`, whose options it takes.
+
+    grid: None covers the field that the views share, over `thickness` mm of depth, with voxels of `spacing` mm in the slice
+    (see `covering_grid`). Raises `DataError` and `GeometryError`.
+    """
+    grid = covering_grid(scan.views, thickness, spacing) if grid is None else grid
+    step = None
+    for step in iterates(scan, grid, **options):  # type: ignore[arg-type]
+        pass
+    assert step is not None
+    return step.volume
+
+
+def _run(
+    scans: Sequence[tuple[Scan, Grid]],
+    method: Method,
+    prior: Prior,
+    likelihood: Callable[[Scan], Likelihood],
+    start: str | Volume,
+    curvature: Curvature,
+    rule: _Rule,
+    interpolation: Interpolation,
+    resume: Step | None,
+) -> Iterator[Step]:
+    began = time.perf_counter() - (resume.seconds if resume else 0)
+    A, data = Projector(scans[0][0].views, scans[0][1]), likelihood(scans[0][0])
+    prior, beta = _weighed(prior, A, data) if method == "map" else (Prior("quadratic", 0.0), 0.0)
+    last = resume
+    for level in reversed(range(len(scans))):
+        if last is not None and (last.level < level or (last.level == level and last.finished)):
+            continue
+        level_scan, grid = scans[level]
+        if level > 0 or len(scans) > 1:
+            A, data = Projector(level_scan.views, grid), likelihood(level_scan)
+        done, objective = 0, None
+        if last is not None and last.level == level:
+            values, done, objective = last.volume.values, last.iteration, last.objective
+        elif last is not None:
+            values = resample(last.volume, grid, interpolation).values
+        else:
+            values = _first(start, A, data, interpolation)
+        for iteration, (f, now) in enumerate(_solver(method, A, data, prior, beta, values, curvature), done + 1):
+            finished = method == "backprojection" or rule.finished(level, iteration, now, objective)
+            last = Step(Volume(f.copy(), grid), now, level, iteration, time.perf_counter() - began, finished)
+            objective = now
+            yield last
+            if finished:
+                break
+
+
+def _weighed(prior: Prior, A: Projector, data: Likelihood) -> tuple[Prior, float]:
+    """The prior with nothing left open, and β, frozen on the finest grid."""
+    known = data_curvature(A, data)
+    prior = tune(prior, A, data, known)
+    assert prior.strength is not None
+    return prior, prior.strength * median_curvature(known)
+
+
+def _solver(
+    method: Method, A: Projector, data: Likelihood, prior: Prior, beta: float, values: Float32, curvature: Curvature
+) -> Iterator[tuple[Float32, float]]:
+    if method == "backprojection":
+        values = backproject(A, data)
+        return iter([(values, data.value(A(values)))])
+    if method == "sirt":
+        return sirt(A, data, values)
+    return descend(A, data, prior, beta, values, curvature)
+
+
+def _first(start: str | Volume, A: Projector, data: Likelihood, interpolation: Interpolation) -> Float32:
+    if isinstance(start, Volume):
+        return np.maximum(resample(start, A.grid, interpolation).values, 0)
+    return uniform(A, data) if start == "uniform" else backproject(A, data)
+
+
+def _per_level(iterations: int | Sequence[int], levels: int) -> Sequence[int]:
+    each = [iterations] * levels if isinstance(iterations, int) else list(iterations)
+    if len(each) != levels or any(n < 1 for n in each):
+        raise DataError(f"iterations: expected a number of at least 1, or {levels} (finest first), got {iterations!r}")
+    return each
+
+
+def _choices(
+    method: str, curvature: str, interpolation: str, start: object, likelihood: object, tolerance: float
+) -> None:
+    """Refuses names that there are not, with those that there are."""
+    for name, value, there in (
+        ("method", method, get_args(Method)),
+        ("curvature", curvature, CURVATURES),
+        ("interpolation", interpolation, INTERPOLATIONS),
+        ("start", start, ("backprojection", "uniform")),
+        ("likelihood", likelihood, tuple(LIKELIHOODS)),
+    ):
+        if value not in there and not (isinstance(value, Volume) or callable(value)):
+            raise DataError(f"{name}: there is no {value!r}; choose from {', '.join(there)}")
+    if not 0 <= tolerance < 1:
+        raise DataError(f"tolerance: expected a share of the objective from 0 to below 1, got {tolerance!r}")

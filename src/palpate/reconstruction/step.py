@@ -1,0 +1,21 @@
+"""One iterate of a reconstruction."""
+
+from dataclasses import dataclass
+
+from palpate.volumes.volume import Volume
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """volume: a snapshot on its level's grid, 1/mm. level: 0 is the finest. iteration: 1, 2, ... within the level.
+
+    objective: compares only within a level. seconds: since the run began, monitoring included. finished: the last of
+    its level.
+    """
+
+    volume: Volume
+    objective: float
+    level: int
+    iteration: int
+    seconds: float
+    finished: bool = False

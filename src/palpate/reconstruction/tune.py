@@ -1,0 +1,50 @@
+"""Strength and edge of the prior, from the data, where the user gives none."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from palpate.arrays import Float32
+from palpate.reconstruction.likelihood import Likelihood
+from palpate.reconstruction.prior import Prior
+from palpate.reconstruction.projector import Projector
+
+SHARE = 0.05  # an edge, as a share of the object's attenuation: half of what parts fat from muscle
+
+
+def tune(prior: Prior, A: Projector, likelihood: Likelihood, curvature: Float32) -> Prior:
+    """The prior with its open knobs chosen, from nothing but the scan and the grid.
+
+    edge: a twentieth of the object's mean attenuation (mean of line integral / length in the box over the measured rays,
+    each weighted by its line integral, so that air has no say). strength: the prior is a probability, exp(−β R); β is
+    such that a voxel that differs from all of its neighbours by one edge is less likely by e. That is a statement
+    about tissue, not about the scan: a scan of more photons is smoothed less. For a quadratic prior the edge serves to
+    choose the strength only. curvature: see `data_curvature`.
+    """
+    edge = prior.edge if prior.edge is not None else SHARE * mean_attenuation(A, likelihood)
+    prior = replace(prior, edge=edge)
+    if prior.strength is None:
+        one = np.zeros((3, 3, 3), np.float32)
+        one[1, 1, 1] = edge
+        alone = prior.value(one, _patch(A))
+        prior = replace(prior, strength=1 / (alone * median_curvature(curvature)))
+    return prior
+
+
+def mean_attenuation(A: Projector, likelihood: Likelihood) -> float:
+    """1/mm, over the rays through the object."""
+    length = (A(np.ones(A.domain_shape, np.float32)) * likelihood.measured).astype(np.float64)
+    p = np.maximum(likelihood.line_integrals.astype(np.float64), 0) * (length > 0)
+    return max(float((p * p).sum() / max((p * length).sum(), 1e-12)), 1e-6)
+
+
+def median_curvature(curvature: Float32) -> float:
+    """Median over the voxels that some ray sees."""
+    seen = curvature[curvature > 0]
+    return float(np.median(seen)) if seen.size else 1.0
+
+
+def _patch(A: Projector):  # type: ignore[no-untyped-def]
+    from palpate.volumes.grid import Grid
+
+    return Grid((3, 3, 3), A.grid.spacing, (0, 0, 0))

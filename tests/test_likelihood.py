@@ -1,0 +1,142 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import palpate as pp
+from palpate.errors import DataError
+from palpate.reconstruction.likelihood import Transmission, WeightedLeastSquares
+
+counts = st.one_of(st.just(0.0), st.floats(0.1, 3e5))
+incidents = st.floats(1, 3e5)
+backgrounds = st.one_of(st.just(0.0), st.floats(0.01, 1e4))
+line_integrals = st.one_of(st.just(0.0), st.floats(1e-6, 1e-2), st.floats(1e-2, 12))
+
+
+def one_pixel(y, b, r):
+    return Transmission(*(np.full((1, 1, 1), a, np.float32) for a in (y, b, r)))
+
+
+def pixel(value):
+    return np.full((1, 1, 1), value, np.float32)
+
+
+def h(y, b, r, l):
+    """-log Poisson likelihood in float64, from the numbers as float32 holds them."""
+    y, b, r = (np.float64(np.float32(a)) for a in (y, b, r))
+    m = b * np.exp(-np.float64(l)) + r
+    return m - (y * np.log(m) if y > 0 else 0)
+
+
+@given(counts, incidents, backgrounds, line_integrals)
+def test_value_is_minus_log_poisson_up_to_a_constant(y, b, r, l):
+    model = one_pixel(y, b, r)
+    l = float(np.float32(l))
+    gained = model.value(pixel(l)) - model.value(pixel(1.0))
+    expected = h(y, b, r, l) - h(y, b, r, 1.0)
+    assert gained == pytest.approx(expected, rel=1e-6, abs=1e-9 * (y * 10 + b + r + 1))
+
+
+@given(counts, incidents, backgrounds, st.floats(0.01, 12))
+def test_slope_against_finite_differences(y, b, r, l):
+    l, step = float(np.float32(l)), 1e-4
+    fine = (h(y, b, r, l + step) - h(y, b, r, l - step)) / (2 * step)
+    assert one_pixel(y, b, r).slope(pixel(l)).item() == pytest.approx(fine, rel=1e-4, abs=1e-6 * (y + b + 1))
+
+
+@settings(max_examples=300)
+@given(counts, incidents, backgrounds, line_integrals, st.sampled_from(["optimal", "maximum"]))
+def test_monotone_surrogates_lie_above_the_likelihood(y, b, r, l, kind):
+    model, l = one_pixel(y, b, r), float(np.float32(l))
+    slope, curvature = model.slope(pixel(l)).item(), model.curvature(pixel(l), kind).item()
+    t = np.concatenate([[0], np.geomspace(1e-5, 15, 400)])
+    parabola = h(y, b, r, l) + slope * (t - l) + curvature / 2 * (t - l) ** 2
+    truth = np.array([h(y, b, r, x) for x in t])
+    # slope and curvature are stored with 24 bits, h itself has 53
+    rounding = 1e-13 * np.abs(truth).max() + 1.2e-7 * (abs(slope) * abs(t - l) + curvature * (t - l) ** 2) + 1e-12 * y
+    assert (parabola >= truth - rounding).all()
+
+
+@given(counts, incidents, backgrounds, st.floats(0.05, 12))
+def test_optimal_curvature_is_the_smallest(y, b, r, l):
+    """Its parabola touches h at l = 0 as well, unless even a straight line stays above."""
+    model, l = one_pixel(y, b, r), float(np.float32(l))
+    optimal = model.curvature(pixel(l), "optimal").item()
+    assert optimal <= model.curvature(pixel(l), "maximum").item() * (1 + 1e-6) + 1e-6 * b * 1e-3
+    if optimal > 1e-3 * b:
+        parabola = h(y, b, r, l) - model.slope(pixel(l)).item() * l + optimal / 2 * l**2
+        assert parabola == pytest.approx(h(y, b, r, 0), abs=1e-6 * (b + r + 10 * y) * (1 + l))
+
+
+@pytest.mark.parametrize("l", [1e-6, 1e-5, 1e-4, 1e-3, 1e-2])
+def test_optimal_curvature_keeps_its_digits_for_thin_objects(l):
+    """Without care float32 doubles it at l = 1e-3, b = 2e5. Here against h''(0) − l h'''(0)/3·2 + …, r = 0: h'' = b e^-l."""
+    optimal = one_pixel(1.5e5, 2e5, 0).curvature(pixel(l), "optimal").item()
+    assert optimal == pytest.approx(2e5, rel=l + 1e-6)
+
+
+@given(st.floats(10, 3e5), incidents, st.floats(0, 5))
+def test_precomputed_curvature_is_that_of_the_minimum(y, b, r):
+    signal = np.float64(np.float32(y)) - np.float64(np.float32(r))
+    expected = signal**2 / np.float32(y)
+    assert one_pixel(y, b, r).curvature(pixel(1.0), "precomputed").item() == pytest.approx(expected, rel=1e-5)
+    assert one_pixel(1, b, 2).curvature(pixel(1.0), "precomputed").item() == 0
+
+
+def small_scan(mask):
+    rng = np.random.default_rng(1)
+    views = pp.Views([(0, 0, 500)], pp.Panel((4, 5), (1, 1), (0, 0, 0)))
+    return pp.Scan(rng.poisson(300, (1, 4, 5)), 1000, views, 5, mask)
+
+
+@pytest.mark.parametrize("kind", [Transmission, WeightedLeastSquares])
+def test_masked_pixels_carry_no_weight(kind):
+    mask = np.ones((1, 4, 5), bool)
+    mask[0, 1, 2] = False
+    model, l = kind.of(small_scan(mask)), np.ones((1, 4, 5), np.float32)
+    other = l.copy()
+    other[0, 1, 2] = 7
+    assert model.value(l) == model.value(other) > 0
+    assert model.slope(l)[0, 1, 2] == 0 == model.curvature(l)[0, 1, 2]
+    assert not model.measured[0, 1, 2]
+    assert np.count_nonzero(model.measured) == 19
+
+
+def test_value_is_zero_where_the_mean_is_the_count():
+    scan = small_scan(None)
+    model = Transmission.of(scan)
+    at_best = np.log(scan.incident / (scan.counts - scan.background)).astype(np.float32)
+    assert model.value(at_best) == pytest.approx(0, abs=1e-6)
+    assert model.value(at_best + np.float32(0.1)) > 1
+    np.testing.assert_allclose(model.line_integrals, at_best, rtol=1e-6)
+
+
+def test_least_squares_weights_are_inverse_variances_of_the_line_integral():
+    rng = np.random.default_rng(3)
+    b, m, r, sigma = 2000.0, 400.0, 30.0, 8.0
+    views = pp.Views([(0, 0, 500)], pp.Panel((300, 300), (1, 1), (0, 0, 0)))
+    noisy = rng.poisson(m + r, (1, 300, 300)) + rng.normal(0, sigma, (1, 300, 300))
+    model = WeightedLeastSquares.of(pp.Scan(noisy, b, views, r), electronic=sigma)
+    assert 1 / model.line_integrals.var() == pytest.approx(np.median(model.weights), rel=0.03)
+    slope = (model.value(model.line_integrals + np.float32(0.1))) / (0.1**2 / 2)
+    assert slope == pytest.approx(model.weights.sum(dtype=np.float64), rel=1e-4)
+
+
+def test_weights_of_nothing_are_refused():
+    with pytest.raises(DataError, match="weights: expected none below 0"):
+        WeightedLeastSquares(np.ones((1, 2, 2)), np.zeros((1, 2, 2)))
+
+
+def test_objective_has_the_same_bits_for_one_and_two_threads():
+    from palpate import _core
+
+    rng = np.random.default_rng(2)
+    shape = (3, 50, 70)
+    model = Transmission(*(rng.uniform(100, 1000, shape).astype(np.float32) for _ in range(3)))
+    l = rng.uniform(0, 3, shape).astype(np.float32)
+    values = []
+    for n in (1, 2, 3):
+        _core.set_threads(n)
+        values.append(model.value(l))
+    _core.set_threads(0)
+    assert values[0] == values[1] == values[2] != 0
