@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from palpate.reconstruction.step import Step as Step
     from palpate.meshes.quality import mesh_quality as mesh_quality
     from palpate.meshes.stuffing import tetrahedralize as tetrahedralize
-    from palpate.reconstruction.projector import Projector as Projector
     from palpate.scans.correct import equal_contrast as equal_contrast
     from palpate.scans.correct import open_beam as open_beam
     from palpate.scans.files import read_scan as read_scan
@@ -54,6 +53,7 @@ if TYPE_CHECKING:
     from palpate.simulation.record import read_record as read_record
     from palpate.simulation.record import write_record as write_record
     from palpate.simulation.session import Session as Session
+    from palpate.studies.demo import demonstrate as demonstrate
     from palpate.tissue.elasticity import finite_elements as finite_elements
     from palpate.tissue.files import read_tissue as read_tissue
     from palpate.tissue.files import write_tissue as write_tissue
@@ -142,6 +142,7 @@ _HOME = {
     "read_record": "simulation.record",
     "write_record": "simulation.record",
     "touch": "server.serve",
+    "demonstrate": "studies.demo",
 }
 __all__ = sorted(_HOME)
 

@@ -1,0 +1,187 @@
+"""The example at the head of each command's help works as it stands."""
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import palpate as pp
+from palpate.samples import sample
+
+HERE = {**os.environ, "PYTHONPATH": str(Path(pp.__file__).parents[1]), "COLUMNS": "200"}
+SAMPLES = {name: sample("abdomen") / name for name in ("ct.nii.gz", "labels.nii.gz", "label_names.json")}
+
+
+def palpate(words, cwd=None):
+    return subprocess.run(
+        [sys.executable, "-m", "palpate", *words.split()],
+        cwd=cwd,
+        env=HERE,
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+
+
+def example(command):
+    """The words after `palpate` of the example in the help, which is the first thing it says."""
+    said = palpate(f"{command} --help").stdout
+    found = re.search(r"^\s*Example: palpate (\S.*?)\s*$", said, re.MULTILINE)
+    assert found, said
+    usage, rest = said.split("\n", 2)[1:], found[1]
+    assert [line.strip() for line in usage[1].splitlines() if line.strip()][0].startswith("Example: "), said
+    assert rest.startswith(command)
+    return rest
+
+
+@pytest.fixture
+def folder(tmp_path):
+    for name, path in SAMPLES.items():
+        shutil.copy(path, tmp_path / name)
+    return tmp_path
+
+
+def done(command, folder):
+    """Runs the example and gives what it printed."""
+    ended = palpate(example(command), folder)
+    assert ended.returncode == 0, ended.stderr
+    return ended.stdout
+
+
+def interrupted(command, folder, there):
+    """Starts the example and interrupts it once a file matching `there` lies in the folder; exit code and output."""
+    words = example(command).split()
+    run = subprocess.Popen(
+        [sys.executable, "-m", "palpate", *words], cwd=folder, env=HERE, text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+    )  # fmt: skip
+    try:
+        end = time.monotonic() + 120
+        while not list(folder.glob(there)):
+            assert run.poll() is None, run.communicate()[0]
+            assert time.monotonic() < end
+            time.sleep(0.02)
+        run.send_signal(signal.SIGINT)
+        said = run.communicate(timeout=60)[0]
+    finally:
+        run.kill()
+    assert "Traceback" not in said
+    return run.returncode, said
+
+
+def test_scan_import(folder):
+    assert "7 views" in done("scan import", folder)
+    assert pp.read_scan(folder / "breast.h5").shape == (7, 170, 615)
+
+
+def test_scan_simulate(folder):
+    done("scan simulate", folder)
+    assert pp.read_scan(folder / "scan.h5").shape == (8, 512, 512)
+
+
+def test_scan_template_and_every_other_one_loads(folder):
+    done("scan template", folder)
+    assert len(pp.read_geometry(folder / "geometry.yaml").views) > 1
+    for motion in ("rotating", "circular", "linear", "hypocycloid", "free"):
+        assert palpate(f"scan template --motion {motion} -o {motion}.yaml", folder).returncode == 0
+        assert len(pp.read_geometry(folder / f"{motion}.yaml").views) > 1
+
+
+def test_scan_as_a_whole(folder):
+    done("scan", folder)
+    assert (folder / "breast.h5").exists()
+
+
+def test_reconstruct_as_far_as_the_first_checkpoint(folder):
+    """The whole run takes a minute; the same one is the first half of the breast demo."""
+    done("scan import", folder)
+    code, said = interrupted("reconstruct", folder, "*.checkpoint.*")
+    assert code == 130
+    assert "--resume" in said
+
+
+def test_segment(folder):
+    assert " ml" in done("segment", folder)
+    assert pp.read_labels(folder / "labels.nii.gz").values.max() == 1
+
+
+def test_mesh_fit_and_touch(folder):
+    assert "kidney_left" in done("mesh", folder)
+    mesh = pp.read_mesh(folder / "kidney.vtu")
+    assert 100e3 < mesh.volumes.sum() < 200e3  # mm³, a kidney
+    assert "springs against linear finite elements" in done("fit", folder)
+    tissue = pp.read_tissue(folder / "tissue.vtu")
+    assert (tissue.mesh.nodes == mesh.nodes).all()
+    touched = subprocess.Popen(
+        [sys.executable, "-m", "palpate", *example("touch").split()],
+        cwd=folder,
+        env={k: v for k, v in HERE.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    try:
+        assert "http://127.0.0.1:" in touched.stdout.readline()
+        time.sleep(0.2)
+        touched.send_signal(signal.SIGINT)
+        said = touched.communicate(timeout=30)[0]
+    finally:
+        touched.kill()
+    assert touched.returncode == 0, said
+    assert "Traceback" not in said
+    assert pp.read_record(folder / "session.h5").length > 0
+
+
+def test_demo_as_far_as_its_first_file(folder):
+    """All of it is run by the tests of the demos."""
+    code, said = interrupted("demo", folder, "demo/*.h5")
+    assert code == 130
+    assert "--resume" in said
+
+
+def test_doctor_tells_the_truth(folder):
+    import tomllib
+    from importlib.metadata import version
+
+    from palpate import _core
+    from palpate.server.app import STATIC
+
+    said = done("doctor", folder)
+    project = Path(__file__).parents[1] / "pyproject.toml"
+    for needed in tomllib.loads(project.read_text())["project"]["dependencies"]:
+        name = re.split(r"[<>=]", needed)[0]
+        assert re.search(rf"^ *{re.escape(name)} {re.escape(version(name))}$", said, re.MULTILINE), name
+    assert f"palpate {pp.__version__}," in said
+    assert f"kernels: {_core.instruction_set()}, {_core.threads()} threads of {os.cpu_count()} processors" in said
+    assert float(re.search(r"projector: ([\d.]+) G voxel-views", said)[1]) > 0
+    assert ("page: bundled" in said) == (STATIC / "index.html").is_file()
+    assert "samples: all there" in said
+
+
+def test_doctor_names_what_is_missing_and_fails(monkeypatch, capsys, tmp_path):
+    from importlib.metadata import PackageNotFoundError
+
+    from typer.testing import CliRunner
+
+    from palpate.commands import app, doctor
+    from palpate.server import app as served
+
+    def version(name):
+        if name == "meshio":
+            raise PackageNotFoundError(name)
+        return "1"
+
+    monkeypatch.setattr(doctor, "version", version)
+    monkeypatch.setattr(served, "STATIC", tmp_path)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    result = CliRunner().invoke(app, ["doctor"])
+    assert result.exit_code == 1
+    assert "meshio missing; install it: pip install meshio" in result.output
+    assert "page: missing" in result.output
+    assert "browser: none found here" in result.output
