@@ -1,6 +1,6 @@
 """Time of a projection and a backprojection: `python benchmarks/projector.py`.
 
-W1: 8 sources on a circle over a fixed panel. W2: 15 sources on an arc over a breast panel (half cone). W4: 11 views of a
+W1: 8 sources on a circle over a fixed panel. W2: 15 sources on an arc over a breast panel. W4: 11 views of a
 head by a panel that turns with the source.
 """
 

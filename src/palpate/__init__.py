@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from palpate.meshes.files import read_mesh as read_mesh
     from palpate.meshes.files import write_mesh as write_mesh
     from palpate.meshes.mesh import TetMesh as TetMesh
+    from palpate.meshes.quality import mesh_quality as mesh_quality
+    from palpate.meshes.stuffing import tetrahedralize as tetrahedralize
     from palpate.reconstruction.baselines import backproject as backproject
     from palpate.reconstruction.baselines import sirt as sirt
     from palpate.reconstruction.cover import covering_grid as covering_grid
@@ -69,9 +71,9 @@ if TYPE_CHECKING:
     from palpate.volumes.files import write_labels as write_labels
     from palpate.volumes.files import write_volume as write_volume
     from palpate.volumes.grid import Grid as Grid
-    from palpate.volumes.resample import resample as resample
     from palpate.volumes.metrics import contrast_to_noise as contrast_to_noise
     from palpate.volumes.metrics import nmse as nmse
+    from palpate.volumes.resample import resample as resample
     from palpate.volumes.segment import segment as segment
     from palpate.volumes.volume import Labels as Labels
     from palpate.volumes.volume import Volume as Volume

@@ -23,8 +23,9 @@ class Projector:
     tolerance: relative L2 error of each view against exact line integrals through the voxels, for independent voxel
     values uniform in [0, 1] (smooth volumes are far below it). It decides how many sub-slices a slice is cut into
     where a source lies off both axes; time grows with them. It holds for panels parallel to the slices and for those
-    turned about x or y alone; any other panel is averaged from a parallel one of half its pitch, which adds up to
-    0.5 %. Rays run on beyond a panel that cuts the grid. `geometry` is what the kernels share.
+    turned about x or y alone; any other panel is averaged from a parallel one of half its pitch, which adds
+    about 0.5 %. The error is estimated on sample voxels of each view. Rays run on beyond a panel that cuts the grid.
+    `geometry` is what the kernels share.
 
     Raises `GeometryError` when the grid reaches a focal spot or lies behind a panel, or when no ray meets it.
     Source: distance-driven weights after De Man & Basu, Phys. Med. Biol. 49, 2004; separable trapezoids after Long,

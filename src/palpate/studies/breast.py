@@ -1,6 +1,7 @@
 """The main demo: photon counts of seven views to a breast whose lesion can be felt."""
 
 import json
+import re
 from collections.abc import Mapping
 
 import numpy as np
@@ -8,7 +9,7 @@ from scipy import ndimage
 
 from palpate.arrays import Float64, Int32
 from palpate.meshes.mesh import TetMesh
-from palpate.reconstruction.prior import Prior
+from palpate.reconstruction.cover import covering_grid
 from palpate.reconstruction.step import Step
 from palpate.samples import sample
 from palpate.scans.files import read_scan, write_scan
@@ -36,7 +37,7 @@ TRAINING_RADIUS, TRAINING_DEPTH = 8.0, 12.0  # mm; a lump made up for practice, 
 def breast(stages: Stages) -> Mapping[str, Tissue]:
     """Counts to volume, labels, meshes, tissues ("breast", "training") and report.html. Raises `FileError`."""
     scan = stages("scan.h5", lambda: import_scan("breast"), write_scan, read_scan)
-    volume, steps = reconstructed(stages, scan, suggested_grid(), levels=3, prior=Prior())
+    volume, steps = reconstructed(stages, scan, field(scan), levels=3)
     labels, lesion = found_labels(stages, volume)
     tissue = _tissue(stages, labels, "mesh.vtu", "tissue.vtu", lesion.radius)
     added, at = training_labels(labels)
@@ -64,14 +65,14 @@ def breast(stages: Stages) -> Mapping[str, Tissue]:
     return {"breast": tissue, "training": training}
 
 
-def suggested_grid() -> Grid:
-    """The grid that the data's author suggests, in mm; its height is the breast's compressed thickness."""
-    given = json.loads((sample("breast") / "geometry.json").read_text())
-    assert given["units"] == "cm"
-    spacing = np.array([0.8, 0.4, 0.4])
-    bottom = -10 * given["rotation_centre_to_detector"]
-    shape = (64, 156, 504)
-    return Grid(shape, spacing, (-(shape[2] - 1) / 2 * spacing[2], spacing[1] / 2, bottom + spacing[0] / 2))
+def field(scan: Scan) -> Grid:
+    """The box that the views share, in slices of 0.8 mm between panel and compression plate, as the data's author says."""
+    given = json.loads((sample("breast") / "geometry.json").read_text())["suggested_grid"]
+    count, depth = (float(number) for number in re.findall(r"x ([0-9.]+)", given)[1::2])
+    wide = covering_grid(scan.views, thickness=10 * depth * count, spacing=0.4)
+    low = wide.bounds[0]
+    origin = (wide.origin[0], wide.origin[1], low[2] + 5 * depth)
+    return Grid((count, *wide.shape[1:]), (10 * depth, *wide.spacing[1:]), origin)
 
 
 def found_labels(stages: Stages, volume: Volume) -> tuple[Labels, Inclusion]:
@@ -92,7 +93,7 @@ def training_labels(labels: Labels) -> tuple[Labels, Float64]:
     organ = labels.values > 0
     columns = organ.any(axis=0)
     # The spot farthest from the outline seen from above, so that the lump has tissue all around.
-    depth = ndimage.distance_transform_edt(columns, sampling=labels.grid.spacing[1:])
+    depth = ndimage.distance_transform_edt(np.pad(columns, 1), sampling=labels.grid.spacing[1:])[1:-1, 1:-1]
     y, x = np.unravel_index(int(np.argmax(depth)), depth.shape)
     top = int(np.flatnonzero(organ[:, y, x]).max())
     at = labels.grid.points([[top - TRAINING_DEPTH / labels.grid.spacing[0], y, x]])[0]

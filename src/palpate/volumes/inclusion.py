@@ -43,19 +43,27 @@ def find_inclusion(volume: Volume, inside: Bool, smallest: float = 1.0, largest:
     if largest is None:
         extents = [np.ptp(np.flatnonzero(mask.any(axis=tuple({0, 1, 2} - {i})))) * spacing[i] for i in range(3)]
         largest = max(min(extents) / 4, smallest * STEP**2)
-    # Outside is filled with the organ's median, so that its own edge is no blob; the margin of one sigma does the rest.
-    values = np.where(mask, volume.values, np.median(volume.values[mask])).astype(np.float32)
+    # From the organ's median, which also fills the outside: its own edge is no blob, the margin of one sigma does the rest.
+    values = np.where(mask, volume.values - np.median(volume.values[mask]), 0).astype(np.float32)
     depth_in_slice = _distance_in_slices(mask, spacing)
     sigmas = smallest / np.sqrt(2) * STEP ** np.arange(np.ceil(np.log(largest / smallest) / np.log(STEP)) + 1)
     responses = [_response(values, sigma, spacing, depth_in_slice) for sigma in sigmas]
     peaks = np.array([r.max() for r in responses])
     best = int(np.argmax(peaks))
-    if not peaks[best] > 0:
+    if not peaks[best] > 1e-4 * np.abs(volume.values).max():  # float32 noise of the filters
         raise DataError("inside: nothing there is brighter than its surroundings; give a mask of the organ alone")
-    response = responses[best]
-    peak = np.unravel_index(int(np.argmax(response)), response.shape)
-    radius = float(np.sqrt(2) * sigmas[best] * STEP ** _vertex(peaks, best))
-    index = _centroid(response, peak, radius, spacing)
+    # Off its middle a ball is a smaller disc that answers as strongly at a smaller scale: size and place are read again
+    # in the slice of the centroid.
+    strongest = np.max(responses, axis=0)
+    middle = round(float(_centroid(strongest, _place(strongest))[0]))
+    near = _square(_place(strongest), largest / 2, spacing, mask.shape)
+    across = np.array([r[middle][near].max() for r in responses])
+    best = int(np.argmax(across))
+    radius = float(np.sqrt(2) * sigmas[best] * STEP ** _vertex(across, best))
+    local = np.zeros(mask.shape, np.float32)
+    local[middle][near] = responses[best][middle][near]
+    peak = _place(local)
+    index = _centroid(strongest, peak)
     centre = volume.grid.points(index)[0]
     away = np.ones(mask.shape, dtype=bool)
     away[:, *_square(peak, radius, spacing, mask.shape)] = False
@@ -90,7 +98,10 @@ def _response(values: Float32, sigma: float, spacing: Float64, depth: Float64) -
 
 def _distance_in_slices(mask: Bool, spacing: Float64) -> Float64:
     # The volume's own edge is no edge of the organ (a breast goes on at the chest wall), so nothing is padded.
-    return np.stack([ndimage.distance_transform_edt(m, sampling=spacing[1:]) if m.any() else m * 0.0 for m in mask])
+    depth = np.zeros(mask.shape)
+    for slice_of, m in zip(depth, mask, strict=True):
+        slice_of[...] = np.inf if m.all() else ndimage.distance_transform_edt(m, sampling=spacing[1:])
+    return depth
 
 
 def _vertex(values: Float64, i: int) -> float:
@@ -101,7 +112,7 @@ def _vertex(values: Float64, i: int) -> float:
     return float(np.clip(0.5 * (values[i - 1] - values[i + 1]) / bend, -0.5, 0.5)) if bend < 0 else 0.0
 
 
-def _square(peak: tuple[np.intp, ...], radius: float, spacing: Float64, shape: tuple[int, ...]) -> tuple[slice, slice]:
+def _square(peak: tuple[int, int, int], radius: float, spacing: Float64, shape: tuple[int, ...]) -> tuple[slice, slice]:
     """Rows and columns of the slice within two radii of the peak."""
     reach = np.ceil(2 * radius / spacing[1:]).astype(int)
     low = [max(int(p) - int(n), 0) for p, n in zip(peak[1:], reach, strict=True)]
@@ -109,16 +120,19 @@ def _square(peak: tuple[np.intp, ...], radius: float, spacing: Float64, shape: t
     return slice(low[0], high[0]), slice(low[1], high[1])
 
 
-def _centroid(response: Float64, peak: tuple[np.intp, ...], radius: float, spacing: Float64) -> Float64:
-    """Centroid (z, y, x) of the part above half the peak that holds the peak, seen along z and within the slice."""
-    above = response > response[peak] / 2
-    parts, _ = ndimage.label(above)
-    part = parts == parts[peak]
-    weight = np.where(part, response - response[peak] / 2, 0)
+def _place(response: Float32) -> tuple[int, int, int]:
+    z, y, x = np.unravel_index(int(np.argmax(response)), response.shape)
+    return int(z), int(y), int(x)
+
+
+def _centroid(response: Float32, peak: tuple[int, int, int]) -> Float64:
+    """Centroid (z, y, x) of the part above half the peak that holds the peak."""
+    parts, _ = ndimage.label(response > response[peak] / 2)
+    weight = np.where(parts == parts[peak], response - response[peak] / 2, 0)
     return np.array(ndimage.center_of_mass(weight))
 
 
-def _contrast(values: Float64, peak: tuple[np.intp, ...], radius: float, spacing: Float64, mask: Bool) -> float:
+def _contrast(values: Float64, peak: tuple[int, int, int], radius: float, spacing: Float64, mask: Bool) -> float:
     z = int(peak[0])
     y, x = np.ogrid[: values.shape[1], : values.shape[2]]
     r = np.hypot((y - peak[1]) * spacing[1], (x - peak[2]) * spacing[2])
