@@ -1,15 +1,123 @@
-"""`palpate reconstruct`."""
+"""`palpate reconstruct`: from a scan to a volume."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from palpate.commands.missing import missing
+import palpate as pp
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+
+class Method(StrEnum):
+    """How the volume is found."""
+
+    map = "map"
+    ml = "ml"
+    sirt = "sirt"
+    backprojection = "backprojection"
+
+
+class PriorName(StrEnum):
+    """Potentials of the prior."""
+
+    lange = "lange"
+    huber = "huber"
+    quadratic = "quadratic"
+
+
+class LikelihoodName(StrEnum):
+    """What the values are."""
+
+    poisson = "poisson"
+    least_squares = "least-squares"
+
+
+class Start(StrEnum):
+    """Where the coarsest level starts."""
+
+    backprojection = "backprojection"
+    uniform = "uniform"
 
 
 def add(app: typer.Typer) -> None:
     """Adds the command to `app`."""
-    app.command("reconstruct")(reconstruct_command)
+    app.command("reconstruct", short_help="Reconstruct a volume from a scan.")(reconstruct_command)
 
 
-def reconstruct_command() -> None:
-    """Not built yet."""
-    missing("reconstruct")
+def reconstruct_command(
+    scan: Annotated[Path, typer.Argument(help="Scan file (.h5); palpate scan import makes one.", show_default=False)],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Volume to write: .nii.gz, .nrrd, .mha.")],
+    thickness: Annotated[float | None, typer.Option(help="Depth of the object from the panel up, mm.")] = None,
+    spacing: Annotated[float | None, typer.Option(help="Voxel in the slice, mm. Default: the pixel's shadow.")] = None,
+    like: Annotated[Path | None, typer.Option(help="Volume file whose grid is taken instead.")] = None,
+    levels: Annotated[int, typer.Option(help="Resolutions, coarse to fine; 1 is the finest alone.")] = 3,
+    method: Annotated[Method, typer.Option(help="map has a prior, ml none.")] = Method.map,
+    likelihood: Annotated[LikelihoodName, typer.Option(help="Counts, or intensities.")] = LikelihoodName.poisson,
+    prior: Annotated[PriorName, typer.Option(help="How neighbours are held together.")] = PriorName.lange,
+    strength: Annotated[float | None, typer.Option(help="Of the prior, 1/mm. Default: from the data.")] = None,
+    edge: Annotated[float | None, typer.Option(help="Difference that is kept, 1/mm. Default: from the data.")] = None,
+    start: Annotated[Start, typer.Option(help="Of the coarsest level.")] = Start.backprojection,
+    iterations: Annotated[int, typer.Option(help="At most so many a level.")] = 50,
+    tolerance: Annotated[float, typer.Option(help="A level ends when an iteration gains less than this share.")] = 1e-3,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on from the checkpoint beside the output.")] = False,
+    checkpoint_every: Annotated[int, typer.Option(help="Iterations between checkpoints.")] = 5,
+) -> None:
+    """Reconstruct a volume from a scan.
+
+    [bold]palpate reconstruct breast.h5 -o breast.nii.gz --thickness 51.2 --levels 3[/bold]
+
+    Ctrl-C keeps the last iterate in a checkpoint beside the output; the same command with --resume goes on from it.
+    """
+    from palpate.reconstruction.checkpoint import checkpoint_beside, checkpointed, fingerprint, read_checkpoint
+    from palpate.volumes.files import writable_volume
+
+    writable_volume(output)
+    beside = checkpoint_beside(output)
+    measured = pp.read_scan(scan)
+    grid = pp.read_volume(like).grid if like else pp.covering_grid(measured.views, thickness, spacing)
+    options: dict[str, Any] = {
+        "levels": levels,
+        "method": method.value,
+        "likelihood": likelihood.value,
+        "prior": pp.Prior(prior.value, strength, edge),
+        "start": start.value,
+        "tolerance": tolerance,
+    }
+    run = fingerprint(measured, {"grid": grid, **options})
+    last = read_checkpoint(beside, run) if resume else None
+    steps = pp.iterates(measured, grid, **options, iterations=iterations, resume=last)
+    try:
+        for step in _shown(checkpointed(steps, beside, run, checkpoint_every), iterations, levels):
+            last = step
+    except KeyboardInterrupt:
+        kept = f"{beside} holds the last iterate: the same command with --resume goes on"
+        typer.echo(f"\nstopped; {kept if beside.exists() else 'before the first iterate'}", err=True)
+        raise typer.Exit(130) from None
+    assert last is not None
+    pp.write_volume(output, last.volume)
+    beside.unlink(missing_ok=True)
+    shape = " x ".join(str(n) for n in grid.shape)
+    typer.echo(f"{output}: {shape} voxels (z, y, x), objective {last.objective:.6g}, {last.seconds:.0f} s")
+
+
+def _shown(steps: "Iterator[pp.Step]", iterations: int, levels: int) -> "Iterator[pp.Step]":
+    """The same steps, with a bar: level, iteration, objective, and the longest that the rest can take."""
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TextColumn("{task.fields[left]}"))
+    with Progress(*columns) as bar:
+        task = bar.add_task("preparing", total=iterations, left="")
+        before, began = 0.0, 0.0
+        for step in steps:
+            took, before = step.seconds - before, step.seconds
+            if step.iteration == 1 or began == 0.0:
+                began = step.seconds - took
+            # A finer level has four times the voxels and pixels, so each of its iterations takes about four times as long.
+            rest = took * ((iterations - step.iteration) + iterations * sum(4**k for k in range(1, step.level + 1)))
+            words = f"level {step.level}, iteration {step.iteration}, objective {step.objective:.6g}"
+            bar.update(task, completed=step.iteration, description=words, left=f"at most {rest:.0f} s left")
+            yield step

@@ -19,6 +19,12 @@ from palpate.volumes.volume import Volume
 KIND = "palpate checkpoint 1"
 
 
+def checkpoint_beside(output: str | Path) -> Path:
+    """Where the checkpoint of a run that writes `output` lies."""
+    output = Path(output)
+    return output.with_name(f"{output.name}.checkpoint.h5")
+
+
 def fingerprint(scan: Scan, settings: Mapping[str, Any]) -> dict[str, str]:
     """What must be the same for a run to go on: the settings in words, and a digest of the scan."""
     digest = hashlib.sha256()

@@ -59,13 +59,12 @@ def _isocentre(views: Views) -> Float64:
     """The point nearest to all central rays."""
     normal, offset = np.zeros((3, 3)), np.zeros(3)
     for source, panel in zip(views.source, views.panels, strict=True):
-        ray = panel.points([(n - 1) / 2 for n in panel.shape])[0] - source
-        ray /= np.linalg.norm(ray)
+        line = panel.points([(n - 1) / 2 for n in panel.shape])[0] - source
+        ray = line / np.linalg.norm(line)
         across = np.eye(3) - np.outer(ray, ray)
-        normal += across
-        offset += across @ source
-    point: Float64 = np.linalg.lstsq(normal, offset, rcond=None)[0]
-    return point
+        normal = normal + across
+        offset = offset + across @ source
+    return np.asarray(np.linalg.lstsq(normal, offset, rcond=None)[0], dtype=np.float64)
 
 
 def _pixel_at(views: Views, z: float) -> float:

@@ -1,6 +1,7 @@
 """From a scan to a volume: the levels, the methods, the stopping rule."""
 
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
@@ -94,11 +95,8 @@ def reconstruct(
     (see `covering_grid`). Raises `DataError` and `GeometryError`.
     """
     grid = covering_grid(scan.views, thickness, spacing) if grid is None else grid
-    step = None
-    for step in iterates(scan, grid, **options):  # type: ignore[arg-type]
-        pass
-    assert step is not None
-    return step.volume
+    last = deque(iterates(scan, grid, **options), maxlen=1)  # type: ignore[arg-type]
+    return last[0].volume
 
 
 def _run(

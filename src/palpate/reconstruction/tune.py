@@ -8,6 +8,7 @@ from palpate.arrays import Float32
 from palpate.reconstruction.likelihood import Likelihood
 from palpate.reconstruction.prior import Prior
 from palpate.reconstruction.projector import Projector
+from palpate.volumes.grid import Grid
 
 SHARE = 0.05  # an edge, as a share of the object's attenuation: half of what parts fat from muscle
 
@@ -26,7 +27,7 @@ def tune(prior: Prior, A: Projector, likelihood: Likelihood, curvature: Float32)
     if prior.strength is None:
         one = np.zeros((3, 3, 3), np.float32)
         one[1, 1, 1] = edge
-        alone = prior.value(one, _patch(A))
+        alone = prior.value(one, Grid(one.shape, A.grid.spacing, (0, 0, 0)))
         prior = replace(prior, strength=1 / (alone * median_curvature(curvature)))
     return prior
 
@@ -42,9 +43,3 @@ def median_curvature(curvature: Float32) -> float:
     """Median over the voxels that some ray sees."""
     seen = curvature[curvature > 0]
     return float(np.median(seen)) if seen.size else 1.0
-
-
-def _patch(A: Projector):  # type: ignore[no-untyped-def]
-    from palpate.volumes.grid import Grid
-
-    return Grid((3, 3, 3), A.grid.spacing, (0, 0, 0))

@@ -1,0 +1,137 @@
+"""`palpate reconstruct`: files in, a file out, whole or not at all, whatever stops it."""
+
+import random
+import signal
+import subprocess
+import sys
+import time
+
+import h5py
+import nibabel
+import numpy as np
+import pytest
+
+import palpate as pp
+from palpate.scans.phantom import Ellipsoid, Phantom
+
+OPTIONS = ["--thickness", "30", "--spacing", "1", "--levels", "2", "--iterations", "25", "--tolerance", "0"]
+
+
+def command(folder, *options, output="volume.nii.gz"):
+    words = [sys.executable, "-m", "palpate", "reconstruct", str(folder / "scan.h5"), "-o", str(folder / output)]
+    return [*words, *OPTIONS, *options]
+
+
+def run(folder, *options, **keywords):
+    return subprocess.run(command(folder, *options, **keywords), capture_output=True, text=True, timeout=120)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("reconstruct")
+    panel = pp.Panel((50, 70), (1, 1), (-34.5, -24.5, 0))
+    views = pp.arc_views(panel, [-20, -7, 7, 20], radius=500, pivot=(0, 0, 20))
+    body = Phantom([(Ellipsoid((0, 0, 15), (20, 14, 9)), 0.02)])
+    pp.write_scan(folder / "scan.h5", pp.simulate_scan(body, views, incident=5000, seed=1))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def whole(folder):
+    """The uninterrupted run."""
+    done = run(folder, output="whole.nii.gz")
+    assert done.returncode == 0, done.stderr
+    assert "objective" in done.stdout
+    return pp.read_volume(folder / "whole.nii.gz")
+
+
+def test_the_volume_opens_in_an_independent_reader(folder, whole):
+    image = nibabel.load(folder / "whole.nii.gz")
+    assert image.shape == whole.values.shape[::-1]
+    assert image.header.get_zooms()[:2] == pytest.approx((1, 1))
+    assert 0.01 < np.asarray(image.dataobj).max() < 0.05
+    assert not (folder / "whole.nii.gz.checkpoint.h5").exists()
+
+
+def test_killed_at_ten_random_moments_it_resumes_to_the_same_volume(folder, whole):
+    """SIGKILL: what has the final name is whole; --resume ends with the bits of the uninterrupted run."""
+    output, beside = folder / "killed.nii.gz", folder / "killed.nii.gz.checkpoint.h5"
+    moments, killed, resumed = random.Random(7), 0, 0
+    for _ in range(10):
+        resume = ["--resume"] if beside.exists() else []
+        process = subprocess.Popen(
+            command(folder, "--checkpoint-every", "1", *resume, output=output.name),
+            stderr=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+        )
+        if moments.random() < 0.5:  # while it starts, or at some moment after its first checkpoint moves
+            time.sleep(moments.uniform(0, 1.5))
+        else:
+            _until_touched(beside, process)
+            time.sleep(moments.uniform(0, 0.05))
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        killed += 1
+        resumed += bool(resume)
+        if beside.exists():
+            with h5py.File(beside, "r") as file:  # whole: an independent reader opens it
+                assert np.isfinite(file["values"][...]).all()
+        if output.exists():
+            assert (pp.read_volume(output).values == whole.values).all()
+    done = run(folder, *(["--resume"] if beside.exists() else []), output=output.name)
+    assert done.returncode == 0, done.stderr
+    assert (pp.read_volume(output).values == whole.values).all()
+    assert killed == 10
+    assert resumed > 0
+
+
+def _until_touched(path, process):
+    before = path.stat().st_mtime_ns if path.exists() else None
+    for _ in range(1000):
+        if process.poll() is not None or (path.exists() and path.stat().st_mtime_ns != before):
+            return
+        time.sleep(0.01)
+
+
+def test_ctrl_c_keeps_the_last_iterate_and_says_how_to_go_on(folder, whole):
+    output, beside = folder / "stopped.nii.gz", folder / "stopped.nii.gz.checkpoint.h5"
+    process = subprocess.Popen(
+        command(folder, "--checkpoint-every", "1", output=output.name),
+        stderr=subprocess.PIPE,
+        text=True,
+        stdout=subprocess.DEVNULL,
+    )
+    _until_touched(beside, process)
+    process.send_signal(signal.SIGINT)
+    told = process.communicate(timeout=60)[1]
+    assert process.returncode == 130
+    assert "--resume goes on" in told
+    assert str(beside.name) in told.replace("\n", "")
+    assert not output.exists()
+    assert run(folder, "--resume", output=output.name).returncode == 0
+    assert (pp.read_volume(output).values == whole.values).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"scan.h5": "gone.h5"}, ("gone.h5",)),
+        ({"30": "-3"}, ("thickness", "-3", "mm")),
+        ({"out.nii.gz": "no/out.nii.gz"}, ("does not exist", "mkdir -p")),
+        ({"out.nii.gz": "out.txt"}, ("out.txt", ".nii.gz")),
+        ({"--tolerance": "--resume --tolerance"}, ("out.nii.gz.checkpoint.h5", "leave out --resume")),
+        ({"2": "12"}, ("levels", "take at most")),
+    ],
+)
+def test_what_cannot_be_is_refused_before_work(folder, change, told):
+    words = command(folder, output="out.nii.gz")
+    for old, new in change.items():
+        at = next(i for i in range(len(words) - 1, -1, -1) if words[i].endswith(old))
+        words[at : at + 1] = [words[at].removesuffix(old) + part for part in new.split()]
+    before = sorted(p.name for p in folder.iterdir())
+    done = subprocess.run(words, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2
+    for word in told:
+        assert word in done.stderr
+    assert "Traceback" not in done.stderr
+    assert sorted(p.name for p in folder.iterdir()) == before
