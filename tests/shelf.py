@@ -54,6 +54,8 @@ def _scans(folder):
     pp.write_scan(folder / "scan.h5", pp.Scan(COUNTS, 100, views))
     cut(folder / "scan.h5")
     (folder / "text.h5").write_text("nothing of the sort")
+    (folder / "cut.nii.gz.checkpoint.h5").write_bytes((folder / "cut-scan.h5").read_bytes())
+    (folder / "scan.nii.gz.checkpoint.h5").write_bytes((folder / "scan.h5").read_bytes())
     for name, key, value in (
         ("nan", "counts", np.where(np.arange(60).reshape(3, 4, 5) == 33, np.nan, 50)),
         ("negative", "counts", np.where(np.arange(60).reshape(3, 4, 5) == 33, -7, 50)),
@@ -86,6 +88,8 @@ def _volumes(folder):
         ("four", np.stack([values, values], axis=-1), np.eye(4)),
         ("complex", values.astype(np.complex64), np.eye(4)),
         ("far", values, np.diag([60_000, 1, 1, 1])),
+        ("aside", values, np.array([[1, 0, 0, 900], [0, 1, 0, 0], [0, 0, 1, 10], [0, 0, 0, 1]])),
+        ("above", values, np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 700], [0, 0, 0, 1]])),
     ):
         nibabel.save(nibabel.Nifti1Image(array, affine), folder / f"{name}.nii.gz")
 

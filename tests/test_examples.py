@@ -3,41 +3,27 @@
 import os
 import re
 import shutil
-import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import pytest
+from running import ended, interrupted, start
 
 import palpate as pp
 from palpate.samples import sample
 
-HERE = {**os.environ, "PYTHONPATH": str(Path(pp.__file__).parents[1]), "COLUMNS": "200"}
 SAMPLES = {name: sample("abdomen") / name for name in ("ct.nii.gz", "labels.nii.gz", "label_names.json")}
-
-
-def palpate(words, cwd=None):
-    return subprocess.run(
-        [sys.executable, "-m", "palpate", *words.split()],
-        cwd=cwd,
-        env=HERE,
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
 
 
 def example(command):
     """The words after `palpate` of the example in the help, which is the first thing it says."""
-    said = palpate(f"{command} --help").stdout
+    said = ended(f"{command} --help", Path.cwd())[1]
     found = re.search(r"^\s*Example: palpate (\S.*?)\s*$", said, re.MULTILINE)
     assert found, said
-    usage, rest = said.split("\n", 2)[1:], found[1]
-    assert [line.strip() for line in usage[1].splitlines() if line.strip()][0].startswith("Example: "), said
-    assert rest.startswith(command)
-    return rest
+    lines = [line.strip() for line in said.splitlines() if line.strip()]
+    assert lines[0].startswith("Usage: ")
+    assert lines[1].startswith("Example: "), "the help starts with the example"
+    assert found[1].startswith(command)
+    return found[1]
 
 
 @pytest.fixture
@@ -49,30 +35,9 @@ def folder(tmp_path):
 
 def done(command, folder):
     """Runs the example and gives what it printed."""
-    ended = palpate(example(command), folder)
-    assert ended.returncode == 0, ended.stderr
-    return ended.stdout
-
-
-def interrupted(command, folder, there):
-    """Starts the example and interrupts it once a file matching `there` lies in the folder; exit code and output."""
-    words = example(command).split()
-    run = subprocess.Popen(
-        [sys.executable, "-m", "palpate", *words], cwd=folder, env=HERE, text=True,
-        stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-    )  # fmt: skip
-    try:
-        end = time.monotonic() + 120
-        while not list(folder.glob(there)):
-            assert run.poll() is None, run.communicate()[0]
-            assert time.monotonic() < end
-            time.sleep(0.02)
-        run.send_signal(signal.SIGINT)
-        said = run.communicate(timeout=60)[0]
-    finally:
-        run.kill()
-    assert "Traceback" not in said
-    return run.returncode, said
+    code, out, err = ended(example(command), folder)
+    assert code == 0, err
+    return out
 
 
 def test_scan_import(folder):
@@ -89,7 +54,7 @@ def test_scan_template_and_every_other_one_loads(folder):
     done("scan template", folder)
     assert len(pp.read_geometry(folder / "geometry.yaml").views) > 1
     for motion in ("rotating", "circular", "linear", "hypocycloid", "free"):
-        assert palpate(f"scan template --motion {motion} -o {motion}.yaml", folder).returncode == 0
+        assert ended(f"scan template --motion {motion} -o {motion}.yaml", folder)[0] == 0
         assert len(pp.read_geometry(folder / f"{motion}.yaml").views) > 1
 
 
@@ -101,7 +66,7 @@ def test_scan_as_a_whole(folder):
 def test_reconstruct_as_far_as_the_first_checkpoint(folder):
     """The whole run takes a minute; the same one is the first half of the breast demo."""
     done("scan import", folder)
-    code, said = interrupted("reconstruct", folder, "*.checkpoint.*")
+    code, _, said = interrupted(start(example("reconstruct"), folder), lambda: [*folder.glob("*.checkpoint.h5")])
     assert code == 130
     assert "--resume" in said
 
@@ -118,29 +83,18 @@ def test_mesh_fit_and_touch(folder):
     assert "springs against linear finite elements" in done("fit", folder)
     tissue = pp.read_tissue(folder / "tissue.vtu")
     assert (tissue.mesh.nodes == mesh.nodes).all()
-    touched = subprocess.Popen(
-        [sys.executable, "-m", "palpate", *example("touch").split()],
-        cwd=folder,
-        env={k: v for k, v in HERE.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    )
-    try:
-        assert "http://127.0.0.1:" in touched.stdout.readline()
-        time.sleep(0.2)
-        touched.send_signal(signal.SIGINT)
-        said = touched.communicate(timeout=30)[0]
-    finally:
-        touched.kill()
-    assert touched.returncode == 0, said
-    assert "Traceback" not in said
+    touched = start(example("touch"), folder)
+    address = touched.stdout.readline()
+    assert "http://127.0.0.1:" in address
+    code, out, err = interrupted(touched, lambda: True)
+    assert code == 0, err
+    assert "session recorded in session.h5" in out
     assert pp.read_record(folder / "session.h5").length > 0
 
 
 def test_demo_as_far_as_its_first_file(folder):
     """All of it is run by the tests of the demos."""
-    code, said = interrupted("demo", folder, "demo/*.h5")
+    code, _, said = interrupted(start(example("demo"), folder), lambda: [*folder.glob("demo/*.h5")])
     assert code == 130
     assert "--resume" in said
 

@@ -41,6 +41,8 @@ def palpate(words, monkeypatch, capsys):
 
 
 IMPORT = "scan import {} --geometry {} -o out.h5"
+RECONSTRUCT = "reconstruct {} -o out.nii.gz --thickness 4"
+LIKE = "reconstruct scan.h5 -o out.nii.gz --like {}"
 SEGMENT = "segment {} -o out.nii.gz --lower 0.02"
 MESH = "mesh {} --label {} -o out.vtu"
 FIT = "fit {} --young 5 -o out.vtu"
@@ -76,6 +78,69 @@ REFUSED = {
     "scan simulate: a 60 m source": (
         "scan simulate --distance 60000 -o out.h5",
         ["source of view 0", "60 m", "check the units"],
+    ),
+    "reconstruct: missing file": (RECONSTRUCT.format("none.h5"), ["none.h5", "no such file", "check the name"]),
+    "reconstruct: another kind of file": (
+        RECONSTRUCT.format("text.h5"),
+        ["text.h5", "not an HDF5", "palpate scan import"],
+    ),
+    "reconstruct: truncated h5": (
+        RECONSTRUCT.format("cut-scan.h5"),
+        ["cut-scan.h5", "truncated", "palpate scan import"],
+    ),
+    "reconstruct: wrong shape": (
+        RECONSTRUCT.format("flat.h5"),
+        ["flat.h5", "/counts", "(4, 5)", "expected shape (views"],
+    ),
+    "reconstruct: another number of views": (RECONSTRUCT.format("two.h5"), ["two.h5", "(3, 4, 5)", "(2, 4, 5)"]),
+    "reconstruct: wrong dtype": (RECONSTRUCT.format("complex.h5"), ["complex.h5", "counts", "complex128", "convert"]),
+    "reconstruct: NaN": (RECONSTRUCT.format("nan.h5"), ["nan.h5", "counts", "(1, 2, 3): nan", "mask or replace"]),
+    "reconstruct: negative counts": (
+        RECONSTRUCT.format("negative.h5"),
+        ["negative.h5", "counts", ": -7)", "mask them"],
+    ),
+    "reconstruct: zero incident": (RECONSTRUCT.format("dark.h5"), ["dark.h5", "incident", ": 0)", "mask dead pixels"]),
+    "reconstruct: a 60 m source": (RECONSTRUCT.format("far.h5"), ["far.h5", "source", "60 m", "check the units"]),
+    "reconstruct: geometry that misses the volume": (
+        LIKE.format("aside.nii.gz"),
+        ["geometry misses the volume", "columns", "check the grid's origin"],
+    ),
+    "reconstruct: volume above the source": (
+        LIKE.format("above.nii.gz"),
+        ["z = 715.5 mm", "source of view", "lower the"],
+    ),
+    "reconstruct: truncated volume to be like": (
+        LIKE.format("cut-ct.nii.gz"),
+        ["cut-ct.nii.gz", "not a whole", "again"],
+    ),
+    "reconstruct: no thickness": ("reconstruct scan.h5 -o out.nii.gz", ["thickness", "got None", "--thickness"]),
+    "reconstruct: negative thickness": (
+        "reconstruct scan.h5 -o out.nii.gz --thickness -3",
+        ["thickness", "-3", "--thickness"],
+    ),
+    "reconstruct: voxels of nothing": (RECONSTRUCT.format("scan.h5") + " --spacing 0", ["spacing", "0", "mm"]),
+    "reconstruct: voxels of nanometres": (
+        RECONSTRUCT.format("scan.h5") + " --spacing 0.0001",
+        ["spacing", "0.0001 mm", "give a larger one"],
+    ),
+    "reconstruct: negative strength": (
+        RECONSTRUCT.format("scan.h5") + " --strength -1",
+        ["strength", "-1", "0 or more"],
+    ),
+    "reconstruct: no level": (RECONSTRUCT.format("scan.h5") + " --levels 0", ["levels", "0", "at least 1"]),
+    "reconstruct: no iteration": (RECONSTRUCT.format("scan.h5") + " --iterations 0", ["iterations", "0", "at least 1"]),
+    "reconstruct: no checkpoint": (RECONSTRUCT.format("scan.h5") + " --resume", ["out.nii.gz", "leave out --resume"]),
+    "reconstruct: truncated checkpoint": (
+        "reconstruct scan.h5 -o cut.nii.gz --thickness 4 --resume",
+        ["cut.nii.gz.checkpoint.h5", "truncated", "start afresh"],
+    ),
+    "reconstruct: another file as checkpoint": (
+        "reconstruct scan.h5 -o scan.nii.gz --thickness 4 --resume",
+        ["scan.nii.gz.checkpoint.h5", "not a checkpoint", "leave out --resume"],
+    ),
+    "reconstruct: unknown format": (
+        "reconstruct scan.h5 -o out.png --thickness 4",
+        ["out.png", "cannot tell", ".nii.gz"],
     ),
     "segment: missing file": (SEGMENT.format("none.nii.gz"), ["none.nii.gz", "no such file", "check the name"]),
     "segment: unknown format": (SEGMENT.format("stack.npy"), ["stack.npy", "cannot tell the format", ".nii.gz"]),
@@ -149,7 +214,10 @@ REFUSED = {
     "touch: truncated vtu": ("touch cut-tissue.vtu", ["cut-tissue.vtu", "truncated", "again"]),
     "touch: a mesh, no tissue": ("touch mesh.vtu", ["mesh.vtu", "without young, poisson", "palpate fit mesh.vtu"]),
     "touch: unknown model": ("touch tissue.vtu --model jelly", ["model", "'jelly'", "springs"]),
-    "touch: radius of nothing": ("touch tissue.vtu --radius -2", ["radius", "-2", "expected more than 0", "leave it out"]),
+    "touch: radius of nothing": (
+        "touch tissue.vtu --radius -2",
+        ["radius", "-2", "expected more than 0", "leave it out"],
+    ),
     "touch: truncated record": ("touch tissue.vtu --replay cut-session.h5", ["cut-session.h5", "truncated", "again"]),
     "touch: missing record": ("touch tissue.vtu --replay none.h5", ["none.h5", "no such file", "--record"]),
     "touch: impossible port": ("touch tissue.vtu --port 70000", ["70000", "1 to 65535", "--port"]),
@@ -181,6 +249,7 @@ UNWRITABLE = {
     "scan import": ("scan import stack.npy --geometry g.yaml -o {}.h5", "import_scan"),
     "scan simulate": ("scan simulate -o {}.h5", "simulate_scan"),
     "scan template": ("scan template -o {}.yaml", None),
+    "reconstruct": ("reconstruct scan.h5 -o {}.nii.gz --thickness 4", "iterates"),
     "segment": ("segment ct.nii.gz -o {}.nii.gz", "segment"),
     "mesh": ("mesh labels.nii.gz --label 1 -o {}.vtu", "tetrahedralize"),
     "fit": ("fit mesh.vtu --young 5 -o {}.vtu", "fit"),
