@@ -1,5 +1,6 @@
 """Runs that are killed: what bears a final name is whole, the rest is tidied, and the next run goes on."""
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -16,9 +17,9 @@ import palpate as pp
 from palpate import atomic
 
 MOMENTS = np.random.default_rng(2).uniform(1.3, 3.6, 4)  # s after the start; the first second is Python's own
-# Two levels of 40 iterations, each kept. Random moments of this command are in test_reconstruct_command.
+# Two levels of 20 iterations, each kept. Random moments of this command are in test_reconstruct_command.
 RECONSTRUCT = (
-    "reconstruct scan.h5 -o volume.nii.gz --thickness 30 --spacing 0.7 --levels 2 --iterations 40 --tolerance 0 "
+    "reconstruct scan.h5 -o volume.nii.gz --thickness 30 --spacing 1.4 --levels 2 --iterations 20 --tolerance 0 "
     "--checkpoint-every 1"
 )
 
@@ -45,6 +46,13 @@ def abandoned(folder):
     return [p.name for p in folder.iterdir() if ".part-" in p.name]
 
 
+def half_written(folder):
+    """Is a file being written there just now?"""
+    with contextlib.suppress(FileNotFoundError):  # it may be done between two looks
+        return any((folder / name).stat().st_size for name in abandoned(folder))
+    return False
+
+
 def read_whole(folder):
     """Reads every file that bears a final name with a reader that is not ours, to its end; gives their names."""
     names = sorted(p.name for p in folder.iterdir() if ".part-" not in p.name)
@@ -69,7 +77,7 @@ def read_whole(folder):
 def scanned(tmp_path_factory):
     """A folder with a scan, and the bytes of the volume that an uninterrupted run makes of it."""
     folder = tmp_path_factory.mktemp("scan")
-    views = pp.circular_views(pp.Panel((96, 96), (1.2, 1.2), (-57, -57, 0)), radius=150, height=600, count=6)
+    views = pp.circular_views(pp.Panel((64, 64), (1.8, 1.8), (-56.7, -56.7, 0)), radius=150, height=600, count=6)
     pp.write_scan(folder / "scan.h5", pp.simulate_scan(pp.slab_phantom(), views, 5000, seed=4))
     finish(RECONSTRUCT, folder)
     volume = (folder / "volume.nii.gz").read_bytes()
@@ -94,7 +102,7 @@ def resumed(folder):
 
 
 def test_reconstruct_killed_in_the_middle_of_a_write_leaves_the_older_file(scanned, folder):
-    kill(RECONSTRUCT, folder, lambda f: checkpoint_of(f) and abandoned(f))
+    kill(RECONSTRUCT, folder, lambda f: checkpoint_of(f) and half_written(f))
     read_whole(folder)
     finish(resumed(folder), folder)
     assert (folder / "volume.nii.gz").read_bytes() == scanned[1]
@@ -103,9 +111,9 @@ def test_reconstruct_killed_in_the_middle_of_a_write_leaves_the_older_file(scann
 def test_a_checkpoint_of_another_run_is_refused_by_what_differs(scanned, folder):
     kill(RECONSTRUCT, folder, checkpoint_of)
     before = checkpoint_of(folder).read_bytes()
-    code, _, said = ended(RECONSTRUCT.replace("--spacing 0.7", "--spacing 0.8") + " --resume", folder)
+    code, _, said = ended(RECONSTRUCT.replace("--spacing 1.4", "--spacing 1.6") + " --resume", folder)
     assert code == 2
-    for part in (checkpoint_of(folder).name, "grid was", "0.7", "now", "0.8", "leave out --resume"):
+    for part in (checkpoint_of(folder).name, "grid was", "1.4", "now", "1.6", "leave out --resume"):
         assert part in said, said
     assert checkpoint_of(folder).read_bytes() == before
 
@@ -116,8 +124,10 @@ MADE = ["ct.nii.gz", "kidney.vtu", "labels.nii.gz", "report.html", "tissue.vtu"]
 
 def test_demo_killed_at_random_moments_and_in_a_write_goes_on_to_the_end(tmp_path):
     demo = tmp_path / "demo"
-    moments = [lambda f: demo.exists() and abandoned(demo), *MOMENTS]
-    for moment in moments:
+    kill(f"{DEMO} --resume", tmp_path, lambda f: half_written(demo))
+    assert abandoned(demo) != []
+    assert read_whole(demo) == []
+    for moment in MOMENTS:
         kill(f"{DEMO} --resume", tmp_path, moment)
         assert set(read_whole(demo)) <= set(MADE)
     code, out, err = ended(f"{DEMO} --resume", tmp_path)
@@ -136,6 +146,26 @@ def test_interrupted_demo_says_how_to_go_on(tmp_path):
     assert "palpate demo kidney --resume -o demo --no-browser" in said
     assert abandoned(tmp_path / "demo") == []
     read_whole(tmp_path / "demo")
+
+
+def test_an_interrupt_waits_until_the_file_is_whole(tmp_path):
+    with pytest.raises(KeyboardInterrupt), atomic.replacing(tmp_path / "outer") as outer:  # noqa: PT012
+        with atomic.replacing(outer) as temporary:
+            signal.raise_signal(signal.SIGINT)
+            temporary.write_text("whole")
+        assert outer.read_text() == "whole"
+    assert [p.name for p in tmp_path.iterdir()] == ["outer"]
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_a_second_interrupt_does_not_wait(tmp_path):
+    (tmp_path / "old").write_text("old")
+    with pytest.raises(KeyboardInterrupt), atomic.replacing(tmp_path / "old") as temporary:  # noqa: PT012
+        temporary.write_text("half")
+        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
+    assert (tmp_path / "old").read_text() == "old"
+    assert [p.name for p in tmp_path.iterdir()] == ["old"]
 
 
 def test_only_what_dead_processes_left_of_the_same_file_is_removed(tmp_path):

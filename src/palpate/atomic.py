@@ -8,11 +8,14 @@ import contextlib
 import os
 import platform
 import re
+import signal
 import sys
+import threading
 import uuid
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
+from types import FrameType
 
 from palpate.errors import FileError
 
@@ -53,17 +56,41 @@ def output_folder(path: str | Path) -> Path:
 def replacing(path: str | Path) -> Iterator[Path]:
     """Gives a temporary path to write; renames it to `path` when the block ends well, removes it when it does not.
 
-    The temporary name keeps the suffixes (`.nii.gz`), since many writers choose the format by them.
+    The temporary name keeps the suffixes (`.nii.gz`), since many writers choose the format by them. Ctrl-C waits until
+    the block has ended: within a writer's destructors Python would lose it. A second one does not wait.
     """
     path = writable(path)
     temporary = _temporary(path)
+    with _interrupts_waiting():
+        try:
+            yield temporary
+            with temporary.open("rb") as written:
+                os.fsync(written.fileno())
+            temporary.replace(path)
+        finally:
+            temporary.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def _interrupts_waiting() -> Iterator[None]:
+    if threading.current_thread() is not threading.main_thread():  # only there do signals arrive
+        yield
+        return
+    waiting = False
+
+    def wait(number: int, frame: FrameType | None) -> None:
+        nonlocal waiting
+        if waiting:
+            raise KeyboardInterrupt
+        waiting = True
+
+    before = signal.signal(signal.SIGINT, wait)
     try:
-        yield temporary
-        with temporary.open("rb") as written:
-            os.fsync(written.fileno())
-        temporary.replace(path)
+        yield
     finally:
-        temporary.unlink(missing_ok=True)
+        signal.signal(signal.SIGINT, signal.SIG_DFL if before is None else before)
+    if waiting:
+        signal.raise_signal(signal.SIGINT)
 
 
 def _temporary(path: Path) -> Path:
