@@ -185,30 +185,30 @@ void bind_ring_models(nb::module_& m) {
         .def(
             "__init__",
             [](Blocks* self, In<int32_t, 1> start, In<int32_t, 1> column, In<double, 3> block, In<uint8_t, 1> held,
-               double relaxation, In<double, 2> shape, In<double, 2> load) {
+               double relaxation, std::optional<In<double, 2>> shape, std::optional<In<double, 2>> load) {
                 const size_t nodes = held.shape(0), size = 3 * nodes * Modes::count;
-                if (shape.size() != load.size() || (shape.size() != size && shape.size() != 0))
+                if (shape.has_value() != load.has_value() || (shape && (shape->size() != size || load->size() != size)))
                     throw std::invalid_argument("modes: expected shape and load of (3 nodes, 12), or none");
                 new (self) Blocks(start.data(), column.data(), block.data(), int(nodes), flags(held), relaxation,
-                                  shape.size() ? Modes(shape.data(), load.data(), int(nodes)) : Modes());
+                                  shape ? Modes(shape->data(), load->data(), int(nodes)) : Modes());
             },
             "start"_a.noconvert(), "column"_a.noconvert(), "block"_a.noconvert(), "held"_a.noconvert(), "relaxation"_a,
-            "shape"_a.noconvert(), "load"_a.noconvert())
+            "shape"_a = nb::none(), "load"_a = nb::none())
         .def_ro_static("modes", &Modes::count);
     nb::class_<Springs, RingModel>(m, "Springs", "Home and edge springs, relaxed ring by ring.")
         .def(
             "__init__",
             [](Springs* self, In<int32_t, 1> start, In<int32_t, 1> column, In<double, 1> stiffness,
                In<double, 2> position, In<uint8_t, 1> held, const std::string& law, double parameter, bool by_distance,
-               double edge, double relaxation) {
+               double edge, double relaxation, bool imposed) {
                 Law::Kind kind = law == "uniform"  ? Law::Kind::uniform
                                  : law == "linear" ? Law::Kind::linear
                                                    : Law::Kind::exponential;
                 new (self) Springs(start.data(), column.data(), stiffness.data(), position.data(), int(held.shape(0)),
-                                   flags(held), {kind, parameter, by_distance, edge}, relaxation);
+                                   flags(held), {kind, parameter, by_distance, edge}, relaxation, imposed);
             },
             "start"_a.noconvert(), "column"_a.noconvert(), "stiffness"_a.noconvert(), "position"_a.noconvert(),
-            "held"_a.noconvert(), "law"_a, "parameter"_a, "by_distance"_a, "edge"_a, "relaxation"_a)
+            "held"_a.noconvert(), "law"_a, "parameter"_a, "by_distance"_a, "edge"_a, "relaxation"_a, "imposed"_a)
         .def(
             "home",
             [](const Springs& model, const State& state) {

@@ -108,9 +108,11 @@ bool RingModel::touch(RingState& s, const Patch* patches, int contacts) const {
     if (contacts == 0) return s.sound = true;
     if (moved || stiffness_follows_weights()) {
         prepare(s);
+        if (imposed()) return s.sound = true;
         touched_matrix(s, s.saddle.matrix(unknowns * s.count));
         s.saddle.factor();
     }
+    if (imposed()) return s.sound = true;
     constrain(s);
     return s.sound;
 }
@@ -129,6 +131,7 @@ void RingModel::constrain(RingState& s) const {
 // Row 1: the touched nodes in balance with their neighbours as these now stand, their weighted means where the tools
 // are.
 void RingModel::hold(RingState& s, const double* displacement, double* force) const {
+    if (imposed()) return impose(s, displacement, force);
     touched_right(s);
     double* right = s.right.data();
     double mean[3 * most_contacts];
@@ -154,13 +157,14 @@ void RingModel::balance(const State& state, const double* force, double* energy,
     *energy = *residual = 0;
     for (int i = 0; i < nodes(); i++) {
         if (held[i]) continue;
+        const bool given = imposed() && s.place[i] >= 0; // no unknown, so out of no balance
         for (int k = 0; k < 3; k++) {
             *energy += 0.5 * s.u[3 * size_t(i) + k] * r[3 * size_t(i) + k];
             if (s.place[i] >= 0)
                 for (int c = 0; c < s.contacts; c++)
                     r[3 * size_t(i) + k] += s.weight[c * capacity + s.place[i]] * force[3 * c + k];
         }
-        *residual += 0.5 * weighed(s, i, &r[3 * size_t(i)]);
+        if (!given) *residual += 0.5 * weighed(s, i, &r[3 * size_t(i)]);
     }
 }
 

@@ -79,6 +79,8 @@ private:
     virtual void relax(RingState& s, int first) const = 0;          // one sweep over order[first ..]
     virtual double weighed(const RingState& s, int node, const double r[3]) const = 0; // r' M^-1 r
     virtual bool stiffness_follows_weights() const = 0;
+    virtual bool imposed() const { return false; } // every touched node goes with its tool, not their mean alone
+    virtual void impose(RingState&, const double*, double*) const {} // row 1, when they do
     virtual void bind(RingState&) const {}   // the contacts have changed: what they leave of the slow modes
     virtual void settle(RingState&) const {} // the slow modes, after some sweeps
     bool touch(RingState& s, const Patch* patches, int contacts) const;

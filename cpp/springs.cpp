@@ -38,9 +38,9 @@ double Law::operator()(double row) const {
 }
 
 Springs::Springs(const int32_t* start, const int32_t* column, const double* k, const double* x, int nodes,
-                 std::vector<uint8_t> h, Law l, double r)
+                 std::vector<uint8_t> h, Law l, double r, bool imposed)
     : RingModel({{start, start + nodes + 1}, {column, column + start[nodes]}}, std::move(h), r, 1),
-      stiffness(k, k + start[nodes]), sum(nodes, 0), position(x, x + 3 * size_t(nodes)), law(l) {
+      stiffness(k, k + start[nodes]), sum(nodes, 0), position(x, x + 3 * size_t(nodes)), law(l), rigid(imposed) {
     for (int i = 0; i < nodes; i++)
         for (int e = start[i]; e < start[i + 1]; e++) sum[i] += stiffness[e];
 }
@@ -97,15 +97,32 @@ void Springs::relax(RingState& s, int first) const {
           stiffness.data(), sum.data(), s.home.data(), relaxation, s.u.data());
 }
 
+// K u at one node: the force that it needs from outside.
+void Springs::pull(const RingState& s, int i, double out[3]) const {
+    for (int k = 0; k < 3; k++) out[k] = (sum[i] + s.home[i]) * s.u[3 * size_t(i) + k];
+    for (int e = graph.start[i]; e < graph.start[i + 1]; e++)
+        for (int k = 0; k < 3; k++) out[k] -= stiffness[e] * s.u[3 * size_t(graph.neighbour[e]) + k];
+}
+
 void Springs::internal_force(const State& state, double* out) const {
     const auto& s = static_cast<const RingState&>(state);
-    for (int i = 0; i < nodes(); i++)
-        for (int k = 0; k < 3; k++) {
-            double total = (sum[i] + s.home[i]) * s.u[3 * size_t(i) + k];
-            for (int e = graph.start[i]; e < graph.start[i + 1]; e++)
-                total -= stiffness[e] * s.u[3 * size_t(graph.neighbour[e]) + k];
-            out[3 * size_t(i) + k] = total;
+    for (int i = 0; i < nodes(); i++) pull(s, i, out + 3 * size_t(i));
+}
+
+void Springs::impose(RingState& s, const double* displacement, double* force) const {
+    for (int c = 0; c < s.contacts; c++)
+        for (int at = 0; at < s.count; at++)
+            if (s.weight[c * Patch::capacity + at] > 0)
+                std::copy_n(displacement + 3 * c, 3, &s.u[3 * size_t(s.touched[at])]);
+    for (int c = 0; c < s.contacts; c++) {
+        double total[3] = {0, 0, 0}, one[3];
+        for (int at = 0; at < s.count; at++) {
+            if (!(s.weight[c * Patch::capacity + at] > 0)) continue;
+            pull(s, s.touched[at], one);
+            for (int k = 0; k < 3; k++) total[k] += one[k];
         }
+        for (int k = 0; k < 3; k++) force[3 * c + k] = -total[k];
+    }
 }
 
 double Springs::weighed(const RingState& s, int i, const double r[3]) const {

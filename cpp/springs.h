@@ -19,9 +19,9 @@ struct Law {
 class Springs : public RingModel {
 public:
     // start (nodes + 1), column, stiffness (start[nodes]) N/mm > 0: edge springs, symmetric, no diagonal.
-    // position: (nodes, 3) mm at rest.
+    // position: (nodes, 3) mm at rest. imposed: every touched node goes with the tool (the dissertation's contact).
     Springs(const int32_t* start, const int32_t* column, const double* stiffness, const double* position, int nodes,
-            std::vector<uint8_t> held, Law law, double relaxation);
+            std::vector<uint8_t> held, Law law, double relaxation, bool imposed);
     void internal_force(const State& state, double* out) const override;
     // Least diag(K)^-1 K can stretch anything: 1 - rho, rho <= sum / (sum + home), as the contact now stands.
     double contraction(const State& state) const;
@@ -29,12 +29,16 @@ public:
 private:
     std::vector<double> stiffness, sum, position;
     const Law law;
+    const bool rigid;
     void prepare(RingState& s) const override;
     void touched_matrix(RingState& s, double* A) const override;
     void touched_right(RingState& s) const override;
     void relax(RingState& s, int first) const override;
     double weighed(const RingState& s, int node, const double r[3]) const override;
     bool stiffness_follows_weights() const override { return law.by_distance; }
+    bool imposed() const override { return rigid; }
+    void impose(RingState& s, const double* displacement, double* force) const override;
+    void pull(const RingState& s, int node, double out[3]) const;
 };
 
 } // namespace palpate

@@ -57,6 +57,19 @@ def test_facing_walls_of_a_slit_are_not_joined():
     assert (mesh.nodes[found.nodes, 0] == 10).all()
 
 
+def test_a_shelf_below_that_faces_the_same_way_is_not_joined():
+    # A C: two shelves 2 mm apart that meet in a wall; from the upper one's top, the lower one's top is 4 mm away.
+    whole = brick((10, 5, 3), (20.0, 10.0, 6.0))
+    centre = whole.nodes[whole.tets].mean(axis=1)
+    keep = ~((centre[:, 0] > 4) & (centre[:, 2] > 2) & (centre[:, 2] < 4))
+    used, tets = np.unique(whole.tets[keep], return_inverse=True)
+    mesh = pp.TetMesh(whole.nodes[used], tets.reshape(-1, 4))
+    tissue = pp.Tissue(mesh, 5, 0.3, mesh.nodes[:, 0] == 0)
+    found = patch(tissue, [15.0, 5.0, 6.0], 6.0)
+    assert len(found.nodes) > 10
+    assert (mesh.nodes[found.nodes, 2] == 6).all()
+
+
 def test_held_nodes_carry_no_weight():
     found = patch(TISSUE, [25.0, 0.0, 6.0], 12.0)
     assert (TISSUE.mesh.nodes[found.nodes, 2] > 0).all()

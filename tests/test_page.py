@@ -170,9 +170,22 @@ def test_press_goes_in_along_the_normal_and_is_felt(touched, album):
     touched.wait("palpate.frame.grip === 0")
 
 
+def test_no_ray_slips_between_triangles(touched):
+    """Through every corner of the surface that is not near the outline, the organ is under the pointer."""
+    outline = """[...Array(palpate.scene.nodes).keys()].filter((node) => {
+        const [x, y] = palpate.pixel(node);
+        return [[9, 0], [-9, 0], [0, 9], [0, -9]].every(([dx, dy]) => palpate.under(x + dx, y + dy));
+    })"""
+    well_inside = touched.see(outline)
+    assert len(well_inside) > 200
+    missed = touched.see(f"({outline}).filter((node) => !palpate.under(...palpate.pixel(node)))")
+    assert missed == []
+
+
 def test_stroking_over_the_lump_feels_it(touched):
     """The stiffness read from the page is higher over the lump than beside it."""
-    touched.page.keyboard.press("r")
+    touched.drag(touched.place(0.04, 0.3), np.array((0, 200)))  # look from above, where the lump is
+    touched.page.mouse.up()
     felt = {}
     for name, point in (("lump", (0.0, 0.0, 25.0)), ("beside", (26.0, 0.0, 19.0))):
         nodes = touched.session.mesh.nodes[touched.session.shown]
@@ -183,7 +196,7 @@ def test_stroking_over_the_lump_feels_it(touched):
         touched.settle()
         felt[name] = float(touched.page.locator("#stiffness").inner_text().split()[0])
         touched.page.mouse.up()
-        touched.wait("palpate.frame.grip === 0")
+        touched.wait("palpate.frame.grip === 0 && palpate.frame.count === 0")  # home again
     assert felt["lump"] > 1.1 * felt["beside"]
 
 

@@ -1,5 +1,6 @@
 """The server: who is let in, what is refused, what goes over the wire."""
 
+import contextlib
 import importlib.util
 import json
 import signal
@@ -7,7 +8,6 @@ import socket
 import struct
 import subprocess
 import sys
-import textwrap
 from pathlib import Path
 
 import httpx
@@ -160,7 +160,8 @@ def test_who_holds_keeps_hold_until_letting_go(address):
     other = messages.Tool(1, 77, (40.0, 0.0, 0.0), (5.0, 0.0, 0.0))
     with socket_of(address) as first, socket_of(address) as second:
         first.send(messages.encode(PRESS))
-        until(first, lambda frame: frame["serial"] == 1 and frame["grip"] == 1)
+        for page in (first, second):
+            until(page, lambda frame: frame["serial"] == 1 and frame["grip"] == 1)
         second.send(messages.encode(other))
         second.send(messages.encode(RELEASE))  # not theirs to let go
         for frame, _ in zip(frames(second), range(40), strict=False):
@@ -267,35 +268,80 @@ def test_server_listens_on_loopback_only():
         assert listener.getsockname()[0] == "127.0.0.1"
 
 
-def test_interrupt_closes_cleanly_and_keeps_the_record(tmp_path):
-    """Ctrl-C with a page open and pressing: exit code 0, a whole record that replays."""
-    record = tmp_path / "session.h5"
-    program = f"""
-        import sys; sys.path.insert(0, {str(HERE)!r})
-        import palpate as pp
-        from organs import organ
-        if __name__ == "__main__":
-            pp.touch(organ(), open_browser=False, record={str(record)!r})
-    """
+@contextlib.contextmanager
+def command(*arguments):
+    """`palpate touch` as a user runs it, and the address that it prints."""
     process = subprocess.Popen(
-        [sys.executable, "-c", textwrap.dedent(program)], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        [sys.executable, "-m", "palpate", "touch", *map(str, arguments), "--no-browser"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
     )
     try:
         line = process.stdout.readline()
         assert "http://127.0.0.1:" in line, line + process.stdout.read()
         assert "ssh -N -L" in process.stdout.readline()
-        with socket_of(line.split()[-1]) as page:
+        yield process, line.split()[-1]
+    finally:
+        process.kill()
+        process.wait()
+
+
+@pytest.fixture(scope="module")
+def tissue_file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("tissue") / "tissue.vtu"
+    pp.write_tissue(path, organ())
+    return path
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+def test_interrupt_closes_cleanly_and_keeps_the_record(tmp_path, tissue_file, how):
+    """Ctrl-C (or the system's wish to end) with a page open and pressing: exit code 0, a whole record that replays."""
+    record = tmp_path / "session.h5"
+    with command(tissue_file, "--record", record, "--radius", 10) as (process, address):
+        with socket_of(address) as page:
             page.send(messages.encode(PRESS))
             until(page, lambda frame: frame["grip"] == 1)
-            process.send_signal(signal.SIGINT)
+            process.send_signal(how)
             with pytest.raises(ConnectionClosed):
                 until(page, lambda frame: False)
         rest = process.communicate(timeout=20)[0]
-    finally:
-        process.kill()
     assert process.returncode == 0, rest
     assert "Traceback" not in rest
     saved = pp.read_record(record)
     assert saved.held.tolist() == [True, False]
-    settings = {"radius": saved.settings["radius"], "sweeps": int(saved.settings["sweeps"])}
-    assert pp.Session(pp.model(organ(), "blocks"), **settings).replay(saved) is None
+    assert saved.settings["radius"] == 10.0
+    again = pp.Session(pp.model(pp.read_tissue(tissue_file)), radius=10.0, sweeps=int(saved.settings["sweeps"]))
+    assert again.replay(saved) is None
+    with command(tissue_file, "--replay", record) as (process, address), socket_of(address) as page:
+        page.send(messages.encode(messages.Tool(1, 9, (40.0, 0.0, 0.0), (5.0, 0.0, 0.0))))  # a replay is only looked at
+        pressed = until(page, lambda frame: frame["grip"] == 1)
+        assert pressed["displacement"][0] == pytest.approx(0, abs=1e-6)
+        until(page, lambda frame: frame["grip"] == 0 and frame["tick"] > saved.length)
+
+
+def test_record_of_another_tissue_is_refused_by_the_command(tmp_path, tissue_file):
+    session = pp.Session(pp.model(organ(7)), radius=14.0, sweeps=2)
+    session.step([None])
+    pp.write_record(tmp_path / "other.h5", session.record())
+    refused = subprocess.run(
+        [sys.executable, "-m", "palpate", "touch", tissue_file, "--replay", tmp_path / "other.h5", "--no-browser"],
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert refused.returncode == 2
+    assert "open the tissue it was recorded with" in refused.stderr
+    assert "Traceback" not in refused.stderr
+
+
+def test_missing_tissue_is_named(tmp_path):
+    refused = subprocess.run(
+        [sys.executable, "-m", "palpate", "touch", tmp_path / "none.vtu", "--no-browser"],
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert refused.returncode == 2
+    assert "none.vtu" in refused.stderr
+    assert "Traceback" not in refused.stderr

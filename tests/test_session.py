@@ -78,10 +78,10 @@ def test_replay_device_by_the_clock_gives_the_recorded_states(model, recorded):
 def test_a_record_that_was_altered_is_seen(model, recorded):
     record, _ = recorded
     displacements = record.displacements.copy()
-    late = np.searchsorted(record.ticks, 210)
-    displacements[late, 0] += 1e-9
+    late = np.searchsorted(record.ticks, 150)
+    displacements[late:, 0] += 1e-9  # one tick so little off would be forgotten, as is all when the tissue goes home
     altered = dataclasses.replace(record, displacements=displacements)
-    assert pp.Session(model, **FIXED).replay(altered) == 300
+    assert pp.Session(model, **FIXED).replay(altered) == 200
 
 
 def test_a_record_holds_every_command_once(recorded):
@@ -134,9 +134,29 @@ def test_missing_record(tmp_path):
 
 def test_file_of_another_kind_is_no_record(tmp_path):
     with h5py.File(tmp_path / "other.h5", "w") as file:
-        file.attrs["format"] = "palpate scan 1"
-    with pytest.raises(pp.errors.FileError, match=r"other\.h5.*'palpate scan 1'.*palpate session 1"):
+        file.attrs["format"] = "palpate scan"
+    with pytest.raises(pp.errors.FileError, match=r"other\.h5.*'palpate scan'.*'palpate session', 1.*--record"):
         pp.read_record(tmp_path / "other.h5")
+
+
+def test_idle_session_has_a_record(tmp_path, model):
+    session = pp.Session(model, **FIXED)
+    session.step([None] * 50)
+    pp.write_record(tmp_path / "idle.h5", session.record())
+    assert pp.Session(model, **FIXED).replay(pp.read_record(tmp_path / "idle.h5")) is None
+
+
+def test_damaged_record(tmp_path, recorded):
+    """A bit that turned over in the commands is seen by the checksum."""
+    path = tmp_path / "session.h5"
+    pp.write_record(path, recorded[0])
+    with h5py.File(path) as file:
+        chunk = file["displacements"].id.get_chunk_info(0)
+    data = bytearray(path.read_bytes())
+    data[chunk.byte_offset + chunk.size // 2] ^= 4
+    path.write_bytes(data)
+    with pytest.raises(pp.errors.FileError, match=r"session\.h5.*damaged"):
+        pp.read_record(path)
 
 
 @pytest.mark.parametrize("share", [0.1, 0.5, 0.95])

@@ -70,6 +70,29 @@ def test_springs_solve_their_own_equations(tissue, law):
     np.testing.assert_allclose(answer.displacement, exact, atol=1e-5)
 
 
+def test_the_touched_triangle_may_be_imposed_as_in_the_dissertation(tissue):
+    law, point, push = LAWS[2], [22.0, 26.5, 50.0], np.array([1.0, 2.0, -5.0])
+    spot = tissue.surface.patch(tissue.surface.closest(np.array(point)), 0.0)
+    assert len(spot.nodes) == 3
+    K, _ = dense(tissue, law, spot, None)
+    exact = np.zeros((len(K), 3))
+    exact[spot.nodes] = push
+    free = np.setdiff1d(np.flatnonzero(~tissue.held), spot.nodes)
+    exact[free] = np.linalg.solve(K[np.ix_(free, free)], -(K @ exact)[free])
+    for tolerance in (0.1, 1e-6):
+        answer = pp.model(tissue, "springs", law=law, rigid=True).push(point, push, 0.0, tolerance=tolerance)
+        e = answer.displacement - exact
+        assert np.sqrt(np.sum(e * (K @ e)) / np.sum(exact * (K @ exact))) <= answer.error <= tolerance
+    np.testing.assert_array_equal(answer.displacement[spot.nodes], np.tile(push, (3, 1)))
+    np.testing.assert_allclose(answer.force, -(K @ exact)[spot.nodes].sum(axis=0), rtol=1e-5)
+
+
+def test_a_node_cannot_go_with_two_rigid_tools(tissue):
+    model = pp.model(tissue, "springs", rigid=True)
+    with pytest.raises(ValueError, match=r"node \d+ lies under two rigid contacts"):
+        model.push([[22.0, 26.0, 50.0], [31.0, 31.0, 50.0]], [[0, 0, -1.0]] * 2, 9.0)
+
+
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: f"{law.law}-{law.rows}")
 def test_tool_home_and_support_forces_sum_to_zero(tissue, law):
     model = pp.model(tissue, "springs", law=law)

@@ -8,6 +8,9 @@ export interface Hit {
   distance: number;
 }
 
+// A ray through an edge or a corner must not slip between the triangles that meet there.
+const SEAM = 1e-6;
+
 /** First triangle that a ray meets (Möller & Trumbore 1997), from either side, among triangles first..first + count. */
 export function pick(
   origin: Vector, direction: Vector, positions: Float32Array, triangles: Uint32Array, first: number, count: number,
@@ -25,10 +28,10 @@ export function pick(
     if (Math.abs(determinant) < 1e-12) continue;
     const sx = ox - ax, sy = oy - ay, sz = oz - az;
     const u = (sx * px + sy * py + sz * pz) / determinant;
-    if (u < 0 || u > 1) continue;
+    if (u < -SEAM || u > 1 + SEAM) continue;
     const qx = sy * ez - sz * ey, qy = sz * ex - sx * ez, qz = sx * ey - sy * ex;
     const v = (dx * qx + dy * qy + dz * qz) / determinant;
-    if (v < 0 || u + v > 1) continue;
+    if (v < -SEAM || u + v > 1 + SEAM) continue;
     const distance = (fx * qx + fy * qy + fz * qz) / determinant;
     if (distance > 0 && (!best || distance < best.distance)) best = { triangle: t, weights: [1 - u - v, u, v], distance };
   }

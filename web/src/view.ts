@@ -1,7 +1,7 @@
 // Draws the organ, what lies inside, and the tool.
 import {
   ArrowHelper, BufferAttribute, BufferGeometry, DirectionalLight, DoubleSide, DynamicDrawUsage, HemisphereLight,
-  LineBasicMaterial, LineSegments, Mesh, MeshPhongMaterial, Scene as World, SphereGeometry, Vector3, WebGLRenderer,
+  LineBasicMaterial, LineSegments, Mesh, MeshBasicMaterial, MeshPhongMaterial, Scene as World, SphereGeometry, Vector3, WebGLRenderer,
 } from "three";
 import { Turntable } from "./camera";
 import { Felt, moved, type Colouring } from "./colour";
@@ -20,6 +20,8 @@ export class View {
   private readonly flesh = new MeshPhongMaterial({ vertexColors: true, shininess: 26, specular: 0x332a2a });
   private readonly lines = new LineBasicMaterial({ vertexColors: true });
   private skin = new Mesh(this.geometry, this.flesh);
+  // Fills the depth buffer only: hides lines behind the organ, and lets one layer of translucent skin through.
+  private veil = new Mesh(this.geometry, new MeshBasicMaterial({ colorWrite: false, polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 1 }));
   private wire = new LineSegments(new BufferGeometry(), this.lines);
   private inner: Mesh[] = [];
   private readonly tip = new Mesh(new SphereGeometry(1, 24, 16), new MeshPhongMaterial({ color: 0x0b7480, shininess: 60 }));
@@ -64,8 +66,8 @@ export class View {
       const material = new MeshPhongMaterial({ color: INSIDE[i % INSIDE.length], shininess: 30, side: DoubleSide });
       return new Mesh(drawn(new BufferGeometry(), part(p.first, p.count)), material);
     });
-    for (const thing of [this.skin, this.wire, ...this.inner]) thing.frustumCulled = false; // it moves
-    this.world.add(this.skin, this.wire, ...this.inner);
+    for (const thing of [this.skin, this.veil, this.wire, ...this.inner]) thing.frustumCulled = false; // it moves
+    this.world.add(this.skin, this.veil, this.wire, ...this.inner);
     this.style();
     this.paint();
     if (!same) this.frame(rest);
@@ -140,19 +142,15 @@ export class View {
   }
 
   private style(): void {
-    this.wire.visible = this.wireframe;
-    // Hidden lines: in wireframe the skin only fills the depth buffer, unless one looks inside.
-    this.skin.visible = !(this.wireframe && this.translucent);
-    this.flesh.colorWrite = !this.wireframe;
-    this.flesh.polygonOffset = this.wireframe;
-    this.flesh.polygonOffsetFactor = this.flesh.polygonOffsetUnits = 1;
-    this.flesh.transparent = this.translucent;
-    this.flesh.opacity = this.translucent ? 0.42 : 1;
-    this.flesh.depthWrite = !this.translucent;
-    this.skin.renderOrder = this.translucent ? 2 : this.wireframe ? -1 : 0;
-    this.wire.renderOrder = 3;
+    const { wireframe, translucent } = this;
+    this.wire.visible = wireframe;
+    this.skin.visible = !wireframe;
+    this.veil.visible = wireframe !== translucent;
+    this.veil.renderOrder = translucent ? 1 : -1; // behind the skin, but not behind what lies inside
+    this.flesh.transparent = translucent;
+    this.flesh.opacity = translucent ? 0.45 : 1;
     this.flesh.needsUpdate = true;
-    for (const mesh of this.inner) mesh.visible = this.translucent;
+    for (const mesh of this.inner) mesh.visible = translucent;
     this.due = true;
   }
 

@@ -78,6 +78,20 @@ def slant(place: Int64, edges: Int64) -> Int64:
     return axes
 
 
+def _cell(place: Int64, edges: Int64) -> Int64:
+    """(E,) side of the cell to which an edge of the lattice would belong by its length, in half cells."""
+    step = np.abs(place[edges[:, 0]] - place[edges[:, 1]]).max(axis=1)
+    side: Int64 = np.where(slant(place, edges) == 1, step, 2 * step)
+    return side
+
+
+def _smallest_cell(place: Int64, edges: Int64) -> Int64:
+    """(N,) that of the smallest edge at each node: a node moves no further than its smallest neighbours bear."""
+    smallest = np.full(len(place), np.iinfo(np.int64).max)
+    np.minimum.at(smallest, edges.ravel(), np.repeat(_cell(place, edges), 2))
+    return smallest
+
+
 def snap(place: Int64, points: Float64, tets: Int64, fields: Sequence[Field]) -> Snapped:
     """Finds where each field changes sign along the edges of `tets`, and moves nodes that lie too close onto it."""
     sign = np.stack([np.where(field(points) > 0, 1, -1) for field in fields])
@@ -92,7 +106,8 @@ def snap(place: Int64, points: Float64, tets: Int64, fields: Sequence[Field]) ->
     crossing = points[cut[:, 0]] + t[:, None] * (points[cut[:, 1]] - points[cut[:, 0]])
     # In which part of its own threshold a cut lies from either end: below 1 is too close.
     threshold = np.array([0, SNAP_LONG, SNAP_DIAGONAL, SNAP_SHORT])[slant(place, cut)]
-    closeness = np.stack([t, 1 - t], axis=1) / threshold[:, None]
+    allowed = threshold[:, None] * _smallest_cell(place, edges)[cut] / _cell(place, cut)[:, None]
+    closeness = np.stack([t, 1 - t], axis=1) / allowed
     moved = points.copy()
     taken = np.zeros(len(points), dtype=bool)
     while True:

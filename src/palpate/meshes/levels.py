@@ -6,6 +6,7 @@ from scipy import ndimage
 
 from palpate.arrays import Bool, Float64, Int64
 
+SCATTER = 1 / 1.2207440846057596 ** np.arange(1, 4)  # Roberts' sequence: fills a cube evenly, one point after another
 LOW, HIGH = 0.02, 0.98  # no level of a smoothed mask lies outside these
 
 
@@ -51,7 +52,10 @@ class Level:
         return points, faces.astype(np.int64)
 
     def _samples(self) -> tuple[Float64, int]:
-        """The smooth mask on a finer grid: its values from LOW to HIGH, sorted, and how many lie above HIGH."""
+        """The smooth mask at scattered points: its values from LOW to HIGH, sorted, and how many lie above HIGH.
+
+        One point in each cell of a finer grid; scattered, or all of a flat face would change sides at one level.
+        """
         fine = int(np.clip((4e6 / self.smooth.size) ** (1 / 3), 1, 4))
         self._sample_volume = float(np.prod(self.spacing)) / fine**3
         values = self.smooth
@@ -62,8 +66,13 @@ class Level:
             shape = [-1 if i == axis else 1 for i in range(3)]
             part = part.reshape(shape)
             values = np.take(values, low, axis) * (1 - part) + np.take(values, low + 1, axis) * part
-        between = np.sort(values[(values > LOW) & (values < HIGH)].astype(np.float64))
-        return np.concatenate([[LOW], between, [HIGH]]), int(np.count_nonzero(values >= HIGH))
+        near = (ndimage.maximum_filter(values, 3) > LOW) & (ndimage.minimum_filter(values, 3) < HIGH)
+        cell = np.argwhere(near)
+        index = (cell + np.arange(1, len(cell) + 1)[:, None] * SCATTER % 1) / fine - 0.5
+        found = ndimage.map_coordinates(self.smooth, index.T, order=1, mode="nearest", prefilter=False)
+        between = np.sort(found[(found > LOW) & (found < HIGH)].astype(np.float64))
+        above = np.count_nonzero(values[~near] >= HIGH) + np.count_nonzero(found >= HIGH)
+        return np.concatenate([[LOW], between, [HIGH]]), int(above)
 
 
 def box_of(mask: Bool) -> tuple[slice, slice, slice]:

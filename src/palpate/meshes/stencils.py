@@ -10,29 +10,36 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.arrays import Bool, Float64, Int64
-from palpate.errors import MeshError
 from palpate.meshes.lattice import slant
 from palpate.meshes.shape import smallest_dihedral
 
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
-    """tets: (K, 4) nodes; side: (K,) 1 inside, -1 outside of the surface that cut; parent: (K,) lattice tet of each."""
+    """tets: (K, 4) nodes; side: (K,) 1 inside, -1 outside of the surface that cut; parent: (K,) lattice tet of each.
+
+    points: (N, 3) all nodes, those that the stencils added last.
+    """
 
     tets: Int64
     side: Int64
     parent: Int64
+    points: Float64
 
 
 @dataclass(frozen=True, eq=False)
 class _Cut:
-    """What the stencils ask: the lattice, the position of all nodes, and the node made on each cut edge."""
+    """What the stencils ask: the lattice, the position of all nodes, and the node made on each cut edge.
+
+    added: nodes that stencils made in the middle of prisms.
+    """
 
     place: Int64
     points: Float64
     base: int
     keys: Int64
     first: int
+    added: list[Float64]
 
     def middle(self, u: Int64, v: Int64) -> Int64:
         key = np.minimum(u, v) * self.base + np.maximum(u, v)
@@ -62,6 +69,12 @@ class _Cut:
         first: Bool = (from_p < from_q) | ((from_p == from_q) & (p < q))
         return first
 
+    def add(self, corners: Int64) -> Int64:
+        """New nodes in the middle of each row of nodes."""
+        start = len(self.points) + sum(map(len, self.added))
+        self.added.append(self.points[corners].mean(axis=1))
+        return np.arange(start, start + len(corners))
+
 
 def split(place: Int64, points: Float64, tets: Int64, sign: Int64, cuts: Int64, first: int) -> Pieces:
     """Splits `tets`, each cut by one surface for which its four nodes have `sign` (M, 4), along the `cuts` (C, 2).
@@ -69,7 +82,7 @@ def split(place: Int64, points: Float64, tets: Int64, sign: Int64, cuts: Int64, 
     points: all nodes, those of the cuts in their order from index `first` on. Cuts are sorted, lower node first.
     """
     base = int(place.shape[0])
-    cut = _Cut(place, points, base, cuts[:, 0] * base + cuts[:, 1], first)
+    cut = _Cut(place, points, base, cuts[:, 0] * base + cuts[:, 1], first, [])
     order = np.argsort(-sign, axis=1, kind="stable")
     nodes = np.take_along_axis(tets, order, axis=1)
     plus, minus = (sign > 0).sum(axis=1), (sign < 0).sum(axis=1)
@@ -77,26 +90,29 @@ def split(place: Int64, points: Float64, tets: Int64, sign: Int64, cuts: Int64, 
     for p, m, stencil in ((1, 1, _one_one), (1, 2, _one_two), (1, 3, _one_three), (2, 2, _two_two)):
         here = np.flatnonzero((plus == p) & (minus == m))
         if len(here):
-            out += [(t, side, here) for t, side in stencil(cut, nodes[here])]
+            out += [(t, side, here[rows]) for t, side, rows in stencil(cut, nodes[here])]
         here = np.flatnonzero((plus == m) & (minus == p)) if p != m else here[:0]
         if len(here):
-            out += [(t, -side, here) for t, side in stencil(cut, nodes[here][:, ::-1])]
+            out += [(t, -side, here[rows]) for t, side, rows in stencil(cut, nodes[here][:, ::-1])]
     if not out:
-        return Pieces(np.zeros((0, 4), np.int64), np.zeros(0, np.int64), np.zeros(0, np.int64))
+        return Pieces(np.zeros((0, 4), np.int64), np.zeros(0, np.int64), np.zeros(0, np.int64), points)
     return Pieces(
         np.concatenate([t for t, _, _ in out]),
         np.concatenate([np.full(len(t), side) for t, side, _ in out]),
         np.concatenate([here for _, _, here in out]),
+        np.concatenate([points, *cut.added]),
     )
 
 
-_Parts = list[tuple[Int64, int]]
+# Tets, their side of the surface, and the row of `nodes` that each is a piece of.
+_Parts = list[tuple[Int64, int, Int64 | slice]]
+_ALL = slice(None)
 
 
 def _one_one(cut: _Cut, nodes: Int64) -> _Parts:
     a, y, z, b = nodes.T
     m = cut.middle(a, b)
-    return [(np.stack([a, y, z, m], axis=1), 1), (np.stack([m, y, z, b], axis=1), -1)]
+    return [(np.stack([a, y, z, m], axis=1), 1, _ALL), (np.stack([m, y, z, b], axis=1), -1, _ALL)]
 
 
 def _one_two(cut: _Cut, nodes: Int64) -> _Parts:
@@ -105,7 +121,7 @@ def _one_two(cut: _Cut, nodes: Int64) -> _Parts:
     diagonal = cut.from_first(b, c, a)  # b - q, else c - p
     one = np.where(diagonal[:, None], np.stack([z, b, q, p], axis=1), np.stack([z, c, p, q], axis=1))
     two = np.where(diagonal[:, None], np.stack([z, b, c, q], axis=1), np.stack([z, b, c, p], axis=1))
-    return [(np.stack([a, z, p, q], axis=1), 1), (one, -1), (two, -1)]
+    return [(np.stack([a, z, p, q], axis=1), 1, _ALL), (one, -1, _ALL), (two, -1, _ALL)]
 
 
 def _one_three(cut: _Cut, nodes: Int64) -> _Parts:
@@ -114,9 +130,15 @@ def _one_three(cut: _Cut, nodes: Int64) -> _Parts:
     bottom = np.stack([cut.middle(a, top[:, i]) for i in range(3)], axis=1)
     rises = [cut.from_first(top[:, i], top[:, j], a) for i, j in ((0, 1), (1, 2), (0, 2))]
     tets, ok = _prism(top, bottom, *rises)
-    if not ok.all():
-        raise MeshError("the diagonals of a prism run round in a circle")
-    return [(np.column_stack([a, bottom]), 1), *((t, -1) for t in tets)]
+    parts: _Parts = [(np.column_stack([a, bottom]), 1, _ALL)]
+    parts += [(t[ok], -1, np.flatnonzero(ok)) for t in tets]
+    rest = np.flatnonzero(~ok)
+    if len(rest):
+        t, b, (r01, r12, r02) = top[rest], bottom[rest], (r[rest] for r in rises)
+        centre = cut.add(np.hstack([t, b]))
+        parts += [(tet, -1, rest) for tet in _around(centre, t, b, r01, r02)]
+        parts += [(tet, -1, rest) for tet in _fan(centre, t[:, 1:], b[:, 1:], r12)]
+    return parts
 
 
 def _two_two(cut: _Cut, nodes: Int64) -> _Parts:
@@ -130,18 +152,25 @@ def _two_two(cut: _Cut, nodes: Int64) -> _Parts:
     x = cut.points
     options, scores = [], []
     for choice in (True, False):
-        parts: _Parts = []
+        made: list[Int64] = []
         score = np.full(len(a), np.inf)
-        for side, (top, bottom, first, second) in zip((1, -1), sides, strict=True):
+        for top, bottom, first, second in sides:
             tets, ok = _prism(top, bottom, first, np.full(len(a), choice), second)
-            parts += [(t, side) for t in tets]
+            made += tets
             score = np.minimum(score, np.where(ok, np.min([smallest_dihedral(x, t) for t in tets], axis=0), -1))
-        options.append(parts)
+        options.append(made)
         scores.append(score)
-    if (np.maximum(*scores) < 0).any():
-        raise MeshError("the diagonals of a prism run round in a circle")
     take = (scores[0] >= scores[1])[:, None]
-    return [(np.where(take, t, u), side) for (t, side), (u, _) in zip(*options, strict=True)]
+    fits = np.maximum(*scores) >= 0
+    rows, rest = np.flatnonzero(fits), np.flatnonzero(~fits)
+    parts: _Parts = [
+        (np.where(take, t, u)[rows], side, rows) for t, u, side in zip(*options, (1, 1, 1, -1, -1, -1), strict=True)
+    ]
+    if len(rest):  # four cuts, and the two parts want different diagonals: a node in the middle serves both
+        centre = cut.add(np.stack([ac, ad, bc, bd], axis=1)[rest])
+        for side, (top, bottom, first, second) in zip((1, -1), sides, strict=True):
+            parts += [(t, side, rest) for t in _around(centre, top[rest], bottom[rest], first[rest], second[rest])]
+    return parts
 
 
 def _prism(top: Int64, bottom: Int64, r01: Bool, r12: Bool, r02: Bool) -> tuple[list[Int64], Bool]:
@@ -158,3 +187,16 @@ def _prism(top: Int64, bottom: Int64, r01: Bool, r12: Bool, r02: Bool) -> tuple[
         np.column_stack([t[:, :1], b]),
     ]
     return tets, wins.max(axis=1) == 2
+
+
+def _around(centre: Int64, top: Int64, bottom: Int64, r01: Bool, r02: Bool) -> list[Int64]:
+    """Tets of a prism around a node inside it or on its side 1-2: from its ends and the sides 0-1 and 0-2."""
+    ends = [np.column_stack([centre, face]) for face in (top, bottom)]
+    return ends + [t for j, r in ((1, r01), (2, r02)) for t in _fan(centre, top[:, [0, j]], bottom[:, [0, j]], r)]
+
+
+def _fan(centre: Int64, top: Int64, bottom: Int64, rises: Bool) -> list[Int64]:
+    """The two tets between a node and a quadrilateral, split from top 0 to bottom 1, else from top 1 to bottom 0."""
+    square = np.column_stack([top, bottom[:, ::-1]])
+    square = np.where(rises[:, None], square, square[:, [1, 2, 3, 0]])
+    return [np.column_stack([centre, square[:, [0, i, i + 1]]]) for i in (1, 2)]

@@ -5,6 +5,7 @@ import getpass
 import logging
 import os
 import secrets
+import signal
 import socket
 import sys
 import threading
@@ -71,16 +72,15 @@ def touch(
     """
     if record is not None:
         writable(record)
-    check_page()
     listener = loopback_socket(port)
     with contextlib.closing(listener):
+        check_page()
         session = Session(build(tissue, model), radius=radius) if replay is None else like(replay, tissue)
         with serving(session, listener, title=title, replay=replay) as address:
             announce(address, session)
             if open_browser and has_display():
                 webbrowser.open(address)
-            with contextlib.suppress(KeyboardInterrupt):
-                threading.Event().wait()
+            wait_for_interrupt()
     print("\npalpate: closed")
     if record is not None:
         write_record(record, session.record())
@@ -89,8 +89,21 @@ def touch(
 
 def check_ready(port: int | None) -> None:
     """Is there a page to serve and a port for it? Asked before long work. Raises `FileError`, `PortError`."""
-    check_page()
     loopback_socket(port).close()
+    check_page()
+
+
+def wait_for_interrupt() -> None:
+    """Until Ctrl-C, or until the system asks the process to end: either way the session is closed and recorded."""
+    ended = threading.Event()
+    in_main = threading.current_thread() is threading.main_thread()
+    before = signal.signal(signal.SIGTERM, lambda *_: ended.set()) if in_main else None
+    try:
+        with contextlib.suppress(KeyboardInterrupt):
+            ended.wait()
+    finally:
+        if in_main:
+            signal.signal(signal.SIGTERM, before)
 
 
 def like(record: Record, tissue: Tissue) -> Session:

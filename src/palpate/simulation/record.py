@@ -12,7 +12,7 @@ from palpate.arrays import Bool, Float64, Int64
 from palpate.atomic import replacing
 from palpate.errors import FileError
 
-FORMAT = "palpate session 1"
+FORMAT, VERSION = "palpate session", 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,24 +38,26 @@ class Record:
     instructions: str
 
 
-_ARRAYS: dict[str, tuple[Any, int]] = {
-    "ticks": (np.int64, 1),
-    "held": (np.bool_, 1),
-    "points": (np.float64, 2),
-    "displacements": (np.float64, 2),
-    "digest_ticks": (np.int64, 1),
-    "digests": (np.uint64, 1),
+_ARRAYS: dict[str, tuple[Any, str]] = {
+    "ticks": (np.int64, "1"),
+    "held": (np.bool_, "1"),
+    "points": (np.float64, "mm"),
+    "displacements": (np.float64, "mm"),
+    "digest_ticks": (np.int64, "1"),
+    "digests": (np.uint64, "1"),
 }
 
 
 def write_record(path: str | Path, record: Record) -> None:
     """Writes `record` as HDF5, whole or not at all. Raises `FileError`."""
     with replacing(path) as part, h5py.File(part, "w") as file:
-        file.attrs["format"] = FORMAT
+        file.attrs["format"], file.attrs["version"] = FORMAT, VERSION
         for name in ("length", "model", "tissue", "instructions"):
             file.attrs[name] = getattr(record, name)
-        for name in _ARRAYS:
-            file.create_dataset(name, data=getattr(record, name), compression="gzip", shuffle=True)
+        for name, (_, units) in _ARRAYS.items():
+            values = getattr(record, name)
+            whole = {"compression": "gzip", "fletcher32": True} if len(values) else {}  # with a checksum
+            file.create_dataset(name, data=values, **whole).attrs["units"] = units
         settings = file.create_group("settings")
         for name, value in record.settings.items():
             settings.attrs[name] = value
@@ -68,10 +70,11 @@ def read_record(path: str | Path) -> Record:
         raise FileError(f"{path}: no such file; record a session with: palpate touch tissue.vtu --record {path}")
     try:
         with h5py.File(path) as file:
-            if file.attrs.get("format") != FORMAT:
+            kind = (file.attrs.get("format"), file.attrs.get("version"))
+            if kind != (FORMAT, VERSION):
                 raise FileError(
-                    f"{path}: is no recorded session (format {file.attrs.get('format')!r}, expected {FORMAT!r}); "
-                    f"record one with: palpate touch tissue.vtu --record {path}"
+                    f"{path}: format and version are {kind}, expected {(FORMAT, VERSION)}; "
+                    f"record a session with: palpate touch tissue.vtu --record {path}"
                 )
             arrays = {name: np.ascontiguousarray(file[name][()], dtype=dtype) for name, (dtype, _) in _ARRAYS.items()}
             record = Record(

@@ -26,7 +26,7 @@ class BlockModel(RingModel):
         self._K = _ordered_by_node(tissue)
         root = _root(self._K)
         self._scaled = _scaled(self._K, root, tissue.held)
-        shape, load = np.zeros((0, 0)), np.zeros((0, 0))
+        shape, load = None, None
         if modes and self._scaled.shape[0] > 2 * _core.Blocks.modes:
             self._slowest, beyond, shape, load = _slow_modes(self._K, root, self._scaled, tissue.held)
             least = beyond / 4  # the tool's constraints take away some modes: what is left is slower than the next one
@@ -93,8 +93,10 @@ def _slow_modes(K: bsr_array, root: bsr_array, scaled: csr_array, held: Bool) ->
     factors = factored(scaled)
     inverse = LinearOperator(scaled.shape, matvec=factors.solve, dtype=np.float64)
     start = np.random.default_rng(0).standard_normal(scaled.shape[0])
-    values, vectors = eigsh(scaled, count + 1, sigma=0, OPinv=inverse, v0=start, tol=1e-6)
+    values, vectors = eigsh(scaled, count + 1, sigma=0, OPinv=inverse, v0=start, tol=1e-3)
     shape = np.zeros((K.shape[0], count))
-    shape[np.repeat(~held, 3)] = vectors[:, :count] / np.sqrt(values[:count])
-    shape = np.ascontiguousarray(root.T @ shape)
-    return float(values[0]), float(values[count]), shape, np.ascontiguousarray(csr_array(K) @ shape)
+    shape[np.repeat(~held, 3)] = vectors[:, :count]
+    shape = root.T @ shape
+    energy = shape.T @ (K @ shape)  # nearly diagonal; made exactly 1, so that settling is an exact minimum
+    shape = np.ascontiguousarray(np.linalg.solve(np.linalg.cholesky((energy + energy.T) / 2), shape.T).T)
+    return float(values[0]), float(values[count]), shape, np.ascontiguousarray(K @ shape)

@@ -9,7 +9,7 @@ from scipy.sparse import csr_array
 from palpate import _core
 from palpate.arrays import Float64, Int32
 from palpate.errors import DataError
-from palpate.tissue.contact import Answer, contacts
+from palpate.tissue.contact import Answer, Contacts, contacts
 from palpate.tissue.tissue import Tissue
 
 
@@ -27,6 +27,9 @@ class RingModel:
     def start(self) -> "_core.State":
         """A state at rest, to hand to `push(warm=)`."""
         return self.native.start()
+
+    def refuse(self, found: Contacts) -> None:
+        """Raises `DataError` for contacts that this model cannot answer; none by default."""
 
     def least_eigenvalue(self, state: "_core.State") -> float:
         """Certified lower bound of the eigenvalues of M⁻¹K, M the diagonal (blocks) of K, as the contact stands."""
@@ -53,6 +56,7 @@ class RingModel:
         if not 0 < tolerance < 1:
             raise DataError(f"tolerance: {tolerance}; give a relative error between 0 and 1, such as 1e-3")
         found = contacts(self.tissue, points, displacements, radii, normals, friction)
+        self.refuse(found)
         state = self.start() if warm is None else warm
         if not found.displacement.any():
             state.u[:] = 0  # the exact solution

@@ -5,7 +5,8 @@ from scipy.sparse import csr_array, diags_array
 
 from palpate import _core
 from palpate.arrays import Float64, Int32
-from palpate.errors import MaterialError
+from palpate.errors import DataError, MaterialError
+from palpate.tissue.contact import Contacts
 from palpate.tissue.rings import RingModel, best_relaxation, least_ritz_value, typical_contact, without_diagonal
 from palpate.tissue.tissue import KPA, SpringLaw, Tissue
 
@@ -14,10 +15,14 @@ class SpringModel(RingModel):
     """Every node tied home by k_h and to its neighbours by linear springs k_e (u_j − u_i); law.scale matches the force.
 
     law: None takes the tissue's fitted springs, or the exponential law where nothing was fitted. relaxation: ω of the
-    sweep; None: chosen from the spectrum under a typical contact.
+    sweep; None: chosen from the spectrum under a typical contact. rigid: every node of the patch goes with the tool,
+    instead of their weighted mean; with radius 0 these are the touched triangle's nodes, the dissertation's contact.
     """
 
-    def __init__(self, tissue: Tissue, law: SpringLaw | None = None, relaxation: float | None = None) -> None:
+    def __init__(
+        self, tissue: Tissue, law: SpringLaw | None = None, relaxation: float | None = None, rigid: bool = False
+    ) -> None:
+        self.rigid = rigid
         self.law = law or tissue.springs or SpringLaw()
         K = edge_stiffness(tissue, self.law.weights) * self.law.scale
         start, column, value = without_diagonal(csr_array(K))
@@ -36,6 +41,7 @@ class SpringModel(RingModel):
                 by_distance,
                 tissue.edge,
                 omega,
+                rigid,
             )
 
         omega = _relaxation(tissue, K, native(1.0)) if relaxation is None else float(relaxation)
@@ -43,6 +49,13 @@ class SpringModel(RingModel):
             raise MaterialError(f"relaxation: {omega} diverges; give a number between 0 and 2")
         self._springs = native(omega)
         super().__init__(tissue, self._springs, omega)
+
+    def refuse(self, found: Contacts) -> None:
+        """Raises `DataError` where a node would have to go with two rigid tools."""
+        nodes = np.concatenate([spot.nodes for spot in found.patches])
+        if self.rigid and len(np.unique(nodes)) < len(nodes):
+            shared = int(np.flatnonzero(np.bincount(nodes) > 1)[0])
+            raise DataError(f"node {shared} lies under two rigid contacts; move them apart, or give smaller radii")
 
     def least_eigenvalue(self, state: "_core.State") -> float:
         """1 − ρ with ρ ≤ Σk_e / (Σk_e + k_h) at every free node (Gershgorin): proven, as the contact stands."""

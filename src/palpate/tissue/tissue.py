@@ -1,5 +1,6 @@
 """Tissue: a mesh, its elastic constants, and where it is held."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -15,7 +16,7 @@ from palpate.tissue.report import FitReport
 
 KPA = 1e-3  # N/mm² in a kPa
 
-Constant = float | ArrayLike | dict[int | str, float]
+Constant = float | ArrayLike | Mapping[int, float] | Mapping[str, float] | Mapping[int | str, float]
 
 
 @dataclass(frozen=True)
@@ -168,7 +169,7 @@ def mesh_edges(mesh: TetMesh) -> Int32:
 
 def _constants(name: str, value: Constant, mesh: TetMesh) -> Float64:
     count = len(mesh.tets)
-    if not isinstance(value, dict):
+    if not isinstance(value, Mapping):
         array = float64(name, value)
         if array.ndim == 0 or array.shape == (1,):
             return np.full(count, float(array.reshape(())))
