@@ -1,10 +1,21 @@
-"""Outputs appear whole or not at all: written under a temporary name beside the target, then renamed."""
+"""Outputs appear whole or not at all: written under a temporary name beside the target, then renamed.
+
+A run that is killed leaves its temporary behind, `.TARGET.part-HOST-PROCESS-...`; the next run that writes the same
+target removes it once that process is gone.
+"""
 
 import contextlib
 import os
+import platform
+import re
+import signal
+import sys
+import threading
 import uuid
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
+from types import FrameType
 
 from palpate.errors import FileError
 
@@ -17,7 +28,7 @@ def writable(path: str | Path) -> Path:
         raise FileError(f"{path}: folder {folder} does not exist; make it first: mkdir -p {folder}")
     if path.is_dir():
         raise FileError(f"{path}: is a folder; name a file")
-    probe = folder / f".{path.name}.{uuid.uuid4().hex[:8]}.part"
+    probe = _temporary(path)
     try:
         probe.touch()
         probe.unlink()
@@ -25,6 +36,8 @@ def writable(path: str | Path) -> Path:
         raise FileError(
             f"{path}: folder {folder} is not writable ({problem.strerror}); choose another with -o"
         ) from None
+    with contextlib.suppress(OSError):  # tidying is no reason to refuse
+        _remove_abandoned(path)
     return path
 
 
@@ -43,15 +56,75 @@ def output_folder(path: str | Path) -> Path:
 def replacing(path: str | Path) -> Iterator[Path]:
     """Gives a temporary path to write; renames it to `path` when the block ends well, removes it when it does not.
 
-    The temporary name keeps the suffixes (`.nii.gz`), since many writers choose the format by them.
+    The temporary name keeps the suffixes (`.nii.gz`), since many writers choose the format by them. Ctrl-C waits until
+    the block has ended: within a writer's destructors Python would lose it. A second one does not wait.
     """
     path = writable(path)
-    suffixes = "".join(path.suffixes[-2:])
-    temporary = path.parent / f".part-{uuid.uuid4().hex[:8]}{suffixes}"
+    temporary = _temporary(path)
+    with _interrupts_waiting():
+        try:
+            yield temporary
+            with temporary.open("rb") as written:
+                os.fsync(written.fileno())
+            temporary.replace(path)
+        finally:
+            temporary.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def _interrupts_waiting() -> Iterator[None]:
+    if threading.current_thread() is not threading.main_thread():  # only there do signals arrive
+        yield
+        return
+    waiting = False
+
+    def wait(number: int, frame: FrameType | None) -> None:
+        nonlocal waiting
+        if waiting:
+            raise KeyboardInterrupt
+        waiting = True
+
+    before = signal.signal(signal.SIGINT, wait)
     try:
-        yield temporary
-        with temporary.open("rb") as written:
-            os.fsync(written.fileno())
-        temporary.replace(path)
+        yield
     finally:
-        temporary.unlink(missing_ok=True)
+        signal.signal(signal.SIGINT, signal.SIG_DFL if before is None else before)
+    if waiting:
+        signal.raise_signal(signal.SIGINT)
+
+
+def _temporary(path: Path) -> Path:
+    """A name beside `path` that no other process uses, now or later."""
+    suffixes = "".join(path.suffixes[-2:])
+    return path.parent / f"{_stem(path)}{_host()}-{os.getpid()}-{uuid.uuid4().hex[:8]}{suffixes}"
+
+
+def _stem(path: Path) -> str:
+    return f".{path.name[:100]}.part-"
+
+
+def _host() -> str:
+    """Process numbers mean something on one machine only, and folders are shared."""
+    return f"{zlib.crc32(platform.node().encode()):08x}"
+
+
+def _remove_abandoned(path: Path) -> None:
+    """Removes the temporaries of `path` that processes of this machine left which no longer run."""
+    # Leading dots: a writer that is itself given a temporary name adds its own around it.
+    name = re.compile(rf"\.*{re.escape(_stem(path))}{_host()}-(\d+)-")
+    for entry in os.listdir(path.parent):
+        found = name.match(entry)
+        if found and not _runs(int(found[1])):
+            (path.parent / entry).unlink(missing_ok=True)
+
+
+def _runs(process: int) -> bool:
+    if sys.platform == "win32":  # no question there: os.kill would end it
+        return True
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (PermissionError, OverflowError):
+        return True
+    return True

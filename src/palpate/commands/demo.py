@@ -21,30 +21,41 @@ class Which(StrEnum):
 
 def add(app: typer.Typer) -> None:
     """Adds the command to `app`."""
-    app.command("demo")(demo)
+    app.command("demo", short_help="From projections to an organ you can touch, on samples.")(demo)
 
 
 def demo(
-    which: Annotated[Which, typer.Argument(help="what to show")] = Which.breast,
+    which: Annotated[Which, typer.Argument(help="What to show.")] = Which.breast,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="folder for every file and report.html; default: a new one")
+        Path | None, typer.Option("--output", "-o", help="Folder for every file and report.html. Default: a new one.")
     ] = None,
-    browser: Annotated[bool, typer.Option(help="end with the organ in the browser, or with the report")] = True,
-    resume: Annotated[bool, typer.Option(help="go on from the files that an earlier run left in -o")] = False,
-    training: Annotated[bool, typer.Option(help="breast: touch the one with an added training lump")] = False,
-    port: Annotated[int | None, typer.Option(help="of the page, on this machine's loopback")] = None,
+    browser: Annotated[bool, typer.Option(help="End with the organ in the browser, or with the report.")] = True,
+    resume: Annotated[bool, typer.Option(help="Go on from the files that an earlier run left in -o.")] = False,
+    training: Annotated[bool, typer.Option(help="Breast: touch the one with an added training lump.")] = False,
+    port: Annotated[int | None, typer.Option(help="Of the page, on this machine's loopback.")] = None,
 ) -> None:
-    """From X-ray projections to an organ you can touch, on data that ships with palpate.
+    """Example: [bold]palpate demo --no-browser -o demo[/bold]
 
-    Example: palpate demo --no-browser -o demo
+    From X-ray projections to an organ you can touch, on data that ships
+    with palpate.
 
-    breast: photon counts of seven views to a volume, the breast with its stiff lesion, and what a hand would feel.
-    kidney: a CT with labels to a kidney. head: real portal images to a volume (nothing to touch). Takes a few minutes
-    at most; Ctrl-C stops it, and --resume goes on.
+    breast: photon counts of seven views to a volume, the breast with its
+    stiff lesion, and what a hand would feel. kidney: a CT with labels to a
+    kidney. head: real portal images to a volume (nothing to touch).
+
+    Takes a few minutes at most; Ctrl-C stops it, and --resume goes on.
     """
+    from palpate.server.serve import check_ready
+
+    if browser and which is not Which.head:
+        check_ready(port)
     folder = output or Path(tempfile.mkdtemp(prefix=f"palpate-{which.value}-"))
-    with progress() as say:
-        tissues = pp.demonstrate(which.value, folder, resume=resume, progress=say)
+    try:
+        with progress() as say:
+            tissues = pp.demonstrate(which.value, folder, resume=resume, progress=say)
+    except KeyboardInterrupt:
+        again = f"palpate demo {which.value} --resume -o {folder}" + ("" if browser else " --no-browser")
+        raise KeyboardInterrupt(f"go on with: {again}") from None
     typer.echo(f"report: {(folder / 'report.html').resolve()}")
     if browser and tissues:
         name = "training" if training and "training" in tissues else next(iter(tissues))

@@ -6,11 +6,12 @@ from typing import Annotated
 import typer
 
 import palpate as pp
+from palpate.commands.progress import progress
 
 
 def add(app: typer.Typer) -> None:
     """Adds the command to `app`."""
-    app.command("fit")(fit_command)
+    app.command("fit", short_help="Gives a mesh stiffness and support, and fits springs to it.")(fit_command)
 
 
 def fit_command(
@@ -29,14 +30,14 @@ def fit_command(
     law: Annotated[str, typer.Option(help="Of the home springs: uniform, linear, exponential.")] = "exponential",
     element: Annotated[str, typer.Option(help="Of the finite elements: P1, or P2 (slower, above 0.45).")] = "P1",
 ) -> None:
-    """Give a mesh stiffness and support, fit its springs to finite elements, and say how far they are off.
+    """Example: [bold]palpate fit kidney.vtu --young 15 --rest-on 0,1,0 --depth 12 -o tissue.vtu[/bold]
 
-    [bold]palpate fit kidney.vtu --young 15 --poisson 0.45 --rest-on 0,0,-1 -o tissue.vtu[/bold]
+    Gives a mesh stiffness and support, fits its springs to finite elements,
+    and says how far they are off. In a CT, 0,1,0 is the way to the back.
 
-    With a stiff lump: palpate fit breast.vtu --young 3.25 --region-young lump=42.5 -o tissue.vtu
+    With a stiff lump:
+    palpate fit breast.vtu --young 3.25 --region-young lump=42.5 -o tissue.vtu
     """
-    from rich.progress import Progress, TextColumn, TimeRemainingColumn
-
     from palpate.atomic import writable
     from palpate.errors import FileError
 
@@ -48,18 +49,8 @@ def fit_command(
     E = _by_region(solid.names, regions, "--region-young", young, region_young)
     nu = _by_region(solid.names, regions, "--region-poisson", poisson, region_poisson)
     fixed = pp.resting_on(solid, _numbers("--rest-on", rest_on), depth)
-    columns = (TextColumn("{task.description}"), *Progress.get_default_columns()[1:-1], TimeRemainingColumn())
-    with Progress(*columns, transient=True) as bar:
-        task = bar.add_task("finite elements", total=1.0)
-        tissue = pp.fit(
-            solid,
-            E,
-            nu,
-            fixed,
-            law=law,
-            element=element,
-            progress=lambda what, share: bar.update(task, description=what, completed=share),
-        )
+    with progress() as say:
+        tissue = pp.fit(solid, E, nu, fixed, law=law, element=element, progress=say)
     pp.write_tissue(output, tissue)
     assert tissue.report is not None
     typer.echo(tissue.report.text())
@@ -83,7 +74,7 @@ def _by_region(
     values: dict[int | str, float] = dict.fromkeys(regions, value)
     numbers = {name: number for number, name in names.items()}
     for text in others or []:
-        name, sign, number = text.rpartition("=")
+        name, _, number = text.rpartition("=")
         try:
             region = numbers[name] if name in numbers else int(name)
             values[region] = float(number)

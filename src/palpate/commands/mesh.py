@@ -6,11 +6,12 @@ from typing import Annotated
 import typer
 
 import palpate as pp
+from palpate.commands.progress import progress
 
 
 def add(app: typer.Typer) -> None:
     """Adds the command to `app`."""
-    app.command("mesh")(mesh_command)
+    app.command("mesh", short_help="Fills a label with well-shaped tetrahedra.")(mesh_command)
 
 
 def mesh_command(
@@ -35,11 +36,12 @@ def mesh_command(
     ] = None,
     most_lost: Annotated[float, typer.Option(help="Part of the volume that thin places may lose.")] = 0.05,
 ) -> None:
-    """Fill a label with well-shaped tetrahedra.
+    """Example: [bold]palpate mesh labels.nii.gz --label kidney_left --edge 4 -o kidney.vtu[/bold]
 
-    [bold]palpate mesh labels.nii.gz --label kidney_left --edge 4 -o kidney.vtu[/bold]
+    Fills a label with well-shaped tetrahedra.
 
-    An organ with a lump as a region of its own: palpate mesh labels.nii.gz --label organ --inclusion lump -o both.vtu
+    An organ with a lump as a region of its own:
+    palpate mesh labels.nii.gz --label organ --inclusion lump -o both.vtu
     """
     import warnings
 
@@ -51,7 +53,8 @@ def mesh_command(
     mesh_format(output)
     finer: dict[int | str, float] = dict(_label_and_edge(text) for text in fine or [])
     stored = with_names(pp.read_labels(labels), labels, names)
-    with warnings.catch_warnings(record=True) as said:
+    with warnings.catch_warnings(record=True) as said, progress() as say:
+        say(f"meshing {label}", 0.0)
         warnings.simplefilter("always", UserWarning)
         mesh = pp.tetrahedralize(
             stored,

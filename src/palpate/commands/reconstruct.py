@@ -1,5 +1,6 @@
 """`palpate reconstruct`: from a scan to a volume."""
 
+import sys
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -45,7 +46,7 @@ class Start(StrEnum):
 
 def add(app: typer.Typer) -> None:
     """Adds the command to `app`."""
-    app.command("reconstruct", short_help="Reconstruct a volume from a scan.")(reconstruct_command)
+    app.command("reconstruct", short_help="Reconstructs a volume from a scan.")(reconstruct_command)
 
 
 def reconstruct_command(
@@ -66,11 +67,12 @@ def reconstruct_command(
     resume: Annotated[bool, typer.Option("--resume", help="Go on from the checkpoint beside the output.")] = False,
     checkpoint_every: Annotated[int, typer.Option(help="Iterations between checkpoints.")] = 5,
 ) -> None:
-    """Reconstruct a volume from a scan.
+    """Example: [bold]palpate reconstruct breast.h5 -o breast.nii.gz --thickness 51.2[/bold]
 
-    [bold]palpate reconstruct breast.h5 -o breast.nii.gz --thickness 51.2 --levels 3[/bold]
+    Reconstructs a volume from a scan.
 
-    Ctrl-C keeps the last iterate in a checkpoint beside the output; the same command with --resume goes on from it.
+    Ctrl-C keeps the last iterate in a checkpoint beside the output; the
+    same command with --resume goes on from it.
     """
     from palpate.reconstruction.checkpoint import checkpoint_beside, checkpointed, fingerprint, read_checkpoint
     from palpate.volumes.files import writable_volume
@@ -95,8 +97,7 @@ def reconstruct_command(
             last = step
     except KeyboardInterrupt:
         kept = f"{beside} holds the last iterate: the same command with --resume goes on"
-        typer.echo(f"\nstopped; {kept if beside.exists() else 'before the first iterate'}", err=True)
-        raise typer.Exit(130) from None
+        raise KeyboardInterrupt(kept if beside.exists() else "before the first iterate") from None
     assert last is not None
     pp.write_volume(output, last.volume)
     beside.unlink(missing_ok=True)
@@ -106,10 +107,11 @@ def reconstruct_command(
 
 def _shown(steps: "Iterator[pp.Step]", iterations: int, levels: int) -> "Iterator[pp.Step]":
     """The same steps, with a bar: level, iteration, objective, and the longest that the rest can take."""
+    from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TextColumn("{task.fields[left]}"))
-    with Progress(*columns) as bar:
+    with Progress(*columns, console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
         task = bar.add_task("preparing", total=iterations, left="")
         before, began = 0.0, 0.0
         for step in steps:
@@ -120,4 +122,6 @@ def _shown(steps: "Iterator[pp.Step]", iterations: int, levels: int) -> "Iterato
             rest = took * ((iterations - step.iteration) + iterations * sum(4**k for k in range(1, step.level + 1)))
             words = f"level {step.level}, iteration {step.iteration}, objective {step.objective:.6g}"
             bar.update(task, completed=step.iteration, description=words, left=f"at most {rest:.0f} s left")
+            if step.finished:
+                bar.console.print(f"  [green]✓[/green] {words}", highlight=False)
             yield step

@@ -8,7 +8,11 @@ import typer
 
 import palpate as pp
 
-scan_app = typer.Typer(no_args_is_help=True, help="Scan files: import, simulate, or a geometry template.")
+MEANING = "Scan files: import, simulate, or a geometry template."
+scan_app = typer.Typer(
+    no_args_is_help=True,
+    help=f"Example: [bold]palpate scan import breast -o breast.h5[/bold]\n\n{MEANING}",
+)
 
 
 class Motion(StrEnum):
@@ -31,7 +35,7 @@ class PhantomName(StrEnum):
 
 def add(app: typer.Typer) -> None:
     """Adds the commands to `app`."""
-    app.add_typer(scan_app, name="scan")
+    app.add_typer(scan_app, name="scan", short_help=MEANING)
 
 
 @scan_app.command("import", short_help="Imports a stack of projections.")
@@ -56,9 +60,7 @@ def import_command(
     pp.write_scan(output, scan)
     _tell(output, scan)
     if meaning.values == "intensity":
-        typer.echo(
-            "these are intensities, not photon counts: reconstruct them with a weighted least-squares likelihood"
-        )
+        typer.echo("these are intensities, not photon counts: palpate reconstruct --likelihood least-squares")
 
 
 @scan_app.command("simulate", short_help="Simulates a scan of a phantom whose shadow is known exactly.")

@@ -10,7 +10,7 @@ import palpate as pp
 
 def add(app: typer.Typer) -> None:
     """Adds the command to `app`."""
-    app.command("segment")(segment_command)
+    app.command("segment", short_help="Labels a part of a volume.")(segment_command)
 
 
 def segment_command(
@@ -29,12 +29,13 @@ def segment_command(
     onto: Annotated[Path | None, typer.Option(help="Labels to which the new one is added.")] = None,
     inside: Annotated[str | None, typer.Option(help="Only within this label of --onto.")] = None,
 ) -> None:
-    """Label a part of a volume by thresholds, connected parts and seeds.
+    """Example: [bold]palpate segment ct.nii.gz -o labels.nii.gz --lower 150 --largest[/bold]
 
-    [bold]palpate segment ct.nii.gz -o labels.nii.gz --lower 150 --largest --name bone[/bold]
+    Labels a part of a volume by thresholds, connected parts and seeds.
 
-    A lump inside an organ: palpate segment breast.nii.gz -o both.nii.gz --onto labels.nii.gz --inside organ
-    --lower 0.06 --largest --name lump
+    A lump inside an organ:
+    palpate segment breast.nii.gz -o both.nii.gz --onto labels.nii.gz
+    --inside organ --lower 0.06 --largest --name lump
     """
     from palpate.atomic import writable
     from palpate.volumes.segment import label_volumes

@@ -10,26 +10,28 @@ import palpate as pp
 
 def add(app: typer.Typer) -> None:
     """Adds the command to `app`."""
-    app.command("touch")(touch_command)
+    app.command("touch", short_help="Opens an organ in the browser, to touch.")(touch_command)
 
 
 def touch_command(
-    tissue: Annotated[Path, typer.Argument(help="what `palpate fit` or `palpate demo` wrote (.vtu)")],
-    model: Annotated[str, typer.Option(help="springs or blocks")] = "blocks",
-    radius: Annotated[float | None, typer.Option(help="of the contact, mm; default: two edge lengths")] = None,
+    tissue: Annotated[Path, typer.Argument(help="What `palpate fit` or `palpate demo` wrote (.vtu).")],
+    model: Annotated[str, typer.Option(help="springs or blocks.")] = "blocks",
+    radius: Annotated[float | None, typer.Option(help="Of the contact, mm. Default: two edge lengths.")] = None,
     port: Annotated[
-        int | None, typer.Option(help="on this machine's loopback; default: a free one from 8765 on")
+        int | None, typer.Option(help="On this machine's loopback. Default: a free one from 8765 on.")
     ] = None,
-    browser: Annotated[bool, typer.Option(help="open the page here, or only print its address")] = True,
-    record: Annotated[Path | None, typer.Option(help="write the session here when it ends (.h5)")] = None,
-    replay: Annotated[Path | None, typer.Option(help="look at a recorded session (.h5) instead of touching")] = None,
+    browser: Annotated[bool, typer.Option(help="Open the page here, or only print its address.")] = True,
+    record: Annotated[Path | None, typer.Option(help="Write the session here when it ends (.h5).")] = None,
+    replay: Annotated[Path | None, typer.Option(help="Look at a recorded session (.h5) instead of touching.")] = None,
 ) -> None:
-    """Touch an organ in the browser: press, stroke, pull, see the force.
+    """Example: [bold]palpate touch tissue.vtu --record session.h5[/bold]
 
-    Example: palpate touch tissue.vtu --record session.h5
+    Touch an organ in the browser: press, stroke, pull, see the force.
 
-    Hold on the organ to press it in and stroke along to feel what lies below; drag beside it to turn the view. The
-    page is served to this machine only; the printed ssh line reaches it from another one. Ctrl-C ends the session.
+    Hold on the organ to press it in and stroke along to feel what lies
+    below; drag beside it to turn the view. The page is served to this
+    machine only; the printed ssh line reaches it from another one. Ctrl-C
+    ends the session.
     """
     recorded = None if replay is None else pp.read_record(replay)
     pp.touch(

@@ -15,7 +15,7 @@ from palpate.arrays import AnyArray, Int64, float64
 from palpate.atomic import replacing
 from palpate.errors import DataError, FileError, MeshError
 from palpate.meshes.gmsh import is_gmsh_1, read_gmsh_1, write_gmsh
-from palpate.meshes.mesh import TetMesh, boundary_faces, signed_volumes
+from palpate.meshes.mesh import TetMesh, boundary_faces, folds, signed_volumes
 from palpate.meshes.surface import pinches
 
 FORMATS = {".vtu": "vtu", ".msh": "gmsh"}  # Gmsh 2.2 ASCII is written, which most programs read
@@ -141,6 +141,7 @@ def _valid(path: Path, stored: Any) -> TetMesh:
         tets[inverted] = tets[inverted][:, [0, 2, 1, 3]]
         warnings.warn(f"{path}: {np.count_nonzero(inverted)} of {len(tets)} tets were inverted: turned", stacklevel=4)
     _check_flat(nodes, tets, np.abs(volume))
+    _check_folds(nodes, tets)
     used, index = np.unique(tets, return_inverse=True)
     if len(used) < len(nodes):
         warnings.warn(f"{path}: {len(nodes) - len(used)} nodes belong to no tet: dropped", stacklevel=4)
@@ -159,6 +160,18 @@ def _check_flat(nodes: Any, tets: Int64, volume: Any) -> None:
         raise MeshError(
             f"{np.count_nonzero(flat)} flat tets (first: tet {bad}, nodes {tets[bad].tolist()}, volume "
             f"{volume[bad]:.3g} mm³, longest edge {longest[bad]:.3g} mm); remove them or mesh again"
+        )
+
+
+def _check_folds(nodes: Any, tets: Int64) -> None:
+    """Two tets lie on opposite sides of the face that they share, or the mesh is folded over and fills space twice."""
+    pairs = folds(tets)
+    if len(pairs):
+        a, b = (int(t) for t in pairs[0])
+        where = nodes[tets[a]].mean(axis=0).round(2).tolist()
+        raise MeshError(
+            f"inverted: {len(pairs)} pairs of tets overlap (first: tets {a} and {b}, both on one side of the face "
+            f"that they share, near {where} mm); the mesh is folded there: mesh it again, or move that node back"
         )
 
 

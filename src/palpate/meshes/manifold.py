@@ -3,10 +3,8 @@
 import numpy as np
 
 from palpate.arrays import Bool, Float64, Int32, Int64
-from palpate.meshes.mesh import boundary_faces
+from palpate.meshes.mesh import FACES, boundary_faces
 from palpate.meshes.surface import linked, pinches
-
-FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
 
 
 def face_neighbours(tets: Int32 | Int64) -> Int64:

@@ -6,8 +6,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.arrays import Float64, Int32, float64
+from palpate.arrays import Float64, Int32, Int64, float64
 from palpate.errors import MeshError
+
+FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])  # of a tet, normals outwards
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -78,9 +80,23 @@ def signed_volumes(nodes: Float64, tets: ArrayLike) -> Float64:
     return volumes
 
 
+def folds(tets: ArrayLike) -> Int64:
+    """(P, 2) pairs of positively oriented tets that lie on the same side of a face they share: they overlap."""
+    t = np.asarray(tets)
+    faces = t[:, FACES].reshape(-1, 3)
+    owner = np.repeat(np.arange(len(t)), 4)
+    low = np.argmin(faces, axis=1)  # the winding: whether the face rises from its lowest node on
+    turned = np.take_along_axis(faces, (low[:, None] + [[0, 1, 2]]) % 3, axis=1)
+    rises = turned[:, 1] < turned[:, 2]
+    key = np.sort(faces, axis=1)
+    order = np.lexsort(key.T)
+    same = (key[order][1:] == key[order][:-1]).all(axis=1) & (rises[order][1:] == rises[order][:-1])
+    return np.stack([owner[order][:-1][same], owner[order][1:][same]], axis=1).astype(np.int64)
+
+
 def boundary_faces(tets: Int32) -> Int32:
     """(F, 3) faces that belong to exactly one tet, normals outwards; a face of three tets or more is a `MeshError`."""
-    faces = np.concatenate([tets[:, [1, 2, 3]], tets[:, [0, 3, 2]], tets[:, [0, 1, 3]], tets[:, [0, 2, 1]]])
+    faces = np.concatenate([tets[:, face] for face in FACES])
     key = np.sort(faces, axis=1)
     _, first, count = np.unique(key, axis=0, return_index=True, return_counts=True)
     if (count > 2).any():

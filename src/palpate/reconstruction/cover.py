@@ -8,6 +8,7 @@ from palpate.scans.views import Panel, Views
 from palpate.volumes.grid import Grid
 
 COARSEST_SLICE = 8  # in-plane voxels
+MOST_VOXELS = 2e9  # 8 GB of float32
 
 
 def covering_grid(views: Views, thickness: float | None, spacing: float | None = None) -> Grid:
@@ -22,6 +23,10 @@ def covering_grid(views: Views, thickness: float | None, spacing: float | None =
         raise GeometryError(
             f"thickness: how deep the object is cannot be known from the geometry, got {thickness!r}; give thickness=... "
             f"in mm (palpate reconstruct --thickness), or a Grid"
+        )
+    if spacing is not None and not (np.isfinite(spacing) and spacing > 0):
+        raise GeometryError(
+            f"spacing: expected a positive length in mm, got {spacing!r}; leave it out for the pixel's own"
         )
     level = [abs(abs(p.normal[2]) - 1) < 1e-6 for p in views.panels]
     centre = _isocentre(views)
@@ -41,6 +46,11 @@ def covering_grid(views: Views, thickness: float | None, spacing: float | None =
     width = spacing if spacing is not None else _pixel_at(views, middle)
     depth = _slice(views, np.array([*(low + high) / 2, middle]), width)
     shape = np.maximum(np.floor([thickness / depth, *((high - low) / width)[::-1]]), 1)
+    if shape.prod() > MOST_VOXELS:
+        raise GeometryError(
+            f"spacing: {width:g} mm makes {shape.prod() / 1e9:.3g} thousand million voxels, at most {MOST_VOXELS / 1e9:.3g} "
+            f"are taken; give a larger one (palpate reconstruct --spacing)"
+        )
     step = np.array([thickness / shape[0], width, width])
     corner = np.array([*((low + high) / 2 - shape[:0:-1] * width / 2), low_z])
     return Grid(shape, step, corner + step[::-1] / 2)

@@ -36,8 +36,8 @@ def simulate_scan(
         )
     if subrays < 1 or int(subrays) != subrays:
         raise DataError(f"subrays: expected a whole number of at least 1, got {subrays!r}")
+    blank = Scan(np.zeros(views.shape, np.float32), incident, views, background, mask)  # checks all before the work
     passed = np.stack([transmission(phantom, s, p, subrays) for s, p in zip(views.source, views.panels, strict=True)])
-    blank = Scan(np.zeros(views.shape, np.float32), incident, views, background, mask)  # checks all before the noise
     mean = blank.incident * passed + blank.background
     if seed is not None:
         rng = np.random.default_rng(seed)

@@ -48,12 +48,17 @@ class Room:
     holder: WebSocket | None = None
 
 
+def check_page() -> None:
+    """Raises `FileError` if the page was not bundled."""
+    if not (STATIC / "index.html").is_file():
+        raise FileError(f"{STATIC}: the page is not bundled here; install the wheel, or: python web/build.py {STATIC}")
+
+
 def application(
     session: Session, pointer: Pointer, token: str, title: str = "organ", replay: bool = False
 ) -> Starlette:
     """The app around a running session. Raises `FileError` if the page was not bundled."""
-    if not (STATIC / "index.html").is_file():
-        raise FileError(f"{STATIC}: the page is not bundled here; install the wheel, or: python web/build.py {STATIC}")
+    check_page()
     room = Room(session, pointer, token, scene_bytes(session, title, replay))
 
     @contextlib.asynccontextmanager

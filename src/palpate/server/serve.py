@@ -18,7 +18,7 @@ import uvicorn
 
 from palpate.atomic import writable
 from palpate.errors import PortError
-from palpate.server.app import MESSAGE_BYTES, application
+from palpate.server.app import MESSAGE_BYTES, application, check_page
 from palpate.simulation.devices.pointer import Pointer
 from palpate.simulation.devices.replay import Replay
 from palpate.simulation.record import Record, write_record
@@ -74,6 +74,7 @@ def touch(
         writable(record)
     listener = loopback_socket(port)
     with contextlib.closing(listener):
+        check_page()
         session = Session(build(tissue, model), radius=radius) if replay is None else like(replay, tissue)
         with serving(session, listener, title=title, replay=replay) as address:
             announce(address, session)
@@ -84,6 +85,12 @@ def touch(
     if record is not None:
         write_record(record, session.record())
         print(f"palpate: session recorded in {record}")
+
+
+def check_ready(port: int | None) -> None:
+    """Is there a page to serve and a port for it? Asked before long work. Raises `FileError`, `PortError`."""
+    loopback_socket(port).close()
+    check_page()
 
 
 def wait_for_interrupt() -> None:

@@ -54,17 +54,19 @@ def fit(
     points = scattered_points(tissue, _TRAINING + _HELD_OUT)
     held_out = np.arange(len(points)) >= _TRAINING
     inward = -d * surface_normals(tissue, points)
+    say("finite elements", 0.0)
     truth = FiniteElements(tissue)
-    say("finite elements", 0.1)
-    true = [truth.push(x, w, r) for x, w in zip(points[~held_out], inward[~held_out], strict=True)]
-    say("fitting the springs", 0.5)
-    springs = _fitted(tissue, start, points[~held_out], inward[~held_out], r, true)
+    true = []
+    for k, (x, w) in enumerate(zip(points[~held_out], inward[~held_out], strict=True), 1):
+        true.append(truth.push(x, w, r))
+        say("finite elements", 0.4 * k / _TRAINING)
+    springs = _fitted(tissue, start, points[~held_out], inward[~held_out], r, true, say)
     say("report on other contacts", 0.8)
     oblique = inward[held_out]
     half = (len(oblique) + 1) // 2
     oblique[half:] = _tilted(oblique[half:])
     report = compare(truth, SpringModel(tissue, springs), points[held_out], oblique, r, d)
-    say("done", 1.0)
+    say("springs fitted", 1.0)
     return Tissue(mesh, tissue.young, tissue.poisson, tissue.fixed, element=element, springs=springs, report=report)
 
 
@@ -118,8 +120,16 @@ def surface_normals(tissue: Tissue, points: Float64) -> Float64:
 
 
 def _fitted(
-    tissue: Tissue, start: SpringLaw, points: Float64, push: Float64, r: float, true: list[Answer]
+    tissue: Tissue,
+    start: SpringLaw,
+    points: Float64,
+    push: Float64,
+    r: float,
+    true: list[Answer],
+    say: Callable[[str, float], None],
 ) -> SpringLaw:
+    tried = 0
+
     def answers(law: SpringLaw) -> list[Answer]:
         model = SpringModel(tissue, law, relaxation=1.5)
         return [model.push(x, w, r) for x, w in zip(points, push, strict=True)]
@@ -128,6 +138,9 @@ def _fitted(
         return replace(start, rsc=float(np.exp(log)) * (-1 if start.law == "exponential" else 1))
 
     def misfit(log: float) -> float:
+        nonlocal tried
+        tried += 1
+        say("fitting the springs", 0.4 + 0.4 * tried / (tried + 10))  # some 20 trials
         pairs = zip(true, answers(law_of(log)), strict=True)
         return float(sum(((a.displacement - b.displacement) ** 2).sum() for a, b in pairs))
 

@@ -48,6 +48,8 @@ class FitReport:
                     f"({100 * worst.max() / self.depth:.0f} % of the push), RMS {np.sqrt((rms**2).mean()):.2f} mm; "
                     f"force off by {100 * np.sqrt((force**2).mean()):.0f} % (worst {100 * force.max():.0f} %)"
                 )
+        if self.worst.max() > 0.5 * self.depth:
+            lines.append("  the springs are far off: hold more of the organ (--depth), or touch it with `blocks` only")
         lines.append("  the model `blocks` solves the P1 equations themselves; its error is that of its answers")
         return "\n".join(lines)
 

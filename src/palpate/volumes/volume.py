@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from difflib import SequenceMatcher
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,8 @@ import numpy as np
 from palpate.arrays import AnyArray, Float32, Int32, float32
 from palpate.errors import DataError
 from palpate.volumes.grid import Grid
+
+SHOWN = 6  # labels that a message names
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,10 +49,20 @@ class Labels:
         return np.array(self.values, dtype=dtype) if copy else np.asarray(self.values, dtype=dtype)
 
     def value_of(self, label: int | str) -> int:
-        """The number of a label given by number or name; a `DataError` lists what there is."""
+        """The number of a label given by number or name; a `DataError` names the nearest that there are."""
         present = [int(v) for v in np.unique(self.values) if v != 0]
         for value in present:
             if label == value or str(label) == str(value) or label == self.names.get(value):
                 return value
-        there = ", ".join(f"{v} ({self.names[v]})" if v in self.names else str(v) for v in present) or "none"
-        raise DataError(f"label {label!r} is absent; labels present: {there}")
+        raise DataError(f"label {label!r} is absent; labels present: {self._nearest(str(label), present)}")
+
+    def _nearest(self, wanted: str, present: list[int]) -> str:
+        """The labels most like what was asked for first, then how many more there are: whole-body files hold 100."""
+
+        def unlike(value: int) -> float:
+            name = self.names.get(value, "")
+            return -max(SequenceMatcher(None, wanted.lower(), t.lower()).ratio() for t in (name, str(value)))
+
+        shown = [f"{v} ({self.names[v]})" if v in self.names else str(v) for v in sorted(present, key=unlike)[:SHOWN]]
+        more = [f"and {len(present) - SHOWN} more"] if len(present) > SHOWN else []
+        return ", ".join(shown + more) or "none: the mask is empty, segment the volume again or choose another file"
