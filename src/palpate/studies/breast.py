@@ -96,7 +96,7 @@ def training_labels(labels: Labels) -> tuple[Labels, Float64]:
     depth = ndimage.distance_transform_edt(np.pad(columns, 1), sampling=labels.grid.spacing[1:])[1:-1, 1:-1]
     y, x = np.unravel_index(int(np.argmax(depth)), depth.shape)
     top = int(np.flatnonzero(organ[:, y, x]).max())
-    at = labels.grid.points([[top - TRAINING_DEPTH / labels.grid.spacing[0], y, x]])[0]
+    at = labels.grid.points(np.array([[top - TRAINING_DEPTH / labels.grid.spacing[0], y, x]]))[0]
     values = np.where(organ, BREAST, 0)
     values[ball(labels.grid, (at[0], at[1], at[2]), TRAINING_RADIUS) & organ] = LESION
     return Labels(values, labels.grid, {BREAST: "breast", LESION: "lesion"}), at
@@ -113,7 +113,7 @@ def _tissue(stages: Stages, labels: Labels, mesh_name: str, name: str, radius: f
     fine = {"lesion": radius / 2}
     options = {"label": "breast", "edge": EDGE, "inclusions": ["lesion"], "closed_at_border": True, "fine": fine}
     mesh = meshed(stages, labels, mesh_name, **options)
-    young = {
+    young: dict[int | str, float] = {
         "breast": MATERIALS["breast fibroglandular"].young,
         "lesion": MATERIALS["breast carcinoma, ductal, high grade"].young,
     }
@@ -144,7 +144,8 @@ def _volume_section(volume: Volume, labels: Labels, lesion: Inclusion, steps: li
             three_planes(volume, index, labels),
             "Attenuation through the lesion, with the outlines of breast and lesion. The views span 30°, so depth is "
             "smeared: what is sharp in the first plane is drawn out along z in the others.",
-        )
+        ),
+        (three_planes(volume, index, labels, reach=18), "The same, 18 mm about the lesion."),
     ]
     if steps:
         levels = sorted({s.level for s in steps}, reverse=True)
@@ -154,7 +155,7 @@ def _volume_section(volume: Volume, labels: Labels, lesion: Inclusion, steps: li
             (
                 curves(np.arange(1, longest + 1), lines, "iteration", "negative log-posterior", log=True),
                 "The objective on each level, coarsest first; it compares only within a level.",
-            )  # fmt: skip
+            )
         )
     x, y, z = lesion.centre
     return Section(

@@ -14,7 +14,7 @@ from palpate.studies.report import Section
 from palpate.studies.stages import Stages
 from palpate.tissue.files import read_tissue, write_tissue
 from palpate.tissue.fit import fit
-from palpate.tissue.lump import THRESHOLDS, lump_map
+from palpate.tissue.lump import lump_map
 from palpate.tissue.tissue import Tissue
 from palpate.volumes.volume import Labels
 
@@ -40,7 +40,7 @@ def fitted(
     """The tissue in file `name`, its springs fitted to finite elements."""
     return stages(
         name,
-        lambda: fit(mesh, young, poisson, fixed, progress=lambda what, share: stages.progress(what, share)),
+        lambda: fit(mesh, young, poisson, fixed, progress=lambda what, share: stages.progress(what, 0.99 * share)),
         write_tissue,
         read_tissue,
     )
@@ -79,11 +79,10 @@ def tissue_section(tissue: Tissue, text: Sequence[str]) -> Section:
 
 def lump_section(title: str, tissue: Tissue, region: str, depth: float, radius: float, stages: Stages) -> Section:
     """What a finger would feel of a stiff region: the force for equal depth with and without it, mapped."""
-    found = lump_map(tissue, region, depth, radius, progress=lambda share: stages.progress("force map", share))
+    found = lump_map(tissue, region, depth, radius, progress=lambda share: stages.progress(title.split(":")[0], share))
     return Section(
         title,
         found.text().splitlines(),
-        table=[("published threshold, %", "task and source"), *THRESHOLDS],
         pictures=[
             (
                 surface_map(tissue.mesh, found.points, 100 * found.difference, "% more force", eye=(50, -70)),

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.colors import LightSource, ListedColormap
 from matplotlib.figure import Figure
-from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
 
 from palpate.arrays import AnyArray, Float64, Int32
 from palpate.meshes.mesh import TetMesh
@@ -48,23 +48,27 @@ def three_planes(
     index: Sequence[int],
     labels: Labels | None = None,
     window: tuple[float, float] | None = None,
+    reach: float | None = None,
 ) -> Figure:
-    """The three planes through voxel (z, y, x)."""
-    z, y, x = index
-    dz, dy, dx = volume.grid.spacing
+    """The three planes through voxel (z, y, x), to one scale; reach: mm shown on either side of it (all if None)."""
+    grid = volume.grid
     low, high = window or (0.0, float(np.percentile(volume.values, 99.8)))
-    figure = Figure(figsize=(13, 4.4), layout="constrained")
-    planes = ((z, slice(None), slice(None)), (slice(None), y, slice(None)), (slice(None), slice(None), x))
-    names = (f"plane z = {volume.grid.axis('z')[z]:.1f} mm", f"plane y = {volume.grid.axis('y')[y]:.1f} mm",
-             f"plane x = {volume.grid.axis('x')[x]:.1f} mm")  # fmt: skip
-    for axes, plane, name, aspect in zip(
-        figure.subplots(1, 3), planes, names, (dy / dx, dz / dx, dz / dy), strict=True
-    ):
-        _picture(axes, volume.values[plane], aspect, low, high)
-        axes.set_title(name, fontsize=9, color=INK)
+    shown = [
+        slice(None) if reach is None else slice(max(0, int(i - reach / d)), int(i + reach / d) + 1)
+        for i, d in zip(index, grid.spacing, strict=True)
+    ]
+    sides = [len(range(*s.indices(n))) * d for s, n, d in zip(shown, grid.shape, grid.spacing, strict=True)]
+    planes = ((0, 1, 2), (1, 0, 2), (2, 0, 1))  # the axis cut, then those down and across
+    widths = [sides[across] for _, _, across in planes]
+    height = 13 * max(sides[down] for _, down, _ in planes) / sum(widths) + 0.5
+    figure = Figure(figsize=(13, min(height, 9)), layout="constrained")
+    for axes, (cut, down, across) in zip(figure.subplots(1, 3, width_ratios=widths), planes, strict=True):
+        values = np.take(volume.values, index[cut], axis=cut)[shown[down], shown[across]]
+        _picture(axes, values, grid.spacing[down] / grid.spacing[across], low, high)
+        axes.set_title(f"{'zyx'[cut]} = {grid.axis('zyx'[cut])[index[cut]]:.1f} mm", fontsize=9, color=INK)
         if labels is not None:
-            _outlines(axes, labels.values[plane])
-        if plane[0] == slice(None):
+            _outlines(axes, np.take(labels.values, index[cut], axis=cut)[shown[down], shown[across]])
+        if down == 0:
             axes.invert_yaxis()
     return figure
 
@@ -84,7 +88,7 @@ def surface_map(
     mesh: TetMesh, points: Float64, values: Float64, unit: str, eye: tuple[float, float] = (25, -60)
 ) -> Figure:
     """Values (P,) at surface points (P, 3) mm, drawn as dots on the organ's shaded skin."""
-    figure = Figure(figsize=(8.5, 5.6), layout="constrained")
+    figure = Figure(figsize=(8.5, 4.6), layout="constrained")
     axes = figure.add_subplot(projection="3d")
     _solid(axes, mesh.nodes, mesh.surface, "#b8c4cf", alpha=0.35)
     order = np.argsort(np.abs(values))
@@ -144,7 +148,7 @@ def _framed(axes: object, points: Float64, eye: tuple[float, float]) -> None:
     low, high = points.min(axis=0), points.max(axis=0)
     for name, a, b in zip("xyz", low, high, strict=True):
         getattr(axes, f"set_{name}lim")(a, b)
-    axes.set_box_aspect(np.maximum(high - low, 1e-6))  # type: ignore[attr-defined]
+    axes.set_box_aspect(np.maximum(high - low, 1e-6), zoom=1.2)  # type: ignore[attr-defined]
     axes.view_init(*eye)  # type: ignore[attr-defined]
     for name in "xyz":
         getattr(axes, f"set_{name}label")(f"{name} mm", fontsize=8)

@@ -132,7 +132,7 @@ def _centroid(response: Float32, peak: tuple[int, int, int]) -> Float64:
     return np.array(ndimage.center_of_mass(weight))
 
 
-def _contrast(values: Float64, peak: tuple[int, int, int], radius: float, spacing: Float64, mask: Bool) -> float:
+def _contrast(values: Float32, peak: tuple[int, int, int], radius: float, spacing: Float64, mask: Bool) -> float:
     z = int(peak[0])
     y, x = np.ogrid[: values.shape[1], : values.shape[2]]
     r = np.hypot((y - peak[1]) * spacing[1], (x - peak[2]) * spacing[2])
