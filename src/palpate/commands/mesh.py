@@ -51,7 +51,7 @@ def mesh_command(
 
     writable(output)
     mesh_format(output)
-    finer = dict(_label_and_edge(text) for text in fine or [])
+    finer: dict[int | str, float] = dict(_label_and_edge(text) for text in fine or [])
     stored = with_names(pp.read_labels(labels), labels, names)
     with warnings.catch_warnings(record=True) as said, progress() as say:
         say(f"meshing {label}", 0.0)
