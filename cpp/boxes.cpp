@@ -22,24 +22,43 @@ int tallest_pixel(const View& v) {
     return most;
 }
 
-// The same weights as Footprints gives a turned panel, for one row y of voxels and all columns: taps[t * na + a]
-// belongs to row low[a] + t, which may lie beyond the image. Numerical kernel.
-PALPATE_KERNEL void column_taps(const double* __restrict slope1, const double* __restrict offset1,
-                                const double* __restrict slope2, const double* __restrict offset2, int y, int taps,
-                                int nb, int na, int32_t* __restrict low, int32_t* __restrict high,
-                                float* __restrict weight) {
+// Rows under row y of voxels in each column of a turned panel, widening low and high. Numerical kernel.
+PALPATE_KERNEL void column_bounds(const double* __restrict slope1, const double* __restrict offset1,
+                                  const double* __restrict slope2, const double* __restrict offset2, int y, int nb,
+                                  int na, int32_t* __restrict low, int32_t* __restrict high) {
     for (int a = 0; a < na; a++) {
         const double l1 = slope1[a] * y + offset1[a], l2 = slope2[a] * y + offset2[a];
         const double r1 = slope1[a] * (y + 1) + offset1[a], r2 = slope2[a] * (y + 1) + offset2[a];
-        low[a] = int32_t(std::min(std::max(std::floor(std::min(l1, l2) + 0.5), 0.0), double(nb)));
-        high[a] = int32_t(std::max(std::min(std::floor(std::max(r1, r2) + 0.5), nb - 1.0), -1.0));
+        const double first = std::min(std::max(std::floor(std::min(l1, l2) + 0.5), 0.0), double(nb));
+        const double last = std::max(std::min(std::floor(std::max(r1, r2) + 0.5), nb - 1.0), -1.0);
+        low[a] = std::min(low[a], int32_t(first));
+        high[a] = std::max(high[a], int32_t(last));
+    }
+}
+
+// The same weights as Footprints gives a turned panel, for row y of voxels and all columns: weight[t * stride + a]
+// belongs to row low[a] + t, which may lie beyond the image. One division an edge instead of one a tap. Numerical
+// kernel.
+PALPATE_KERNEL void column_taps(const double* __restrict slope1, const double* __restrict offset1,
+                                const double* __restrict slope2, const double* __restrict offset2, int y, int taps,
+                                int na, int64_t stride, const int32_t* __restrict low, double* __restrict per_move,
+                                float* __restrict weight) {
+    for (int a = 0; a < na; a++) {
+        const double left = (slope2[a] - slope1[a]) * y + offset2[a] - offset1[a];
+        const double right = (slope2[a] - slope1[a]) * (y + 1) + offset2[a] - offset1[a];
+        per_move[a] = std::fabs(left) < 1e-6 ? 0 : 1 / left;
+        per_move[na + a] = std::fabs(right) < 1e-6 ? 0 : 1 / right;
     }
     for (int t = 0; t < taps; t++)
         for (int a = 0; a < na; a++) {
-            const double l1 = slope1[a] * y + offset1[a], l2 = slope2[a] * y + offset2[a];
-            const double r1 = slope1[a] * (y + 1) + offset1[a], r2 = slope2[a] * (y + 1) + offset2[a];
             const double q = low[a] + t - 0.5;
-            weight[int64_t(t) * na + a] = float(covered(r1, r2, q) - covered(l1, l2, q));
+            const double l1 = slope1[a] * y + offset1[a] - q, l2 = slope2[a] * y + offset2[a] - q;
+            const double r1 = l1 + slope1[a], r2 = l2 + slope2[a];
+            const double still_left = std::min(std::max(0.5 * (l1 + l2), 0.0), 1.0);
+            const double still_right = std::min(std::max(0.5 * (r1 + r2), 0.0), 1.0);
+            const double left = per_move[a] == 0 ? still_left : (rise(l2) - rise(l1)) * per_move[a];
+            const double right = per_move[na + a] == 0 ? still_right : (rise(r2) - rise(r1)) * per_move[na + a];
+            weight[t * stride + a] = float(right - left);
         }
 }
 
@@ -111,6 +130,7 @@ void SliceBoxes::make(const Geometry& geometry, const View& chosen, int z) {
     if (boxed && chosen.pose == Pose::turned) {
         edges.resize(chosen.subs);
         for (int s = 0; s < chosen.subs; s++) rows(geometry, chosen, z, s, edges[s]);
+        drift = edges_drift();
     } else {
         along_y.make(geometry, chosen, z, y, 1, INT32_MAX / 2);
     }
@@ -127,18 +147,23 @@ int SliceBoxes::rows_apart() const {
     return apart;
 }
 
-// In column a, row y of voxels covers up to max(l1, l2)(y + 1) and row y + apart begins at min(l1, l2)(y + apart): that
-// gap is concave in y, so it is least at an end. Boxes are a few columns wide, over which both edges drift.
-int SliceBoxes::turned_rows_apart() const {
-    double drift = 0;
+// How far the edges of the rows move over the columns of one box, in rows of the image.
+double SliceBoxes::edges_drift() const {
+    double most = 0;
     for (const Rows& e : edges)
         for (int y : {0, ny})
             for (int a = along_x.width; a < view->na; a++) {
                 const int before = a - along_x.width;
-                drift =
-                    std::max({drift, std::fabs((e.slope1[a] - e.slope1[before]) * y + e.offset1[a] - e.offset1[before]),
-                              std::fabs((e.slope2[a] - e.slope2[before]) * y + e.offset2[a] - e.offset2[before])});
+                const double first = (e.slope1[a] - e.slope1[before]) * y + e.offset1[a] - e.offset1[before];
+                const double second = (e.slope2[a] - e.slope2[before]) * y + e.offset2[a] - e.offset2[before];
+                most = std::max({most, std::fabs(first), std::fabs(second)});
             }
+    return most;
+}
+
+// In column a, row y of voxels covers up to max(l1, l2)(y + 1) and row y + apart begins at min(l1, l2)(y + apart): that
+// gap is concave in y, so it is least at an end. Boxes are a few columns wide, over which both edges drift.
+int SliceBoxes::turned_rows_apart() const {
     for (int apart = 1; apart < ny; apart++) {
         double gap = 1e300;
         for (int a = 0; a < view->na; a++)
@@ -165,40 +190,21 @@ void SliceBoxes::begin_row(int y, RowScratch& s) const {
         s.weight.resize(std::max(s.weight.size(), size_t(along_x.width) * along_y.width));
         return;
     }
-    const int na = view->na, nb = view->nb, subs = view->subs;
-    int most = 0;
-    for (const Rows& e : edges) most = std::max(most, e.taps);
-    s.taps.resize(size_t(subs) * most * na);
-    s.low.resize(size_t(subs + 1) * na);
-    s.high.resize(size_t(subs + 1) * na);
+    const int na = view->na, subs = view->subs;
+    s.low.assign(na, view->nb);
+    s.high.assign(na, -1);
+    for (const Rows& e : edges)
+        column_bounds(e.slope1.data(), e.offset1.data(), e.slope2.data(), e.offset2.data(), y, view->nb, na,
+                      s.low.data(), s.high.data());
+    s.taps = 0;
+    for (int a = 0; a < na; a++) s.taps = std::max(s.taps, s.high[a] - s.low[a] + 1);
+    s.column.resize(size_t(subs) * s.taps * stride); // what lies beyond the columns is finite and gets weight 0
+    s.per_move.resize(2 * size_t(na));
     for (int i = 0; i < subs; i++)
         column_taps(edges[i].slope1.data(), edges[i].offset1.data(), edges[i].slope2.data(), edges[i].offset2.data(), y,
-                    edges[i].taps, nb, na, &s.low[size_t(i + 1) * na], &s.high[size_t(i + 1) * na],
-                    &s.taps[size_t(i) * most * na]);
-    int first = nb, last = -1;
-    for (int a = 0; a < na; a++) { // over the sub-slices: entries 0 of low and high
-        int low = nb, high = -1;
-        for (int i = 1; i <= subs; i++) {
-            low = std::min(low, s.low[size_t(i) * na + a]);
-            high = std::max(high, s.high[size_t(i) * na + a]);
-        }
-        s.low[a] = low;
-        s.high[a] = high;
-        if (high < low) continue;
-        first = std::min(first, low);
-        last = std::max(last, high);
-    }
-    s.row = first;
-    s.height = std::max(0, last - first + 1);
-    s.strip.assign(size_t(subs) * s.height * stride, 0);
-    for (int i = 0; i < subs; i++)
-        for (int t = 0; t < edges[i].taps; t++)
-            for (int a = 0; a < na; a++) {
-                const int b = s.low[size_t(i + 1) * na + a] + t;
-                if (b <= s.high[size_t(i + 1) * na + a])
-                    s.strip[(size_t(i) * s.height + b - first) * stride + a] = s.taps[(size_t(i) * most + t) * na + a];
-            }
-    s.weight.resize(std::max(s.weight.size(), size_t(along_x.width) * s.height));
+                    s.taps, na, stride, s.low.data(), s.per_move.data(),
+                    s.column.data() + int64_t(i) * s.taps * stride);
+    s.weight.resize(std::max(s.weight.size(), size_t(along_x.width) * (s.taps + int(drift) + 2)));
 }
 
 PALPATE_KERNEL void SliceBoxes::parallel_box(int y, int x, RowScratch& s, Box& out) const {
@@ -219,26 +225,37 @@ PALPATE_KERNEL void SliceBoxes::parallel_box(int y, int x, RowScratch& s, Box& o
 }
 
 PALPATE_KERNEL void SliceBoxes::turned_box(int x, RowScratch& s, Box& out) const {
-    int low = INT32_MAX, high = -1;
-    for (int a = along_x.first[x]; a < along_x.first[x] + along_x.count[x]; a++) {
-        low = std::min(low, int(s.low[a]));
-        high = std::max(high, int(s.high[a]));
+    const int begin = along_x.first[x], end = begin + along_x.count[x];
+    int low = INT32_MAX, highest_low = -1, high = -1;
+    for (int a = begin; a < end; a++) {
+        low = std::min(low, s.low[a]);
+        highest_low = std::max(highest_low, s.low[a]);
+        high = std::max(high, s.high[a]);
     }
     out.row = low;
     out.height = std::max(0, high - low + 1);
-    out.column = along_x.first[x];
+    out.column = begin;
     out.width = along_x.width;
     float* weight = out.weight = s.weight.data();
-    for (int v = 0; v < out.height; v++)
-        for (int u = 0; u < out.width; u += lanes, weight += lanes) {
-            Lanes sum = {}, part, rows;
-            for (int i = 0; i < along_x.subs; i++) {
-                load(part, along_x.of(x, i) + u);
-                load(rows, &s.strip[(size_t(i) * s.height + out.row + v - s.row) * stride + out.column + u]);
-                sum += part * rows;
+    if (highest_low == low) { // all columns begin in the same row, as most do
+        for (int v = 0; v < out.height; v++)
+            for (int u = 0; u < out.width; u += lanes, weight += lanes) {
+                Lanes sum = {}, part, rows;
+                for (int i = 0; i < along_x.subs; i++) {
+                    load(part, along_x.of(x, i) + u);
+                    load(rows, &s.column[(int64_t(i) * s.taps + v) * stride + begin + u]);
+                    sum += part * rows;
+                }
+                store(weight, sum);
             }
-            store(weight, sum);
-        }
+        return;
+    }
+    std::fill_n(weight, size_t(out.height) * out.width, 0.0f);
+    for (int a = begin; a < end; a++)
+        for (int i = 0; i < along_x.subs; i++)
+            for (int b = s.low[a]; b <= s.high[a]; b++)
+                weight[(b - low) * out.width + a - begin] +=
+                    along_x.of(x, i)[a - begin] * s.column[(int64_t(i) * s.taps + b - s.low[a]) * stride + a];
 }
 
 void SliceBoxes::list(const Footprints& all, int k, int y, int x, RowScratch& s, Box& out) const {

@@ -48,10 +48,10 @@ struct Box {
 
 // What a thread needs of a view to make the footprints along one row of voxels.
 struct RowScratch {
-    int row = 0, height = 0;
+    int taps = 0;
     std::vector<int32_t> low, high; // turned panels, per column: first and last row under the row of voxels
-    std::vector<float> strip;       // turned panels: (subs, height, stride) weights along y
-    std::vector<float> taps;
+    std::vector<float> column;      // turned panels: weights along y, (subs, taps, stride), tap 0 in row low
+    std::vector<double> per_move;
     std::vector<float> weight, sums; // the footprint, and for lists one float a measured pixel, 0 between voxels
     std::vector<int64_t> pixels;
 };
@@ -72,11 +72,13 @@ private:
     int64_t stride = 0, measured = 0;
     PackedAxis along_x, along_y; // x, y of the volume; along_y unused on turned panels
     std::vector<Rows> edges;     // turned panels: per sub-slice
-    int ny = 0, fine_rows = 1;   // fine_rows: of a tilted view's fine panel that one measured pixel touches at most
+    double drift = 0;
+    int ny = 0, fine_rows = 1; // fine_rows: of a tilted view's fine panel that one measured pixel touches at most
 
     void parallel_box(int y, int x, RowScratch& scratch, Box& out) const;
     void turned_box(int x, RowScratch& scratch, Box& out) const;
     void list(const Footprints& all, int k, int y, int x, RowScratch& scratch, Box& out) const;
+    double edges_drift() const;
     int turned_rows_apart() const;
 };
 

@@ -2,11 +2,15 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.sparse import eye_array
 from solids import block, brick
 
 import palpate as pp
 from palpate.tissue.contact import contacts
 from palpate.tissue.elasticity import lame
+from palpate.tissue.factors import Factors, dissection
 
 TOP = np.array([25.0, 25.0, 50.0])
 
@@ -159,3 +163,26 @@ def test_a_mirrored_push_gives_the_mirrored_field(truth):
     b = truth.push([30.0, 18.0, 50.0], [2.0, 1.0, -3.0], 9.0)
     np.testing.assert_allclose(b.displacement[mirrored][:, swap], a.displacement[order], atol=1e-9)
     assert np.abs(a.displacement).max() > 3
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_the_factors_solve_and_know_a_matrix_that_is_not_positive(element):
+    fe = pp.finite_elements(block(4), element)
+    K = fe.K[fe.free][:, fe.free]
+    load = np.random.default_rng(1).standard_normal(len(fe.free))
+    np.testing.assert_allclose(K @ fe.factors.solve(load), load, atol=1e-9)
+    assert fe.factors.positive
+    least = np.linalg.eigvalsh(K.toarray())[0]
+    places = fe.space.doflocs[:, fe.free[::3]].T
+    assert Factors(K - 0.99 * least * eye_array(K.shape[0]), places).positive
+    assert not Factors(K - 1.01 * least * eye_array(K.shape[0]), places).positive
+
+
+@given(st.integers(1, 400), st.integers(0, 2**32 - 1))
+def test_dissection_orders_every_node_once(nodes, seed):
+    rng = np.random.default_rng(seed)
+    pairs = rng.integers(0, nodes, (3 * nodes, 2))
+    pairs = pairs[pairs[:, 0] != pairs[:, 1]]
+    places = rng.integers(0, 4, (nodes, 3)).astype(float)  # many at the same height
+    order = dissection(places, np.concatenate([pairs, pairs[:, ::-1]]))
+    np.testing.assert_array_equal(np.sort(order), np.arange(nodes))

@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from palpate.reconstruction.reconstruct import iterates as iterates
     from palpate.reconstruction.reconstruct import reconstruct as reconstruct
     from palpate.reconstruction.step import Step as Step
-    from palpate.meshes.quality import mesh_quality as mesh_quality
-    from palpate.meshes.stuffing import tetrahedralize as tetrahedralize
     from palpate.scans.correct import equal_contrast as equal_contrast
     from palpate.scans.correct import open_beam as open_beam
     from palpate.scans.files import read_scan as read_scan

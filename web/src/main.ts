@@ -38,10 +38,14 @@ worker.onmessage = ({ data }: MessageEvent<FromWorker>) => {
     view.show(data.organ);
     tools.show(data.organ);
     write("title", scene.title);
-    write("about", `${scene.elements.toLocaleString("en")} tetrahedra, model ${scene.model}${scene.replay ? ", replay" : ""}`);
+    const inside = scene.parts.filter((part) => part.inside).map((part) => part.name);
+    const about = [`${scene.elements.toLocaleString("en")} tetrahedra`, `model ${scene.model}`];
+    if (inside.length) about.push(`inside: ${inside.join(", ")}`);
+    if (scene.replay) about.push("replay");
+    write("about", about.join(" · "));
     document.title = `${scene.title} – palpate`;
-    slider.max = String(0.3 * view.size);
-    if (first) setDepth(0.1 * view.size);
+    slider.max = String(0.3 * view.thin); // beyond, no linear model is right
+    if (first) setDepth(0.1 * view.thin);
     handed = null;
     post({ kind: "next", shape: null });
   } else if (data.kind === "frame") {

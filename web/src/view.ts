@@ -34,6 +34,7 @@ export class View {
   private due = true;
   private still = true; // the last frame showed the organ at rest and untouched
   size = 1; // mm, radius of the organ
+  thin = 1; // mm, its smallest side
 
   constructor(private readonly canvas: HTMLCanvasElement) {
     this.renderer = new WebGLRenderer({ canvas, antialias: true, alpha: true });
@@ -63,7 +64,7 @@ export class View {
     this.skin = new Mesh(drawn(this.geometry, part(skin.first, skin.count)), this.flesh);
     this.wire = new LineSegments(drawn(new BufferGeometry(), edges(triangles, skin.first, skin.count)), this.lines);
     this.inner = scene.parts.filter((p) => p.inside).map((p, i) => {
-      const material = new MeshPhongMaterial({ color: INSIDE[i % INSIDE.length], shininess: 30, side: DoubleSide });
+      const material = new MeshPhongMaterial({ color: INSIDE[i % INSIDE.length], emissive: INSIDE[i % INSIDE.length], emissiveIntensity: 0.4, side: DoubleSide });
       return new Mesh(drawn(new BufferGeometry(), part(p.first, p.count)), material);
     });
     for (const thing of [this.skin, this.veil, this.wire, ...this.inner]) thing.frustumCulled = false; // it moves
@@ -78,6 +79,7 @@ export class View {
     rest.forEach((x, i) => ((low[i % 3] = Math.min(low[i % 3], x)), (high[i % 3] = Math.max(high[i % 3], x))));
     const centre = low.map((x, k) => (x + high[k]) / 2) as Vector;
     this.size = Math.hypot(...low.map((x, k) => high[k] - x)) / 2;
+    this.thin = Math.min(...low.map((x, k) => high[k] - x));
     this.turntable.frame(centre, this.size);
   }
 

@@ -1,6 +1,6 @@
 """How large the cells of the lattice are where: small at some inclusions, growing away from them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,10 +8,13 @@ from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from palpate.arrays import Bool, Float64, Int64
+from palpate.errors import MeshError
 from palpate.meshes.lattice import Lattice
 from palpate.meshes.octree import octree
 from palpate.meshes.solids import Solid
 
+CELL = 1.1  # side of a lattice cube in units of `edge`: makes `edge` the mean edge of the mesh
+MOST_TETS = 5_000_000
 # Cells of one size reach this many sides beyond an inclusion, so that its surface meets whole tets of one size only.
 REACH = 1.5
 MOST_HALVINGS = 5
@@ -55,13 +58,48 @@ class Grading:
             radius = (3 * body.volume / (4 * np.pi)) ** (1 / 3)
             for level in range(1, halvings + 1):
                 here = side / 2**level
-                reached = min(4 / 3 * np.pi * (radius + 2.5 * here) ** 3, bodies[0].volume)
+                reached = min(4 / 3 * np.pi * (radius + 4 * here) ** 3, bodies[0].volume)
                 total += 7 / 8 * reached / here**3
         return float(12 * total)
 
 
+def edges_at(bodies: Sequence[Solid], edge: float, fine: Mapping[int, float]) -> list[float]:
+    """The edge asked for at each body, mm."""
+    names = {body.value: body.name for body in bodies[1:]}
+    for value, length in fine.items():
+        if value not in names:
+            raise MeshError(f"fine: label {value} is not among the inclusions {sorted(names)}; name it there too")
+        if not (np.isfinite(length) and 0 < length <= edge):
+            raise MeshError(
+                f"fine: expected an edge for {names[value]!r} above 0 and up to the organ's {edge:g} mm, got {length!r}"
+            )
+        if length < edge / 2**MOST_HALVINGS:
+            raise MeshError(
+                f"fine: {length:g} mm for {names[value]!r} is less than 1/{2**MOST_HALVINGS} of the organ's {edge:g} mm; "
+                f"use {edge / 2**MOST_HALVINGS:.2g} mm or more, or a shorter edge"
+            )
+    return [edge, *(fine.get(body.value, edge) for body in bodies[1:])]
+
+
+def check_edge(body: Solid, edge: float) -> None:
+    """Refuses an edge that makes too many tets, or is longer than the body is thick."""
+    tets = 12 * body.volume / (CELL * edge) ** 3
+    if tets > MOST_TETS:
+        enough = (12 * body.volume / MOST_TETS) ** (1 / 3) / CELL
+        raise MeshError(
+            f"edge {edge:g} mm makes about {tets / 1e6:.3g} million tets of {body.name!r} ({body.volume:.3g} mm³), "
+            f"at most {MOST_TETS // 1_000_000} million are allowed; use an edge of {enough:.2g} mm or more"
+        )
+    thickest = body.thickness(edge / 8)
+    if edge > thickest:
+        raise MeshError(
+            f"edge {edge:g} mm is longer than {body.name!r} is thick ({thickest:.3g} mm at its thickest); "
+            f"use an edge of {thickest / 3:.2g} mm or less"
+        )
+
+
 def grading(bodies: Sequence[Solid], edges: Sequence[float]) -> Grading | None:
-    """The grading that comes nearest to the `edges` (bodies,) mm asked for; None if all are the same."""
+    """The grading nearest to the `edges` (bodies,) mm asked for; None if all are the same; refuses too many tets."""
     asked = np.log2(edges[0] / np.array(edges, dtype=np.float64))
     if not (asked > 0).any():
         return None
@@ -70,7 +108,20 @@ def grading(bodies: Sequence[Solid], edges: Sequence[float]) -> Grading | None:
     shift = float(shifts[np.argmin(np.maximum(off, np.abs(shifts)))])
     halvings = np.maximum(np.round(asked + shift), 0).astype(int)
     trees = [cKDTree(_voxels(body) if n else np.zeros((0, 3))) for body, n in zip(bodies, halvings, strict=True)]
-    return Grading(2**shift, tuple(int(n) for n in halvings), tuple(trees))
+    sizes = Grading(2**shift, tuple(int(n) for n in halvings), tuple(trees))
+    _check_fine(bodies, edges, sizes)
+    return sizes
+
+
+def _check_fine(bodies: Sequence[Solid], edges: Sequence[float], sizes: Grading) -> None:
+    tets = sizes.tets(bodies, CELL * edges[0] * sizes.scale)
+    if tets > MOST_TETS:
+        finest = int(np.argmin(edges))
+        raise MeshError(
+            f"fine: {edges[finest]:g} mm at {bodies[finest].name!r} ({bodies[finest].volume:.3g} mm³) makes about "
+            f"{tets / 1e6:.3g} million tets, at most {MOST_TETS // 1_000_000} million are allowed; use "
+            f"{edges[finest] * (tets / MOST_TETS) ** (1 / 3):.2g} mm or more"
+        )
 
 
 def _voxels(body: Solid) -> Float64:

@@ -7,7 +7,7 @@ import numpy as np
 
 from palpate.arrays import Bool, Float64, Int64
 from palpate.errors import DataError, MeshError
-from palpate.meshes.grading import MOST_HALVINGS, Grading, grading
+from palpate.meshes.grading import CELL, Grading, check_edge, edges_at, grading
 from palpate.meshes.lattice import Field, lattice, snap
 from palpate.meshes.levels import Level, inner_distance
 from palpate.meshes.manifold import unpinched
@@ -17,12 +17,17 @@ from palpate.meshes.solids import Solid, solids
 from palpate.meshes.stencils import split
 from palpate.volumes.volume import Labels
 
-CELL = 1.1  # side of a lattice cube in units of `edge`: makes `edge` the mean edge of the mesh
-MOST_TETS = 5_000_000
 WORST_DIHEDRAL = 10.0  # degrees
 SHIFTS = ((0.5, 0.5, 0.5), (0.25, 0.1, 0.4), (0.1, 0.35, 0.2), (0.4, 0.2, 0.05))  # of the lattice, in cells
 # A surface that passes where cells change size keeps 10 degrees in most placings only: more of them.
-MORE_SHIFTS = ((0.7, 0.6, 0.15), (0.85, 0.3, 0.65), (0.05, 0.75, 0.8), (0.6, 0.9, 0.35), (0.3, 0.45, 0.95), (0.95, 0, 0))
+MORE_SHIFTS = (
+    (0.7, 0.6, 0.15),
+    (0.85, 0.3, 0.65),
+    (0.05, 0.75, 0.8),
+    (0.6, 0.9, 0.35),
+    (0.3, 0.45, 0.95),
+    (0.95, 0, 0),
+)
 
 
 def tetrahedralize(
@@ -42,11 +47,12 @@ def tetrahedralize(
 
     label: the organ, by value or name. inclusions: labels inside it (a lump); the boundary of each follows element
     faces. The mesh's `region` holds label values, nodes are in mm in the frame of `labels.grid.points` (LPS). Each
-    region has the volume of its label. fine: mm, a shorter edge for some inclusions, from which the elements grow to `edge`
-    (sizes are powers of two times each other, so both can be a fifth off). keep: "largest" or "all" of the parts of the organ. fill_holes: closes voids
-    inside the organ. closed_at_border: closes an organ that the edge of the volume cuts with a flat wall. smooth: mm,
-    how far the staircase of the voxels is smoothed (default: 0.7 voxels, or 0.3 edges if that is more). most_lost: part
-    of the volume that may be lost where the organ is thinner than the elements.
+    region has the volume of its label. fine: mm, a shorter edge for some inclusions, from which the elements grow to
+    `edge` (sizes are powers of two times each other, so both can be a fifth off). keep: "largest" or "all" of the parts
+    of the organ. fill_holes: closes voids inside the organ. closed_at_border: closes an organ that the edge of the
+    volume cuts with a flat wall. smooth: mm, how far the staircase of the voxels is smoothed (default: 0.7 voxels, or
+    0.3 edges if that is more). most_lost: part of the volume that may be lost where the organ is thinner than the
+    elements.
 
     Raises `DataError` if the label is absent, empty, or cut by the border; `MeshError` if the edge is too long or too
     short for it, if thin parts would be lost, or if an inclusion comes too close to the surface. What is dropped or
@@ -57,11 +63,9 @@ def tetrahedralize(
     if smooth is not None and not (np.isfinite(smooth) and smooth >= 0):
         raise DataError(f"smooth: expected a length in mm, 0 or more, got {smooth!r}")
     bodies = solids(labels, label, inclusions, keep=keep, fill_holes=fill_holes, closed_at_border=closed_at_border)
-    edges = _edges(bodies, edge, {labels.value_of(k): v for k, v in (fine or {}).items()})
-    _check_edge(bodies[0], edge)
+    edges = edges_at(bodies, edge, {labels.value_of(key): length for key, length in (fine or {}).items()})
+    check_edge(bodies[0], edge)
     sizes = grading(bodies, edges)
-    if sizes is not None:
-        _check_fine(bodies, edges, sizes)
     levels = [_level(body, here, smooth) for body, here in zip(bodies, edges, strict=True)]
     nodes, tets, inside = _fill(bodies, levels, edges, sizes, most_lost)
     region = np.full(len(tets), bodies[0].value)
@@ -71,51 +75,6 @@ def tetrahedralize(
     steps = (nodes[used] / np.array(labels.grid.spacing[::-1]))[:, ::-1] + bodies[0].corner
     names = {body.value: body.name for body in bodies}
     return TetMesh(labels.grid.points(steps), index.reshape(tets.shape), region, names)
-
-
-def _check_edge(body: Solid, edge: float) -> None:
-    tets = 12 * body.volume / (CELL * edge) ** 3
-    if tets > MOST_TETS:
-        enough = (12 * body.volume / MOST_TETS) ** (1 / 3) / CELL
-        raise MeshError(
-            f"edge {edge:g} mm makes about {tets / 1e6:.3g} million tets of {body.name!r} ({body.volume:.3g} mm³), "
-            f"at most {MOST_TETS // 1_000_000} million are allowed; use an edge of {enough:.2g} mm or more"
-        )
-    thickest = body.thickness(edge / 8)
-    if edge > thickest:
-        raise MeshError(
-            f"edge {edge:g} mm is longer than {body.name!r} is thick ({thickest:.3g} mm at its thickest); "
-            f"use an edge of {thickest / 3:.2g} mm or less"
-        )
-
-
-def _edges(bodies: Sequence[Solid], edge: float, fine: Mapping[int, float]) -> list[float]:
-    """The edge asked for at each body, mm."""
-    names = {body.value: body.name for body in bodies[1:]}
-    for value, length in fine.items():
-        if value not in names:
-            raise MeshError(f"fine: label {value} is not among the inclusions {sorted(names)}; name it there too")
-        if not (np.isfinite(length) and 0 < length <= edge):
-            raise MeshError(
-                f"fine: expected an edge for {names[value]!r} above 0 and up to the organ's {edge:g} mm, got {length!r}"
-            )
-        if length < edge / 2**MOST_HALVINGS:
-            raise MeshError(
-                f"fine: {length:g} mm for {names[value]!r} is less than 1/{2**MOST_HALVINGS} of the organ's {edge:g} mm; "
-                f"use {edge / 2**MOST_HALVINGS:.2g} mm or more, or a shorter edge"
-            )
-    return [edge, *(fine.get(body.value, edge) for body in bodies[1:])]
-
-
-def _check_fine(bodies: Sequence[Solid], edges: Sequence[float], sizes: Grading) -> None:
-    tets = sizes.tets(bodies, CELL * edges[0] * sizes.scale)
-    if tets > MOST_TETS:
-        finest = int(np.argmin(edges))
-        raise MeshError(
-            f"fine: {edges[finest]:g} mm at {bodies[finest].name!r} ({bodies[finest].volume:.3g} mm³) makes about "
-            f"{tets / 1e6:.3g} million tets, at most {MOST_TETS // 1_000_000} million are allowed; use "
-            f"{edges[finest] * (tets / MOST_TETS) ** (1 / 3):.2g} mm or more"
-        )
 
 
 def _level(body: Solid, edge: float, smooth: float | None) -> Level:
@@ -255,7 +214,8 @@ def stuff(
     """Tetrahedra inside the first field, (N, 3) mm and (M, 4), and (fields, M) whether each is inside each field.
 
     fields: positive inside, each inside the one that encloses it. The lattice of cubes of `cell` mm begins at `origin`
-    (3,) and covers `size` (3,) mm; `sizes` halves them where it wants. Raises `MeshError` where two surfaces pass through one tetrahedron.
+    (3,) and covers `size` (3,) mm; `sizes` halves them where it wants. Raises `MeshError` where two surfaces pass
+    through one tetrahedron.
     """
     cells = np.ceil(size / cell).astype(int)
     grid = lattice(cells) if sizes is None else sizes.lattice(origin, cells, cell)

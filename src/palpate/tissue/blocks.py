@@ -9,7 +9,8 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 from palpate import _core
 from palpate.arrays import Bool, Float64
 from palpate.errors import MaterialError
-from palpate.tissue.elasticity import basis, factored, stiffness
+from palpate.tissue.elasticity import basis, stiffness
+from palpate.tissue.factors import Factors
 from palpate.tissue.rings import RingModel, best_relaxation, least_ritz_value, typical_contact
 from palpate.tissue.tissue import Tissue
 
@@ -28,7 +29,7 @@ class BlockModel(RingModel):
         self._scaled = _scaled(self._K, root, tissue.held)
         shape, load = None, None
         if modes and self._scaled.shape[0] > 2 * _core.Blocks.modes:
-            self._slowest, beyond, shape, load = _slow_modes(self._K, root, self._scaled, tissue.held)
+            self._slowest, beyond, shape, load = _slow_modes(self._K, root, self._scaled, tissue)
             least = beyond / 4  # the tool's constraints take away some modes: what is left is slower than the next one
         else:
             still = tissue.held.copy()
@@ -46,10 +47,9 @@ class BlockModel(RingModel):
         """λ such that M⁻½KM⁻½ − λ is positive definite, shown by factors whose pivots are all positive."""
         identity = diags_array(np.ones(self._scaled.shape[0]))
         shift = 0.9 * self._slowest
+        places = self.tissue.mesh.nodes[~self.tissue.held]
         for _ in range(60):
-            factors = factored(self._scaled - shift * identity)
-            on_diagonal = np.array_equal(factors.perm_r, factors.perm_c)
-            if on_diagonal and (factors.U.diagonal() > 0).all():
+            if Factors(self._scaled - shift * identity, places).positive:
                 return shift
             shift *= 0.7
         raise MaterialError("the stiffness is not positive definite; hold more nodes, or mend flat tets of the mesh")
@@ -87,15 +87,17 @@ def _scaled(K: bsr_array, root: bsr_array, still: Bool) -> csr_array:
     return csr_array((S + S.T) / 2)
 
 
-def _slow_modes(K: bsr_array, root: bsr_array, scaled: csr_array, held: Bool) -> tuple[float, float, Float64, Float64]:
+def _slow_modes(
+    K: bsr_array, root: bsr_array, scaled: csr_array, tissue: Tissue
+) -> tuple[float, float, Float64, Float64]:
     """The least eigenvalue of M⁻¹K, the first one past the modes, the modes (3N, 12) with ZᵀKZ = 1, and K Z."""
     count = _core.Blocks.modes
-    factors = factored(scaled)
+    factors = Factors(scaled, tissue.mesh.nodes[~tissue.held])
     inverse = LinearOperator(scaled.shape, matvec=factors.solve, dtype=np.float64)
     start = np.random.default_rng(0).standard_normal(scaled.shape[0])
     values, vectors = eigsh(scaled, count + 1, sigma=0, OPinv=inverse, v0=start, tol=1e-3)
     shape = np.zeros((K.shape[0], count))
-    shape[np.repeat(~held, 3)] = vectors[:, :count]
+    shape[np.repeat(~tissue.held, 3)] = vectors[:, :count]
     shape = root.T @ shape
     energy = shape.T @ (K @ shape)  # nearly diagonal; made exactly 1, so that settling is an exact minimum
     shape = np.ascontiguousarray(np.linalg.solve(np.linalg.cholesky((energy + energy.T) / 2), shape.T).T)

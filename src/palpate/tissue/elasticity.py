@@ -6,14 +6,14 @@ from typing import Any
 import numpy as np
 import skfem
 from numpy.typing import ArrayLike
-from scipy.sparse import csc_array, csr_array
-from scipy.sparse.linalg import SuperLU, splu
+from scipy.sparse import csr_array
 from skfem.helpers import ddot, sym_grad, trace
 
 from palpate.arrays import Float64, Int32
 from palpate.errors import MaterialError
 from palpate.meshes.mesh import TetMesh
 from palpate.tissue.contact import Answer, Contacts, contacts
+from palpate.tissue.factors import Factors
 from palpate.tissue.tissue import KPA, Tissue
 
 _ELEMENTS = {"P1": skfem.ElementTetP1, "P2": skfem.ElementTetP2}
@@ -48,11 +48,6 @@ def stiffness(space: Any, young: Float64, poisson: Float64) -> csr_array:
     return csr_array(K)
 
 
-def factored(K: Any) -> SuperLU:
-    """Sparse factors of a symmetric positive definite matrix."""
-    return splu(csc_array(K), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-
-
 class FiniteElements:
     """The elastic equilibrium of a tissue, factored once; `push` answers like a model, exactly.
 
@@ -72,9 +67,9 @@ class FiniteElements:
         self.free = np.setdiff1d(np.arange(self.K.shape[0]), self._held_unknowns())
 
     @cached_property
-    def factors(self) -> SuperLU:
+    def factors(self) -> Factors:
         """Of the stiffness among the unknowns that are not held."""
-        return factored(self.K[self.free][:, self.free])
+        return Factors(self.K[self.free][:, self.free], self.space.doflocs[:, self.free[::3]].T)
 
     def solve(self, load: Float64) -> Float64:
         """(unknowns, k) displacements under (unknowns, k) loads, held unknowns 0."""
