@@ -37,7 +37,7 @@ def kill(words, folder, after):
         until(lambda: after(folder) or run.poll() is not None)
     else:
         time.sleep(after)
-    os.kill(run.pid, signal.SIGKILL)
+    run.kill()  # SIGKILL
     run.communicate()
     return run.returncode
 
