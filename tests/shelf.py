@@ -33,6 +33,8 @@ def cut(path, share=0.6):
 
 def _stacks(folder):
     (folder / "file").write_text("a file where a folder is needed")
+    (folder / "breast-demo").mkdir()
+    (folder / "breast-demo" / "demo.txt").write_text("breast, palpate 0\n")
     (folder / "g.yaml").write_text(GEOMETRY)
     (folder / "raw.yaml").write_text(GEOMETRY + "stack: {dtype: uint16, shape: [3, 4, 5]}\n")
     (folder / "far.yaml").write_text(GEOMETRY.replace("600", "60_000"))

@@ -37,7 +37,7 @@ def kill(words, folder, after):
         until(lambda: after(folder) or run.poll() is not None)
     else:
         time.sleep(after)
-    os.kill(run.pid, signal.SIGKILL)
+    run.kill()  # SIGKILL
     run.communicate()
     return run.returncode
 
@@ -66,6 +66,8 @@ def read_whole(folder):
         elif name.endswith(".vtu"):
             assert path.read_text().rstrip().endswith("</VTKFile>")
             assert pp.read_mesh(path).volumes.min() > 0
+        elif name == "demo.txt":
+            assert path.read_text() == f"kidney, palpate {pp.__version__}\n"
         elif name.endswith(".html"):
             assert path.read_text().rstrip().endswith("</html>")
         else:
@@ -119,14 +121,14 @@ def test_a_checkpoint_of_another_run_is_refused_by_what_differs(scanned, folder)
 
 
 DEMO = "demo kidney --no-browser -o demo"
-MADE = ["ct.nii.gz", "kidney.vtu", "labels.nii.gz", "report.html", "tissue.vtu"]
+MADE = ["ct.nii.gz", "demo.txt", "kidney.vtu", "labels.nii.gz", "report.html", "tissue.vtu"]
 
 
 def test_demo_killed_at_random_moments_and_in_a_write_goes_on_to_the_end(tmp_path):
     demo = tmp_path / "demo"
-    kill(f"{DEMO} --resume", tmp_path, lambda f: half_written(demo))
+    kill(f"{DEMO} --resume", tmp_path, lambda f: (demo / "demo.txt").exists() and half_written(demo))
     assert abandoned(demo) != []
-    assert read_whole(demo) == []
+    assert read_whole(demo) == ["demo.txt"]
     for moment in MOMENTS:
         kill(f"{DEMO} --resume", tmp_path, moment)
         assert set(read_whole(demo)) <= set(MADE)

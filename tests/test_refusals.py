@@ -221,6 +221,11 @@ REFUSED = {
     "touch: truncated record": ("touch tissue.vtu --replay cut-session.h5", ["cut-session.h5", "truncated", "again"]),
     "touch: missing record": ("touch tissue.vtu --replay none.h5", ["none.h5", "no such file", "--record"]),
     "touch: impossible port": ("touch tissue.vtu --port 70000", ["70000", "1 to 65535", "--port"]),
+    "demo: a lump that is not there": ("demo kidney --training", ["--training", "kidney", "only the breast has"]),
+    "demo: what another demo left": (
+        "demo kidney --no-browser -o breast-demo",
+        ["breast-demo", "'breast, palpate", "not 'kidney", "choose another folder"],
+    ),
     "demo: unknown sample": ("demo liver", ["'liver'", "breast", "kidney"]),
 }
 

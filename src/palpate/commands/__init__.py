@@ -62,6 +62,6 @@ def main() -> None:
         sys.exit(1)
 
 
-def _note(message: Warning | str, category: type[Warning], *where: object) -> None:
+def _note(message: Warning | str, category: type[Warning], *where: object, **more: object) -> None:
     """What a library function warns of, as a line for people."""
     print(f"note: {message}", file=sys.stderr)

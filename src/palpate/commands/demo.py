@@ -47,6 +47,8 @@ def demo(
     """
     from palpate.server.serve import check_ready
 
+    if training and which is not Which.breast:
+        raise typer.BadParameter(f"{which.value} has no training lump; only the breast has", param_hint="--training")
     if browser and which is not Which.head:
         check_ready(port)
     folder = output or Path(tempfile.mkdtemp(prefix=f"palpate-{which.value}-"))
@@ -58,7 +60,5 @@ def demo(
         raise KeyboardInterrupt(f"go on with: {again}") from None
     typer.echo(f"report: {(folder / 'report.html').resolve()}")
     if browser and tissues:
-        name = "training" if training and "training" in tissues else next(iter(tissues))
+        name = "training" if training else next(iter(tissues))
         pp.touch(tissues[name], port=port, title=name)
-    elif training and "training" not in tissues:
-        typer.echo("palpate demo: only the breast has a training lump", err=True)

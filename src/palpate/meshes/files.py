@@ -141,12 +141,12 @@ def _valid(path: Path, stored: Any) -> TetMesh:
         tets[inverted] = tets[inverted][:, [0, 2, 1, 3]]
         warnings.warn(f"{path}: {np.count_nonzero(inverted)} of {len(tets)} tets were inverted: turned", stacklevel=4)
     _check_flat(nodes, tets, np.abs(volume))
-    _check_folds(nodes, tets)
     used, index = np.unique(tets, return_inverse=True)
     if len(used) < len(nodes):
         warnings.warn(f"{path}: {len(nodes) - len(used)} nodes belong to no tet: dropped", stacklevel=4)
     mesh = TetMesh(nodes[used], index.reshape(tets.shape), region, _names(stored, region))
     _check_skin(mesh)
+    _check_folds(mesh)
     return mesh
 
 
@@ -163,12 +163,12 @@ def _check_flat(nodes: Any, tets: Int64, volume: Any) -> None:
         )
 
 
-def _check_folds(nodes: Any, tets: Int64) -> None:
+def _check_folds(mesh: TetMesh) -> None:
     """Two tets lie on opposite sides of the face that they share, or the mesh is folded over and fills space twice."""
-    pairs = folds(tets)
+    pairs = folds(mesh.tets)
     if len(pairs):
         a, b = (int(t) for t in pairs[0])
-        where = nodes[tets[a]].mean(axis=0).round(2).tolist()
+        where = mesh.nodes[mesh.tets[a]].mean(axis=0).round(2).tolist()
         raise MeshError(
             f"inverted: {len(pairs)} pairs of tets overlap (first: tets {a} and {b}, both on one side of the face "
             f"that they share, near {where} mm); the mesh is folded there: mesh it again, or move that node back"
