@@ -173,7 +173,8 @@ void bind_simulation(nb::module_& m) {
             "frame", [](Driven& d) { return d.loop.frames.reading(); }, "The newest frame; from one thread only.")
         .def(
             "displacement", [](const Driven& d) { return rows(d.loop.now().u()); }, "(N, 3) mm; not while it runs")
-        .def("drain", &drain, "Commands obeyed and digests since the last call.")
+        .def("drain", &drain, nb::sig("def drain(self) -> tuple[typing.Any, ...]"),
+             "Commands obeyed and digests since the last call.")
         .def("dropped", [](const Driven& d) { return d.loop.obeyed.dropped() + d.loop.digests.dropped(); });
     m.def("sweep_seconds", &sweep_seconds, "model"_a, "surface"_a, "radius"_a,
           "Of the model's sweep, here and now, at best.");

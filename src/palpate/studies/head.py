@@ -149,6 +149,7 @@ def _scan_section(scan: Scan, measured: Float32, again: Float32, fits: Sequence[
 
 
 def _volume_section(volume: Volume, factor: float) -> Section:
+    inner = _about_the_axis(volume, 140.0)
     nz = volume.grid.shape[0]
     return Section(
         "Slices",
@@ -163,11 +164,20 @@ def _volume_section(volume: Volume, factor: float) -> Section:
                 "Coronal slices at eight depths.",
             ),
             (
-                three_planes(volume, [nz // 2, volume.grid.shape[1] // 2, volume.grid.shape[2] // 2]),
+                three_planes(inner, [nz // 2, inner.grid.shape[1] // 2, inner.grid.shape[2] // 2], up=True),
                 "Three planes through the isocentre. The views span 40°: depth is smeared in the second and third.",
             ),
         ],
     )
+
+
+def _about_the_axis(volume: Volume, reach: float) -> Volume:
+    """The part of a volume within `reach` mm of the z axis in x and y."""
+    y, x = (np.flatnonzero(np.abs(volume.grid.axis(name)) <= reach) for name in "yx")
+    g = volume.grid
+    origin = (g.axis("x")[x[0]], g.axis("y")[y[0]], g.origin[2])
+    values = volume.values[:, y[0] : y[-1] + 1, x[0] : x[-1] + 1]
+    return Volume(values, Grid(values.shape, g.spacing, origin))
 
 
 def _prediction_section(scores: Float64, null: Sequence[Score | None]) -> Section:

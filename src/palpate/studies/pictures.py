@@ -28,17 +28,15 @@ def projections(values: AnyArray, titles: Sequence[str], marks: Float64 | None =
     return figure
 
 
-def slices(
-    volume: Volume, z: Sequence[int], labels: Labels | None = None, window: tuple[float, float] | None = None
-) -> Figure:
-    """Slices z of a volume, with the outlines of labels if given."""
+def slices(volume: Volume, z: Sequence[int], window: tuple[float, float] | None = None, up: bool = False) -> Figure:
+    """Slices z of a volume; up: y grows upwards."""
     shown = volume.values[list(z)]
     figure = _row(len(z), shown.shape[1] * volume.grid.spacing[1] / (shown.shape[2] * volume.grid.spacing[2]))
     low, high = window or (0.0, float(np.percentile(shown, 99.8)))
     for axes, k in zip(figure.axes, z, strict=True):
         _picture(axes, volume.values[k], volume.grid.spacing[1] / volume.grid.spacing[2], low, high)
-        if labels is not None:
-            _outlines(axes, labels.values[k])
+        if up:
+            axes.invert_yaxis()
         axes.set_title(f"z = {volume.grid.axis('z')[k]:.1f} mm", fontsize=9, color=INK)
     return figure
 
@@ -49,8 +47,12 @@ def three_planes(
     labels: Labels | None = None,
     window: tuple[float, float] | None = None,
     reach: float | None = None,
+    up: bool = False,
 ) -> Figure:
-    """The three planes through voxel (z, y, x), to one scale; reach: mm shown on either side of it (all if None)."""
+    """The three planes through voxel (z, y, x), to one scale; reach: mm shown on either side of it (all if None).
+
+    up: y grows upwards, as a patient stands, instead of downwards, as a patient lies.
+    """
     grid = volume.grid
     low, high = window or (0.0, float(np.percentile(volume.values, 99.8)))
     shown = [
@@ -68,7 +70,7 @@ def three_planes(
         axes.set_title(f"{'zyx'[cut]} = {grid.axis('zyx'[cut])[index[cut]]:.1f} mm", fontsize=9, color=INK)
         if labels is not None:
             _outlines(axes, np.take(labels.values, index[cut], axis=cut)[shown[down], shown[across]])
-        if down == 0:
+        if down == 0 or up:
             axes.invert_yaxis()
     return figure
 
