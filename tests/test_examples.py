@@ -1,16 +1,21 @@
-"""The example at the head of each command's help works as it stands."""
+"""What we tell people to type works: the example in each help, the README, and examples/."""
 
 import os
 import re
+import shlex
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
-from running import ended, interrupted, start
+from running import HERE, ended, interrupted, start
 
 import palpate as pp
 from palpate.samples import sample
 
+ROOT = Path(__file__).parents[1]
 SAMPLES = {name: sample("abdomen") / name for name in ("ct.nii.gz", "labels.nii.gz", "label_names.json")}
 
 
@@ -139,3 +144,56 @@ def test_doctor_names_what_is_missing_and_fails(monkeypatch, capsys, tmp_path):
     assert "meshio missing; install it: pip install meshio" in result.output
     assert "page: missing" in result.output
     assert "browser: none found here" in result.output
+
+
+def blocks(language):
+    """The README's code in one language."""
+    return re.findall(rf"^```{language}\n(.*?)^```", (ROOT / "README.md").read_text(), re.MULTILINE | re.DOTALL)
+
+
+COMMANDS = [line for block in blocks("sh") for line in block.splitlines() if line.startswith("palpate ")]
+
+
+def test_the_readme_shows_the_whole_way():
+    shown = {line.split()[1] for line in COMMANDS}
+    assert shown == {"demo", "scan", "reconstruct", "segment", "mesh", "fit", "touch"}
+
+
+@pytest.mark.parametrize("line", COMMANDS)
+def test_each_command_of_the_readme_has_these_options(line):
+    import typer
+    from typer.main import get_command
+
+    from palpate.commands import app
+
+    words = shlex.split(line, comments=True)
+    command, context = get_command(app), None
+    while hasattr(command, "commands"):  # a group
+        context = typer.Context(command, parent=context, info_name=words.pop(0))
+        command = command.get_command(context, words[0])
+        assert command is not None, words
+    command.make_context(words.pop(0), words, parent=context)  # reads all the words, and refuses what it does not know
+
+
+def test_the_readmes_python_works(monkeypatch):
+    """As it stands, but for voxels and elements so coarse that it takes seconds."""
+    (code,) = blocks("python")
+    reconstruct, tetrahedralize, touched = pp.reconstruct, pp.tetrahedralize, []
+    coarse = {"spacing": 3.0, "levels": 1}
+    monkeypatch.setattr(pp, "reconstruct", lambda scan, **given: reconstruct(scan, **given | coarse))
+    monkeypatch.setattr(pp, "tetrahedralize", lambda *given, **more: tetrahedralize(*given, **more | {"edge": 14.0}))
+    monkeypatch.setattr(pp, "touch", touched.append)
+    names = {}
+    exec(code, names)
+    assert touched == [names["tissue"]]
+    force = names["answer"].force
+    assert np.linalg.norm(force) < 2 * force[2] < 2  # soft tissue pushes up with tenths of a newton
+    assert force[2] > 0.02
+
+
+def test_the_example_program_ends_with_a_force():
+    done = subprocess.run(
+        [sys.executable, ROOT / "examples" / "from_python.py", "--quick"], env=HERE, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    assert 0.02 < float(re.search(r"pushes back with ([\d.]+) N", done.stdout)[1]) < 1
