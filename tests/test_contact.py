@@ -160,3 +160,19 @@ def test_felt_stiffness_does_not_ripple_as_the_contact_slides(name):
     smooth = np.polyval(np.polyfit(s, stiffness, 2), s)  # the cube itself is softer near its rim
     assert np.ptp(stiffness - smooth) / stiffness.mean() < 0.05
     assert np.ptp(stiffness) / stiffness.mean() < 0.10
+
+
+@pytest.mark.parametrize("name", ["springs", "blocks"])
+def test_nor_does_it_on_a_mesh_by_stuffing(name):
+    """Irregular elements of 5 mm below a flat face; what is left when the slow change towards the rim is taken out."""
+    grid = pp.Grid((28, 28, 28), (2, 2, 2))
+    values = np.zeros(grid.shape, dtype=int)
+    values[3:25, 2:26, 2:26] = 1
+    mesh = pp.tetrahedralize(pp.Labels(values, grid), 1, 5.0)
+    tissue, s = pp.Tissue(mesh, 5.0, 0.45, pp.resting_on(mesh, (0, 0, -1), depth=2.0)), np.linspace(0, 1, 60)
+    path = np.stack([14 + 23 * s, 21 + 9 * s, np.full(60, mesh.nodes[:, 2].max())], axis=1)
+    model = pp.model(tissue, name)
+    stiffness = np.array([model.push(p, [0, 0, -1.0], 10.0, tolerance=0.01).force[2] for p in path])
+    smooth = np.polyval(np.polyfit(s, stiffness, 2), s)
+    assert stiffness.min() > 0.05
+    assert np.ptp(stiffness - smooth) / stiffness.mean() < 0.10
