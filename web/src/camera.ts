@@ -3,10 +3,11 @@ import { PerspectiveCamera, Vector3 } from "three";
 import { add, minus, times } from "./geometry";
 import type { Vector } from "./messages";
 
-const START = { yaw: -0.5, pitch: 0.42 }; // from the front (-y, a patient's belly), a little to the side and above
+const START = { yaw: -0.5, pitch: 0.42 }; // from the front, a little to the side and above
 
 export class Turntable {
   readonly camera = new PerspectiveCamera(32, 1, 1, 10000);
+  private front = 0; // yaw from which the organ is seen from the front; 0 is -y, a patient's belly
   private yaw = START.yaw;
   private pitch = START.pitch;
   private distance = 1;
@@ -19,14 +20,16 @@ export class Turntable {
   }
 
   /** Looks at a ball. */
-  frame(centre: Vector, size: number): void {
+  frame(centre: Vector, size: number, front: number): void {
     this.centre = centre;
+    this.front = front;
     this.size = size;
     this.reset();
   }
 
   reset(): void {
-    Object.assign(this, START);
+    this.yaw = this.front + START.yaw;
+    this.pitch = START.pitch;
     this.target = [...this.centre];
     const narrow = Math.min(1, this.camera.aspect);
     this.distance = (1.02 * this.size) / (Math.sin((this.camera.fov * Math.PI) / 360) * narrow);

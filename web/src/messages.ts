@@ -111,4 +111,5 @@ export interface Scene {
   limit: number;
   rate: number;
   replay: boolean;
+  front: number;
 }

@@ -71,16 +71,16 @@ export class View {
     this.world.add(this.skin, this.veil, this.wire, ...this.inner);
     this.style();
     this.paint();
-    if (!same) this.frame(rest);
+    if (!same) this.frame(rest, scene.front);
   }
 
-  private frame(rest: Float32Array): void {
+  private frame(rest: Float32Array, front: number): void {
     const low: Vector = [Infinity, Infinity, Infinity], high: Vector = [-Infinity, -Infinity, -Infinity];
     rest.forEach((x, i) => ((low[i % 3] = Math.min(low[i % 3], x)), (high[i % 3] = Math.max(high[i % 3], x))));
     const centre = low.map((x, k) => (x + high[k]) / 2) as Vector;
     this.size = Math.hypot(...low.map((x, k) => high[k] - x)) / 2;
     this.thin = Math.min(...low.map((x, k) => high[k] - x));
-    this.turntable.frame(centre, this.size);
+    this.turntable.frame(centre, this.size, front);
   }
 
   /** Takes a frame in (pressing: by the tool that feels); gives the shape it no longer needs. */

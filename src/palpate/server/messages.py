@@ -69,7 +69,8 @@ class Scene:
     """Server to page, once, as JSON of `header` bytes (a 32-bit number before it), padded with blanks to 4 bytes.
 
     Then (nodes, 3) float32 mm at rest, then (triangles, 3) 32-bit whole numbers, normals outwards. reach: mm, the
-    longest displacement that a tool may ask for. limit: N, what a device is pushed with at most.
+    longest displacement that a tool may ask for. limit: N, what a device is pushed with at most. front: radians about z
+    from -y towards +x, the side from which to look first.
     """
 
     title: str
@@ -83,6 +84,7 @@ class Scene:
     limit: float
     rate: int
     replay: bool
+    front: float
 
 
 BINARY: list[type] = [Tool, Frame]

@@ -16,6 +16,14 @@ def reach(session: Session) -> float:
     return float(np.linalg.norm(np.ptp(session.mesh.nodes, axis=0)) / 2)
 
 
+def front(session: Session) -> float:
+    """The side away from what is held, radians about z from -y towards +x; 0 (a patient's belly) if it is held below."""
+    nodes = session.mesh.nodes
+    x, y, _ = nodes.mean(axis=0) - nodes[session.model.tissue.fixed].mean(axis=0)
+    aside = np.hypot(x, y) > 0.1 * np.ptp(nodes, axis=0)[:2].min()
+    return float(np.arctan2(x, -y)) if aside else 0.0
+
+
 def scene_bytes(session: Session, title: str, replay: bool = False) -> bytes:
     """The scene as `messages.Scene` says."""
     mesh, shown = session.mesh, session.shown
@@ -34,6 +42,7 @@ def scene_bytes(session: Session, title: str, replay: bool = False) -> bytes:
         limit=session.settings.limit,
         rate=RATE,
         replay=replay,
+        front=front(session),
     )
     text = json.dumps(asdict(header)).encode()
     text += b" " * (-len(text) % 4)

@@ -76,11 +76,12 @@ def touch(
     with contextlib.closing(listener):
         check_page()
         session = Session(build(tissue, model), radius=radius) if replay is None else like(replay, tissue)
-        with serving(session, listener, title=title, replay=replay) as address:
+        # Listened for before anyone can know the address: whoever sees it may press Ctrl-C at once.
+        with end_asked() as ended, serving(session, listener, title=title, replay=replay) as address:
             announce(address, session)
             if open_browser and has_display():
                 webbrowser.open(address)
-            wait_for_interrupt()
+            ended.wait()
     print("\npalpate: closed")
     if record is not None:
         write_record(record, session.record())
@@ -93,17 +94,20 @@ def check_ready(port: int | None) -> None:
     check_page()
 
 
-def wait_for_interrupt() -> None:
-    """Until Ctrl-C, or until the system asks the process to end: either way the session is closed and recorded."""
+@contextlib.contextmanager
+def end_asked() -> Iterator[threading.Event]:
+    """An event that Ctrl-C sets, or the system's wish that the process end: either way all is closed and recorded."""
     ended = threading.Event()
-    in_main = threading.current_thread() is threading.main_thread()
-    before = signal.signal(signal.SIGTERM, lambda *_: ended.set()) if in_main else None
+    if threading.current_thread() is not threading.main_thread():
+        yield ended
+        return
+    wishes = (signal.SIGINT, signal.SIGTERM)
+    before = {wish: signal.signal(wish, lambda *_: ended.set()) for wish in wishes}
     try:
-        with contextlib.suppress(KeyboardInterrupt):
-            ended.wait()
+        yield ended
     finally:
-        if in_main:
-            signal.signal(signal.SIGTERM, before)
+        for wish, handler in before.items():
+            signal.signal(wish, handler)
 
 
 def like(record: Record, tissue: Tissue) -> Session:
