@@ -1,5 +1,6 @@
 """The demos end to end, judged against the raw data and by independent readers of their files."""
 
+import re
 import subprocess
 import sys
 
@@ -120,6 +121,19 @@ def test_the_model_reproduces_what_the_lump_adds(breast, name, felt):
     assert (found.stiff > found.plain - 1e-9).all()  # stiffer inside cannot be softer to the touch
     assert found.model_gap < 0.10
     assert (found.difference.max() > 0.08) == felt  # the least published threshold
+
+
+def test_its_report_says_what_is_assumed_added_and_felt(breast):
+    report = " ".join((breast[0] / "report.html").read_text().split())
+    for words in ("Assumed: the breast rests on the panel", "held still", "has no stiffness: a carcinoma is assumed"):
+        assert words in report
+    lesion, training = re.split("The training lump: added by us", report)
+    assert "not in the data" in training
+    assert "a hand could not tell it by force" in lesion
+    assert "a hand could not tell" not in training
+    for source in ("Percept. Psychophys.", "IEEE Trans. Haptics", "Exp. Brain Res."):  # the thresholds' papers
+        assert source in lesion
+        assert source in training
 
 
 @pytest.fixture(scope="module")
