@@ -45,7 +45,7 @@ def head(stages: Stages) -> Mapping[str, Tissue]:
     coarse, grid = levels[1]
     prior = softened(coarse, grid, factor)
     volume, _ = reconstructed(
-        stages, coarse, grid, levels=3, likelihood="least-squares", prior=prior, iterations=(15, 25, 40)
+        stages, coarse, grid, levels=3, likelihood="least-squares", prior=prior, iterations=(8, 15, 25)
     )
     measured, region = line_integrals(scan), judged(scan)
     again = Projector(scan.views, grid)(volume.values)
@@ -79,7 +79,7 @@ def left_out(scan: Scan, coarse: Scan, grid: Grid, stages: Stages) -> Float64:
         for i, factor in enumerate(FACTORS):
             prior = softened(others, grid, factor)
             *_, last = iterates(
-                others, grid, levels=1, likelihood="least-squares", prior=prior, iterations=15, start=start
+                others, grid, levels=1, likelihood="least-squares", prior=prior, iterations=8, start=start
             )
             start = last.volume
             scores[i, k] = scored(Projector(scan.views[[k]], grid)(last.volume.values)[0], scan, k)
