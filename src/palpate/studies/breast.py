@@ -1,7 +1,5 @@
 """The main demo: photon counts of seven views to a breast whose lesion can be felt."""
 
-import json
-import re
 from collections.abc import Mapping
 
 import numpy as np
@@ -11,7 +9,6 @@ from palpate.arrays import Float64, Int32
 from palpate.meshes.mesh import TetMesh
 from palpate.reconstruction.cover import covering_grid
 from palpate.reconstruction.step import Step
-from palpate.samples import sample
 from palpate.scans.files import read_scan, write_scan
 from palpate.scans.importers import import_scan
 from palpate.scans.scan import Scan
@@ -29,6 +26,7 @@ from palpate.volumes.segment import segment
 from palpate.volumes.volume import Labels, Volume
 
 BREAST, LESION = 1, 2
+SLICES, DEPTH = 64, 0.8  # mm; the compressed thickness in the author's slices (samples/breast/geometry.json)
 EDGE = 7.0  # mm, of the mesh away from the lesion
 POISSON = 0.45  # nearly incompressible, as far as P1 elements go without locking
 TRAINING_RADIUS, TRAINING_DEPTH = 8.0, 12.0  # mm; a lump made up for practice, its centre below the skin
@@ -66,13 +64,10 @@ def breast(stages: Stages) -> Mapping[str, Tissue]:
 
 
 def field(scan: Scan) -> Grid:
-    """The box that the views share, in slices of 0.8 mm between panel and compression plate, as the data's author says."""
-    given = json.loads((sample("breast") / "geometry.json").read_text())["suggested_grid"]
-    count, depth = (float(number) for number in re.findall(r"x ([0-9.]+)", given)[1::2])
-    wide = covering_grid(scan.views, thickness=10 * depth * count, spacing=0.4)
-    low = wide.bounds[0]
-    origin = (wide.origin[0], wide.origin[1], low[2] + 5 * depth)
-    return Grid((count, *wide.shape[1:]), (10 * depth, *wide.spacing[1:]), origin)
+    """The box that the views share, from the panel up to the compression plate."""
+    wide = covering_grid(scan.views, thickness=SLICES * DEPTH, spacing=0.4)
+    origin = (wide.origin[0], wide.origin[1], wide.bounds[0][2] + DEPTH / 2)
+    return Grid((SLICES, *wide.shape[1:]), (DEPTH, *wide.spacing[1:]), origin)
 
 
 def found_labels(stages: Stages, volume: Volume) -> tuple[Labels, Inclusion]:
