@@ -1,4 +1,4 @@
-"""The main demo: photon counts of seven views to a breast whose lesion can be felt."""
+"""The main demo: photon counts of seven views to a breast you can touch, and what a hand would feel of its lesion."""
 
 from collections.abc import Mapping
 

@@ -70,7 +70,11 @@ def softened(scan: Scan, grid: Grid, factor: float) -> Prior:
 
 
 def left_out(scan: Scan, coarse: Scan, grid: Grid, stages: Stages) -> Float64:
-    """Scores (factors, views, 2) of each view predicted from the others at each strength, judged on the full panel."""
+    """Scores (factors, views, 2) of each view predicted from the others at each strength, judged on the full panel.
+
+    Each strength goes on from the stronger one before it, so weaker ones are nearer to their minimum: the choice is of
+    strength and effort together.
+    """
     scores = np.empty((len(FACTORS), len(scan.views), 2))
     for k in range(len(scan.views)):
         stages.progress(f"view {k} predicted from the others", k / len(scan.views))
@@ -193,7 +197,8 @@ def _prediction_section(scores: Float64, null: Sequence[Score | None]) -> Sectio
         [
             "Each view is predicted from the ten others, with 4 mm voxels; the prior's strength is the one that best "
             "predicts the other views. Correlation with what was measured there, full band and without what is coarser than "
-            "about 8 pixels.",
+            "about 8 pixels. Strengths are tried from strong to weak, eight iterations each, going on from the one before: "
+            "weaker ones are nearer to their minimum, and the choice is of strength and effort together.",
             "The null score is the mean of the two neighbouring views, 4° away on either side: hard to beat, since "
             "neighbours share almost everything.",
         ],
