@@ -56,7 +56,7 @@ def main() -> None:
         x = np.random.default_rng(0).random(grid.shape, dtype=np.float32)
         p = A(x)
         forward, back = best(lambda: A(x, out=p)), best(lambda: A.T(p, out=x))  # noqa: B023
-        subs = [A.geometry.subs(view) for view in range(len(views))]
+        subs = [A.geometry.products(view) for view in range(len(views))]
         rate = grid.size * len(views) / forward[1] / 1e9
         print(
             f"{name:14} {min(subs):5}-{max(subs):<5} {forward[0]:9.3f} {forward[1]:9.3f} {back[0]:9.3f} {back[1]:9.3f}"

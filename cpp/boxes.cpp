@@ -83,8 +83,8 @@ Layout::Layout(const View& view) {
 }
 
 void PackedAxis::make(const Geometry& geometry, const View& view, int z, Axis axis, int multiple, int pixels) {
-    std::vector<AxisWeights> parts(view.subs);
-    subs = view.subs;
+    std::vector<AxisWeights> parts(products(view));
+    subs = products(view);
     for (int s = 0; s < subs; s++) by_voxel(geometry, view, z, s, axis, parts[s]);
     const int n = parts[0].n;
     first.assign(n, 0);

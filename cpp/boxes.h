@@ -1,17 +1,10 @@
 #pragma once
-#include "dispatch.h"
 #include "footprint.h"
-#include <cstring>
+#include "lanes.h"
 
 namespace palpate {
 
-// Eight floats in one register (or two): sums stay in fixed lanes, so their order is the same for any instruction set.
-typedef float Lanes __attribute__((vector_size(32)));
-constexpr int lanes = 8;
 constexpr int column_padding = 16; // floats beyond the last column of an image, so that whole vectors fit
-PALPATE_INLINE void load(Lanes& v, const float* p) { std::memcpy(&v, p, sizeof v); }
-PALPATE_INLINE void store(float* p, const Lanes& v) { std::memcpy(p, &v, sizeof v); }
-PALPATE_INLINE float total(const Lanes& v) { return ((v[0] + v[4]) + (v[1] + v[5])) + ((v[2] + v[6]) + (v[3] + v[7])); }
 
 // How the descent keeps a view. Where the rows of the image can follow the rows of the volume, a footprint is a small
 // box of whole vectors; weights then leave out the length of the ray's path, which the image holds. Elsewhere (tilted

@@ -19,7 +19,7 @@ Paraboloid::Paraboloid(const Geometry& geometry, const float* slope, const float
             for (int64_t row = 0; row < layout.rows; row++)
                 for (int64_t column = 0; column < layout.columns; column++) {
                     const int64_t pixel = layout.start + row * layout.down + column * layout.right;
-                    const float path = layout.boxed ? v.path[pixel] : 1;
+                    const float path = layout.boxed ? v.path(pixel) : 1;
                     image.slope[row * image.stride + column] = h1[pixel] * path;
                     image.curvature[row * image.stride + column] = h2[pixel] * path * path;
                 }
