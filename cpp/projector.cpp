@@ -204,9 +204,10 @@ void add_slice(const Source& source, const Spans& rows, const Spans& columns, Sc
 // Calls for what the next slice will be asked: nearly the same rows and columns. Its rows lie too far apart for the
 // hardware to foresee.
 void await(const float* slice, int64_t stride, const Spans& rows, const Spans& columns) {
-    for (int row = rows.begin; row < rows.end; row++)
-        for (int column = columns.begin; column < columns.end + line; column += line)
-            __builtin_prefetch(slice + row * stride + column, 0, 2);
+    const float* from = slice + rows.begin * stride + columns.begin;
+    const int lines = (columns.end - columns.begin + line - 1) / line;
+    for (int row = rows.begin; row < rows.end; row++, from += stride)
+        for (int i = 0; i <= lines; i++) __builtin_prefetch(from + i * line, 0, 2);
 }
 
 // Rows `b0` to b1 of a view's image, from all slices. image: measured pixels, or the fine ones of a tilted panel.
