@@ -59,8 +59,8 @@ def main() -> None:
         products = [A.geometry.products(view) for view in range(len(views))]
         rate = grid.size * len(views) / forward[1] / 1e9
         print(
-            f"{name:14} {min(products):5}-{max(products):<5} {forward[0]:9.3f} {forward[1]:9.3f} {back[0]:9.3f} {back[1]:9.3f}"
-            f" {rate:9.2f}"
+            f"{name:14} {min(products):5}-{max(products):<5} {forward[0]:9.3f} {forward[1]:9.3f}"
+            f" {back[0]:9.3f} {back[1]:9.3f} {rate:9.2f}"
         )
 
 

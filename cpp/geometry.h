@@ -59,9 +59,9 @@ struct View {
     double height, rise, run; // z of column a is height + a * pa * rise, its x is left + a * pa * run (run > 0)
     int na, nb;
     int64_t start, step_a, step_b;
-    Resampling resampling;   // empty unless tilted
-    int subs;    // sub-slices a slice
-    int moments; // products of 1-D weights a sub-slice: see AxisWeights
+    Resampling resampling; // empty unless tilted
+    int subs;              // sub-slices a slice
+    int moments;           // products of 1-D weights a sub-slice: see AxisWeights
     Path path;
 };
 

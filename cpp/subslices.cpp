@@ -86,7 +86,8 @@ struct Tally {
 void cut(const Geometry& g, View& v) {
     const Grid grid = g.seen_by(v);
     Resampling kept = std::move(v.resampling);
-    const View bare = v; // without the resampling, which the weights do not read; rows as on a turned panel's first column
+    const View bare =
+        v; // without the resampling, which the weights do not read; rows as on a turned panel's first column
     v.resampling = std::move(kept);
     const int moments = v.pose == Pose::turned ? 1 : most_moments;
     const int slices[3] = {0, g.grid.nz / 2, g.grid.nz - 1};

@@ -69,7 +69,7 @@ void by_voxel(const Geometry& geometry, const View& view, int z, int product, Ax
     out.weight.assign(size_t(taps) * n, 0);
     // No tap leaves the panel: those before the shadow weigh nothing.
     for (int i = 0; i < n; i++) out.first[i] = std::min(out.first[i], count - taps);
-    for (int t = 0; t < taps; t++) 
+    for (int t = 0; t < taps; t++)
         trapezoids(from, to, begin, end, t, moment, out.first.data(), &out.weight[size_t(t) * n]);
 }
 

@@ -45,13 +45,13 @@ struct Shadow {
 enum class Axis { x, y };
 Shadow shadow(const Geometry& geometry, const View& view, int z, int sub, Axis axis);
 
-// What the voxels of one slice weigh along one axis of a view's image. The footprint of voxel (z, y, x) in a view is the
-// sum over sub-slices and moments of (along y)[y] x (along x)[x], through the resampling if the panel is tilted, times
-// path(pixel). Moment 0 is the part of each pixel's width under the shadow of each voxel, averaged over the thickness (a
-// trapezoid). Its product is exact if the shadow moves along one axis only; where it moves along both, the moves go
-// together, and the higher moments (of either sign) make up for that: the mean over the thickness of a product is the
-// sum of the products of Legendre moments. On a turned panel the weights along y differ by column (see Rows) and there
-// is moment 0 alone. x and y are those that the view sees (View::swapped).
+// What the voxels of one slice weigh along one axis of a view's image. The footprint of voxel (z, y, x) in a view is
+// the sum over sub-slices and moments of (along y)[y] x (along x)[x], through the resampling if the panel is tilted,
+// times path(pixel). Moment 0 is the part of each pixel's width under the shadow of each voxel, averaged over the
+// thickness (a trapezoid). Its product is exact if the shadow moves along one axis only; where it moves along both, the
+// moves go together, and the higher moments (of either sign) make up for that: the mean over the thickness of a product
+// is the sum of the products of Legendre moments. On a turned panel the weights along y differ by column (see Rows) and
+// there is moment 0 alone. x and y are those that the view sees (View::swapped).
 //
 // weight[t * n + i] belongs to the pair (i, first[i] + t); entries beyond the other axis are 0. Both directions hold
 // the same numbers, so what uses one is the exact transpose of what uses the other.
