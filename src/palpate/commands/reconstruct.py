@@ -18,8 +18,21 @@ class Method(StrEnum):
 
     map = "map"
     ml = "ml"
+    tv = "tv"
     sirt = "sirt"
+    sart = "sart"
+    fbp = "fbp"
     backprojection = "backprojection"
+
+
+class WindowName(StrEnum):
+    """Tapers of the ramp."""
+
+    hann = "hann"
+    hamming = "hamming"
+    cosine = "cosine"
+    shepp_logan = "shepp-logan"
+    ram_lak = "ram-lak"
 
 
 class PriorName(StrEnum):
@@ -59,11 +72,16 @@ def reconstruct_command(
     method: Annotated[Method, typer.Option(help="map has a prior, ml none.")] = Method.map,
     likelihood: Annotated[LikelihoodName, typer.Option(help="Counts, or intensities.")] = LikelihoodName.poisson,
     prior: Annotated[PriorName, typer.Option(help="How neighbours are held together.")] = PriorName.lange,
-    strength: Annotated[float | None, typer.Option(help="Of the prior, 1/mm. Default: from the data.")] = None,
+    strength: Annotated[
+        float | None, typer.Option(help="Of the prior, 1/mm, or of tv. Default: from the data.")
+    ] = None,
     edge: Annotated[float | None, typer.Option(help="Difference that is kept, 1/mm. Default: from the data.")] = None,
     start: Annotated[Start, typer.Option(help="Of the coarsest level.")] = Start.backprojection,
     iterations: Annotated[int, typer.Option(help="At most so many a level.")] = 50,
     tolerance: Annotated[float, typer.Option(help="A level ends when an iteration gains less than this share.")] = 1e-3,
+    window: Annotated[WindowName, typer.Option(help="Of fbp's ramp.")] = WindowName.hann,
+    cutoff: Annotated[float, typer.Option(help="Where fbp's ramp ends, share of the Nyquist frequency.")] = 1.0,
+    relaxation: Annotated[float, typer.Option(help="Of sart, between 0 and 2; less for noise.")] = 1.0,
     resume: Annotated[bool, typer.Option("--resume", help="Go on from the checkpoint beside the output.")] = False,
     checkpoint_every: Annotated[int, typer.Option(help="Iterations between checkpoints.")] = 5,
 ) -> None:
@@ -88,6 +106,9 @@ def reconstruct_command(
         "prior": pp.Prior(prior.value, strength, edge),
         "start": start.value,
         "tolerance": tolerance,
+        "window": window.value,
+        "cutoff": cutoff,
+        "relaxation": relaxation,
     }
     run = fingerprint(measured, {"grid": grid, **options})
     last = read_checkpoint(beside, run) if resume else None
