@@ -86,7 +86,7 @@ def test_it_is_linear_in_the_line_integrals(motion):
 
 
 def test_a_shifted_shadow_is_a_shifted_slice():
-    """One slice whose voxels cast shadows of one pixel: three pixels on, three voxels on, to twice the projector's tolerance."""
+    """Voxels that cast shadows of one pixel: three pixels on, three voxels on, to twice the projector's tolerance."""
     views = pp.linear_views(panel(80), length=300, height=1000, count=9)
     grid = pp.Grid((1, 40, 40), (4, 0.96, 0.96), (-19.5 * 0.96, -19.5 * 0.96, 40))
     rng, p = np.random.default_rng(1), np.zeros(views.shape, np.float32)

@@ -150,7 +150,7 @@ def _convolved(p: Float32, axes: list[int], response: Float64) -> Float32:
         padded = np.concatenate([padded, last + (first - last) * across], axis)
     spectrum = fft.rfftn(padded, axes=axes)
     back = fft.irfftn(spectrum * response.astype(np.float32), [padded.shape[a] for a in axes], axes=axes)
-    filtered: Float32 = back[: p.shape[0], : p.shape[1]].astype(np.float32)
+    filtered: Float32 = np.ascontiguousarray(back[: p.shape[0], : p.shape[1]], np.float32)
     return filtered
 
 
@@ -163,8 +163,7 @@ def _filled(p: Float32, measured: Bool) -> Float32:
     if measured.all() or not measured.any():
         return p
     rows, columns = distance_transform_edt(~measured, return_distances=False, return_indices=True)
-    filled: Float32 = p[rows, columns]
-    return filled
+    return np.asarray(p[rows, columns], np.float32)
 
 
 def _cosine(source: Float64, panel: Panel) -> Float32:
@@ -173,7 +172,8 @@ def _cosine(source: Float64, panel: Panel) -> Float32:
     v = foot @ panel.row_axis + panel.pitch[0] * np.arange(panel.shape[0])
     u = foot @ panel.column_axis + panel.pitch[1] * np.arange(panel.shape[1])
     h = foot @ panel.normal
-    return (abs(h) / np.sqrt(h * h + v[:, None] ** 2 + u**2)).astype(np.float32)
+    cosine: Float32 = (abs(h) / np.sqrt(h * h + v[:, None] ** 2 + u**2)).astype(np.float32)
+    return cosine
 
 
 def _heights(views: Views) -> Float64:

@@ -65,13 +65,15 @@ def denoised(
     z: Float32, steep: Float32, weight: np.float32, q: Float32, grid: Grid, steps: int
 ) -> tuple[Float32, Float32]:
     """argmin over x >= 0 of Σ steep (x − z)²/2 + weight Σ |∇x|, and its dual (3, z, y, x), |q| <= 1, which starts at q."""
+    if weight == 0:
+        return np.maximum(z, 0), q
     least = steep.copy()  # of a voxel and the neighbours that its differences reach
     for axis in range(3):
         here = [slice(None)] * 3
         there = [slice(None)] * 3
         here[axis], there[axis] = slice(None, -1), slice(1, None)
         np.minimum(least[tuple(here)], steep[tuple(there)], out=least[tuple(here)])
-    rate = least / np.float32(4 * sum(1 / d**2 for d in grid.spacing) * max(float(weight), 1e-30))
+    rate = least / np.float32(4 * sum(1 / d**2 for d in grid.spacing) * float(weight))
     share = weight / steep
     r, t = q, 1.0
     for _ in range(steps):
