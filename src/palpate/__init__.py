@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from palpate.reconstruction.projector import Projector as Projector
     from palpate.reconstruction.reconstruct import iterates as iterates
     from palpate.reconstruction.reconstruct import reconstruct as reconstruct
+    from palpate.reconstruction.region import local_scan as local_scan
+    from palpate.reconstruction.region import region_grid as region_grid
     from palpate.reconstruction.sart import sart as sart
     from palpate.reconstruction.step import Step as Step
     from palpate.reconstruction.tv import tv as tv
@@ -125,6 +127,8 @@ _HOME = {
     "tv": "reconstruction.tv",
     "iterates": "reconstruction.reconstruct",
     "reconstruct": "reconstruction.reconstruct",
+    "region_grid": "reconstruction.region",
+    "local_scan": "reconstruction.region",
     "TetMesh": "meshes.mesh",
     "tetrahedralize": "meshes.stuffing",
     "mesh_quality": "meshes.quality",
