@@ -71,7 +71,7 @@ def local_scan(scan: Scan, grid: Grid, region: Grid, outside: Volume | None = No
 def around(scan: Scan, grid: Grid, *, halvings: int = 1, levels: int = 3, **options: Any) -> Iterator[Step]:
     """Every iterate of the full field at a resolution halved `halvings` times; levels and options as for `iterates`.
 
-    One halving leaves a region about as good as if all were fine; two cost a fraction, and the region's rim suffers. Fewer are
+    One halving leaves a region about as good as if all were fine; two cost a fraction and the rim suffers. Fewer are
     taken, and fewer levels, where less than 8 voxels or pixels a side would be left. Raises `DataError`.
     """
     if halvings < 0 or halvings != int(halvings):
