@@ -141,7 +141,7 @@ def test_the_object_is_found(scan):
     """Prior and likelihood beat the baselines; the ball stands out at its place."""
     truth = BODY.volume(GRID).values
     wrong = {}
-    for method in ("map", "backprojection", "sirt"):
+    for method in ("map", "backprojection", "sirt", "sart", "fbp"):
         made = pp.reconstruct(scan, GRID, method=method, prior=PRIOR, tolerance=1e-4, iterations=60).values
         wrong[method] = np.linalg.norm(made - truth) / np.linalg.norm(truth)
         if method == "map":
@@ -151,7 +151,9 @@ def test_the_object_is_found(scan):
             column, expected = made.sum(axis=0) * 2, truth.sum(axis=0) * 2
             assert column[10:22, 12:28].mean() == pytest.approx(expected[10:22, 12:28].mean(), rel=0.03)
     assert wrong["map"] < wrong["sirt"]
+    assert wrong["map"] < wrong["sart"]
     assert wrong["map"] < wrong["backprojection"]
+    assert wrong["map"] < wrong["fbp"]
 
 
 def test_backprojection_of_a_uniform_box_is_that_box():
@@ -289,6 +291,9 @@ def test_a_grid_is_chosen_where_the_thickness_is_known(scan):
         ({"levels": 0}, ("levels", "0", "at least 1")),
         ({"iterations": 0}, ("iterations", "0", "at least 1")),
         ({"iterations": [3, 3], "levels": 3}, ("iterations", "[3, 3]", "finest first")),
+        ({"method": "fbp", "window": "kaiser"}, ("window", "kaiser", "ram-lak")),
+        ({"method": "fbp", "cutoff": 0.0}, ("cutoff", "0.0", "Nyquist")),
+        ({"method": "sart", "relaxation": 2.0}, ("relaxation", "2.0", "below 2")),
         ({"tolerance": -1.0}, ("tolerance", "-1.0", "from 0 to below 1")),
     ],
 )

@@ -135,3 +135,23 @@ def test_what_cannot_be_is_refused_before_work(folder, change, told):
         assert word in done.stderr
     assert "Traceback" not in done.stderr
     assert sorted(p.name for p in folder.iterdir()) == before
+
+
+def test_the_baselines_and_a_region_are_a_word_away(folder):
+    """Each writes a volume of the ball; a region's volume holds its voxels alone, much as the whole has them."""
+    for options in (
+        ["--method", "fbp", "--window", "ram-lak", "--cutoff", "0.5"],
+        ["--method", "sart"],
+        ["--method", "tv"],
+    ):
+        done = run(folder, "--iterations", "3", *options, output="baseline.nii.gz")
+        assert done.returncode == 0, done.stderr
+        values = pp.read_volume(folder / "baseline.nii.gz").values
+        middle = values[:, values.shape[1] // 2 - 4 : values.shape[1] // 2 + 4, values.shape[2] // 2 - 4 :][..., :8]
+        assert 0.003 < middle.mean() < 0.02  # 18 of 30 mm of depth hold 0.02
+    done = run(folder, "--region", "-6,6,-5,5,0,30", output="region.nii.gz")
+    assert done.returncode == 0, done.stderr
+    part = pp.read_volume(folder / "region.nii.gz")
+    assert part.values.shape[1:] == (10, 12)
+    np.testing.assert_allclose(np.ptp(part.grid.bounds, axis=0), [12, 10, 30], atol=1e-3)
+    assert 0.008 < part.values.mean() < 0.016

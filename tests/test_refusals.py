@@ -127,6 +127,22 @@ REFUSED = {
         RECONSTRUCT.format("scan.h5") + " --strength -1",
         ["strength", "-1", "0 or more"],
     ),
+    "reconstruct: a cut-off beyond Nyquist": (
+        RECONSTRUCT.format("scan.h5") + " --method fbp --cutoff 1.5",
+        ["cutoff", "1.5", "Nyquist"],
+    ),
+    "reconstruct: a relaxation that diverges": (
+        RECONSTRUCT.format("scan.h5") + " --method sart --relaxation 2",
+        ["relaxation", "2.0", "below 2"],
+    ),
+    "reconstruct: a region that is none": (
+        RECONSTRUCT.format("scan.h5") + " --region 1,2,3",
+        ["region", "'1,2,3'", "x0,x1,y0,y1,z0,z1"],
+    ),
+    "reconstruct: a region beyond the grid": (
+        RECONSTRUCT.format("scan.h5") + " --region 0,900,0,1,0,1",
+        ["region", "900.0", "reaches beyond the grid", "choose it inside"],
+    ),
     "reconstruct: no level": (RECONSTRUCT.format("scan.h5") + " --levels 0", ["levels", "0", "at least 1"]),
     "reconstruct: no iteration": (RECONSTRUCT.format("scan.h5") + " --iterations 0", ["iterations", "0", "at least 1"]),
     "reconstruct: no checkpoint": (RECONSTRUCT.format("scan.h5") + " --resume", ["out.nii.gz", "leave out --resume"]),

@@ -17,13 +17,18 @@ if TYPE_CHECKING:
     from palpate.reconstruction.baselines import backproject as backproject
     from palpate.reconstruction.baselines import sirt as sirt
     from palpate.reconstruction.cover import covering_grid as covering_grid
+    from palpate.reconstruction.filtered import fbp as fbp
     from palpate.reconstruction.likelihood import Transmission as Transmission
     from palpate.reconstruction.likelihood import WeightedLeastSquares as WeightedLeastSquares
     from palpate.reconstruction.prior import Prior as Prior
     from palpate.reconstruction.projector import Projector as Projector
     from palpate.reconstruction.reconstruct import iterates as iterates
     from palpate.reconstruction.reconstruct import reconstruct as reconstruct
+    from palpate.reconstruction.region import local_scan as local_scan
+    from palpate.reconstruction.region import region_grid as region_grid
+    from palpate.reconstruction.sart import sart as sart
     from palpate.reconstruction.step import Step as Step
+    from palpate.reconstruction.tv import tv as tv
     from palpate.scans.correct import equal_contrast as equal_contrast
     from palpate.scans.correct import open_beam as open_beam
     from palpate.scans.files import read_scan as read_scan
@@ -116,9 +121,14 @@ _HOME = {
     "Prior": "reconstruction.prior",
     "Step": "reconstruction.step",
     "backproject": "reconstruction.baselines",
+    "fbp": "reconstruction.filtered",
     "sirt": "reconstruction.baselines",
+    "sart": "reconstruction.sart",
+    "tv": "reconstruction.tv",
     "iterates": "reconstruction.reconstruct",
     "reconstruct": "reconstruction.reconstruct",
+    "region_grid": "reconstruction.region",
+    "local_scan": "reconstruction.region",
     "TetMesh": "meshes.mesh",
     "tetrahedralize": "meshes.stuffing",
     "mesh_quality": "meshes.quality",

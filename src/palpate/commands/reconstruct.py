@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import palpate as pp
+from palpate.errors import DataError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -18,8 +19,21 @@ class Method(StrEnum):
 
     map = "map"
     ml = "ml"
+    tv = "tv"
     sirt = "sirt"
+    sart = "sart"
+    fbp = "fbp"
     backprojection = "backprojection"
+
+
+class WindowName(StrEnum):
+    """Tapers of the ramp."""
+
+    hann = "hann"
+    hamming = "hamming"
+    cosine = "cosine"
+    shepp_logan = "shepp-logan"
+    ram_lak = "ram-lak"
 
 
 class PriorName(StrEnum):
@@ -55,15 +69,21 @@ def reconstruct_command(
     thickness: Annotated[float | None, typer.Option(help="Depth of the object from the panel up, mm.")] = None,
     spacing: Annotated[float | None, typer.Option(help="Voxel in the slice, mm. Default: the pixel's shadow.")] = None,
     like: Annotated[Path | None, typer.Option(help="Volume file whose grid is taken instead.")] = None,
+    region: Annotated[str | None, typer.Option(help="Only x0,x1,y0,y1,z0,z1 mm; around it is coarse.")] = None,
     levels: Annotated[int, typer.Option(help="Resolutions, coarse to fine; 1 is the finest alone.")] = 3,
     method: Annotated[Method, typer.Option(help="map has a prior, ml none.")] = Method.map,
     likelihood: Annotated[LikelihoodName, typer.Option(help="Counts, or intensities.")] = LikelihoodName.poisson,
     prior: Annotated[PriorName, typer.Option(help="How neighbours are held together.")] = PriorName.lange,
-    strength: Annotated[float | None, typer.Option(help="Of the prior, 1/mm. Default: from the data.")] = None,
+    strength: Annotated[
+        float | None, typer.Option(help="Of the prior, 1/mm, or of tv. Default: from the data.")
+    ] = None,
     edge: Annotated[float | None, typer.Option(help="Difference that is kept, 1/mm. Default: from the data.")] = None,
     start: Annotated[Start, typer.Option(help="Of the coarsest level.")] = Start.backprojection,
     iterations: Annotated[int, typer.Option(help="At most so many a level.")] = 50,
     tolerance: Annotated[float, typer.Option(help="A level ends when an iteration gains less than this share.")] = 1e-3,
+    window: Annotated[WindowName, typer.Option(help="Of fbp's ramp.")] = WindowName.hann,
+    cutoff: Annotated[float, typer.Option(help="Where fbp's ramp ends, share of the Nyquist frequency.")] = 1.0,
+    relaxation: Annotated[float, typer.Option(help="Of sart, between 0 and 2; less for noise.")] = 1.0,
     resume: Annotated[bool, typer.Option("--resume", help="Go on from the checkpoint beside the output.")] = False,
     checkpoint_every: Annotated[int, typer.Option(help="Iterations between checkpoints.")] = 5,
 ) -> None:
@@ -75,6 +95,7 @@ def reconstruct_command(
     same command with --resume goes on from it.
     """
     from palpate.reconstruction.checkpoint import checkpoint_beside, checkpointed, fingerprint, read_checkpoint
+    from palpate.reconstruction.region import around, cropped
     from palpate.volumes.files import writable_volume
 
     writable_volume(output)
@@ -88,11 +109,20 @@ def reconstruct_command(
         "prior": pp.Prior(prior.value, strength, edge),
         "start": start.value,
         "tolerance": tolerance,
+        "window": window.value,
+        "cutoff": cutoff,
+        "relaxation": relaxation,
     }
-    run = fingerprint(measured, {"grid": grid, **options})
+    part = pp.region_grid(grid, *corners(region)) if region else None
+    run = fingerprint(measured, {"grid": grid, "region": part, **options})
     last = read_checkpoint(beside, run) if resume else None
-    steps = pp.iterates(measured, grid, **options, iterations=iterations, resume=last)
     try:
+        if part is not None:
+            pp.iterates(cropped(measured, part), part, **options)  # what cannot be is refused here, before work
+            coarse = {**options, "method": "map" if method in ("fbp", "backprojection") else method.value}
+            *_, field = _shown(around(measured, grid, **coarse, iterations=iterations), iterations, levels)
+            measured, grid = pp.local_scan(measured, grid, part, field.volume), part
+        steps = pp.iterates(measured, grid, **options, iterations=iterations, resume=last)
         for step in _shown(checkpointed(steps, beside, run, checkpoint_every), iterations, levels):
             last = step
     except KeyboardInterrupt:
@@ -103,6 +133,17 @@ def reconstruct_command(
     beside.unlink(missing_ok=True)
     shape = " x ".join(str(n) for n in grid.shape)
     typer.echo(f"{output}: {shape} voxels (z, y, x), objective {last.objective:.6g}, {last.seconds:.0f} s")
+
+
+def corners(words: str) -> tuple[list[float], list[float]]:
+    """Lowest and highest (x, y, z) of "x0,x1,y0,y1,z0,z1"."""
+    try:
+        numbers = [float(word) for word in words.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) != 6:
+        raise DataError(f"region: expected six numbers x0,x1,y0,y1,z0,z1 in mm, got {words!r}")
+    return numbers[::2], numbers[1::2]
 
 
 def _shown(steps: "Iterator[pp.Step]", iterations: int, levels: int) -> "Iterator[pp.Step]":

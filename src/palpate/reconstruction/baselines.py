@@ -18,7 +18,7 @@ def backproject(A: Projector, likelihood: Likelihood) -> Float32:
     """
     measured = likelihood.measured
     length = A(np.ones(A.domain_shape, np.float32)) * measured
-    _refuse_unseen(length)
+    refuse_unseen(length)
     seen = A.T(length)
     summed = A.T(np.maximum(likelihood.line_integrals, 0) * measured)
     values: Float32 = np.where(seen > 0, summed / np.where(seen > 0, seen, 1), 0).astype(np.float32)
@@ -28,7 +28,7 @@ def backproject(A: Projector, likelihood: Likelihood) -> Float32:
 def uniform(A: Projector, likelihood: Likelihood) -> Float32:
     """The one value (z, y, x), 1/mm, whose line integrals meet the measured ones best."""
     length = (A(np.ones(A.domain_shape, np.float32)) * likelihood.measured).astype(np.float64)
-    _refuse_unseen(length)
+    refuse_unseen(length)
     value = max(0.0, float((length * likelihood.line_integrals).sum() / (length * length).sum()))
     return np.full(A.domain_shape, value, np.float32)
 
@@ -52,7 +52,8 @@ def sirt(A: Projector, likelihood: Likelihood, values: Float32) -> Iterator[tupl
         yield values, float(np.sum(rows * gap * gap, dtype=np.float64) / 2)
 
 
-def _refuse_unseen(length: np.ndarray) -> None:
+def refuse_unseen(length: np.ndarray) -> None:
+    """Raises `GeometryError` where nothing is above 0."""
     if not (length > 0).any():
         raise GeometryError(
             "geometry misses the volume: no measured ray meets the grid; check the grid's origin and spacing (mm), the "

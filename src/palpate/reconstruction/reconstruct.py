@@ -13,18 +13,22 @@ from palpate.errors import DataError
 from palpate.reconstruction.baselines import backproject, sirt, uniform
 from palpate.reconstruction.cover import covering_grid
 from palpate.reconstruction.descent import data_curvature, descend
+from palpate.reconstruction.filtered import Window, check_window, fbp
 from palpate.reconstruction.likelihood import CURVATURES, Curvature, Likelihood, Transmission, WeightedLeastSquares
 from palpate.reconstruction.multires import Downsample, pyramid
 from palpate.reconstruction.prior import Prior
 from palpate.reconstruction.projector import Projector
+from palpate.reconstruction.sart import check_relaxation, sart
 from palpate.reconstruction.step import Step
 from palpate.reconstruction.tune import median_curvature, tune
+from palpate.reconstruction.tv import tv
 from palpate.scans.scan import Scan
 from palpate.volumes.grid import Grid
 from palpate.volumes.resample import INTERPOLATIONS, Interpolation, resample
 from palpate.volumes.volume import Volume
 
-Method = Literal["map", "ml", "sirt", "backprojection"]
+Method = Literal["map", "ml", "tv", "sirt", "sart", "fbp", "backprojection"]
+DIRECT = ("backprojection", "fbp")  # done in one step
 LikelihoodOf = Literal["poisson", "least-squares"] | Callable[[Scan], Likelihood]
 LIKELIHOODS: dict[str, Callable[[Scan], Likelihood]] = {
     "poisson": Transmission.of,
@@ -59,25 +63,33 @@ def iterates(
     tolerance: float = TOLERANCE,
     downsample: Downsample = "sum",
     interpolation: Interpolation = "linear",
+    window: Window = "hann",
+    cutoff: float = 1.0,
+    relaxation: float = 1.0,
     resume: Step | None = None,
 ) -> Iterator[Step]:
     """Every iterate of a reconstruction, coarsest level first (M-MAP-L; `levels=1` is F-MAP).
 
-    method: "map" minimises -log likelihood + β R by coordinate descent, "ml" without prior (β = 0); "sirt" and
-    "backprojection" are baselines on the finest level. prior: `Prior()` if None; what it leaves open the data choose.
+    method: "map" minimises -log likelihood + β R by coordinate descent, "ml" without prior (β = 0); "tv",
+    "sirt", "sart", "fbp" and "backprojection" are baselines on the finest level. prior: `Prior()` if None; what it leaves
+    open the data choose; "tv" takes from it the strength alone (see `tv` for its meaning there).
     likelihood: "poisson" for counts, "least-squares" for intensities that are none, or a function from a scan to a
     likelihood. start: on the coarsest level. curvature: see `Transmission.curvature`. iterations: at most so many a
     level, one number or one a level, finest first. tolerance: a level ends when an iteration lowers the objective by less
-    than this share. downsample, interpolation: see `pyramid`, `resample`. resume: the step after which to go on, exactly as
+    than this share. downsample, interpolation: see `pyramid`, `resample`. window, cutoff: of `fbp`. relaxation: of `sart`.
+    resume: the step after which to go on, exactly as
     if never stopped. Raises `DataError` and `GeometryError` at once, before any work.
     """
     rule = _Rule(_per_level(iterations, levels), tolerance)
     _choices(method, curvature, interpolation, start, likelihood, tolerance)
+    check_window(window, cutoff)
+    check_relaxation(relaxation)
     chosen = LIKELIHOODS[likelihood] if isinstance(likelihood, str) else likelihood
     scans = pyramid(scan, grid, levels if method in ("map", "ml") else 1, downsample)
     Projector(scan.views, grid)  # a geometry that cannot be is refused here
     prior = prior if prior is not None else Prior()
-    steps = _run(scans, method, prior, chosen, start, curvature, rule, interpolation, resume)
+    knobs = (window, cutoff, relaxation)
+    steps = _run(scans, method, prior, chosen, start, curvature, rule, interpolation, resume, knobs)
     return steps
 
 
@@ -109,10 +121,11 @@ def _run(
     rule: _Rule,
     interpolation: Interpolation,
     resume: Step | None,
+    knobs: tuple[Window, float, float],
 ) -> Iterator[Step]:
     began = time.perf_counter() - (resume.seconds if resume else 0)
     A, data = Projector(scans[0][0].views, scans[0][1]), likelihood(scans[0][0])
-    prior, beta = _weighed(prior, A, data) if method == "map" else (Prior("quadratic", 0.0), 0.0)
+    prior, beta = _weighed(prior, A, data) if method == "map" else (prior, 0.0)
     last = resume
     for level in reversed(range(len(scans))):
         if last is not None and (last.level < level or (last.level == level and last.finished)):
@@ -127,8 +140,9 @@ def _run(
             values = resample(last.volume, grid, interpolation).values
         else:
             values = _first(start, A, data, interpolation)
-        for iteration, (f, now) in enumerate(_solver(method, A, data, prior, beta, values, curvature), done + 1):
-            finished = method == "backprojection" or rule.finished(level, iteration, now, objective)
+        solver = _solver(method, A, data, prior, beta, values, curvature, knobs)
+        for iteration, (f, now) in enumerate(solver, done + 1):
+            finished = method in DIRECT or rule.finished(level, iteration, now, objective)
             last = Step(Volume(f.copy(), grid), now, level, iteration, time.perf_counter() - began, finished)
             objective = now
             yield last
@@ -145,14 +159,26 @@ def _weighed(prior: Prior, A: Projector, data: Likelihood) -> tuple[Prior, float
 
 
 def _solver(
-    method: Method, A: Projector, data: Likelihood, prior: Prior, beta: float, values: Float32, curvature: Curvature
+    method: Method,
+    A: Projector,
+    data: Likelihood,
+    prior: Prior,
+    beta: float,
+    values: Float32,
+    curvature: Curvature,
+    knobs: tuple[Window, float, float],
 ) -> Iterator[tuple[Float32, float]]:
-    if method == "backprojection":
-        values = backproject(A, data)
+    window, cutoff, relaxation = knobs
+    if method in DIRECT:
+        values = backproject(A, data) if method == "backprojection" else fbp(A, data, window, cutoff)
         return iter([(values, data.value(A(values)))])
     if method == "sirt":
         return sirt(A, data, values)
-    return descend(A, data, prior, beta, values, curvature)
+    if method == "sart":
+        return sart(A, data, values, relaxation)
+    if method == "tv":
+        return tv(A, data, values, prior.strength)
+    return descend(A, data, prior if method == "map" else Prior("quadratic", 0.0), beta, values, curvature)
 
 
 def _first(start: str | Volume, A: Projector, data: Likelihood, interpolation: Interpolation) -> Float32:
