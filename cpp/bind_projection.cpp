@@ -1,4 +1,5 @@
 #include "bind.h"
+#include "finite.h"
 #include "footprint.h"
 #include "projector.h"
 #include <map>
@@ -57,6 +58,9 @@ void bind_projection(nb::module_& m) {
             "view"_a, "How the view's panel stands to the slices.")
         .def("column", &column, "z"_a, "y"_a, "x"_a,
              "Pixels that voxel (z, y, x) touches, numbered over all views, and its weights there, mm.");
+    m.def(
+        "all_finite", [](In<float, 1> values) { return all_finite(values.data(), int64_t(values.size())); },
+        "values"_a.noconvert(), nb::call_guard<nb::gil_scoped_release>(), "Whether none is infinite or not a number.");
     m.def(
         "project", [](const Geometry& g, In<float, 3> f, Array<float, 3> p) { project(g, f.data(), p.data()); },
         "geometry"_a, "f"_a.noconvert(), "p"_a.noconvert(), nb::call_guard<nb::gil_scoped_release>());

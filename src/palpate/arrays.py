@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from palpate import _core
 from palpate.errors import DataError
 
 Float32 = NDArray[np.float32]
@@ -35,7 +36,7 @@ def _checked(name: str, values: ArrayLike, shape: Sequence[int | None] | None) -
     ):
         wanted = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
         raise DataError(f"{name}: expected shape {wanted}, got {array.shape}")
-    if array.dtype.kind == "f" and not np.isfinite(array).all():
+    if array.dtype.kind == "f" and not _finite(array):
         first = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         bad = int(np.count_nonzero(~np.isfinite(array)))
         raise DataError(
@@ -43,3 +44,10 @@ def _checked(name: str, values: ArrayLike, shape: Sequence[int | None] | None) -
             f"mask or replace them, for example with numpy.nan_to_num"
         )
     return np.ascontiguousarray(array)
+
+
+def _finite(array: AnyArray) -> bool:
+    """Without a mask as large as the array, for the arrays that can be large."""
+    if array.dtype == np.float32 and array.flags.c_contiguous:
+        return _core.all_finite(array.reshape(-1))
+    return bool(np.isfinite(array).all())
