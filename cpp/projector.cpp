@@ -16,8 +16,9 @@ namespace palpate {
 
 namespace {
 
-constexpr int stack = 2; // tiles of a panel, one above the other, that share their weights along x
-constexpr int line = 16; // floats of a cache line
+constexpr int stack = 2;  // tiles of a panel, one above the other, that share their weights along x
+constexpr int across = 2; // and side by side: each slice gives longer pieces of its rows
+constexpr int line = 16;  // floats of a cache line
 
 // Rows of numbers.
 struct Source {
@@ -31,7 +32,7 @@ struct Scratch {
     std::vector<Spans> rows;     // of the tile's rows: one a sub-slice and slice (of a view, or of all)
     std::vector<Shadow> shadows; // along x, likewise
     Spans columns;
-    Buffer resampled, sum{Buffer(stack * height * width)};
+    Buffer resampled, sum{Buffer(stack * across * height * width)};
     Buffer window, path; // backprojection: the parts of all panels under a tile
 };
 
@@ -55,16 +56,36 @@ void add_slice(const Source& source, const Spans& rows, const Spans& columns, Sc
              rows.taps, rows.count, sum);
 }
 
-// Calls for what the next slice will be asked: nearly the same rows and columns. Its rows lie too far apart for the
+// Calls for rows of the slice to come, columns that pixels a0 to a1 will ask for: they lie too far apart for the
 // hardware to foresee.
-void await(const float* slice, int64_t stride, const Spans& rows, const Spans& columns) {
-    const float* from = slice + rows.begin * stride + columns.begin;
-    const int lines = (columns.end - columns.begin + line - 1) / line;
-    for (int row = rows.begin; row < rows.end; row++, from += stride)
-        for (int i = 0; i <= lines; i++) __builtin_prefetch(from + i * line, 0, 2);
+void await(const float* slice, const Grid& grid, const Spans& rows, const Shadow& x, int a0, int a1) {
+    double low = grid.nx, high = 0;
+    for (int face = 0; face < 2; face++) {
+        low = std::min(low, (a0 - x.offset[face]) / x.slope[face]);
+        high = std::max(high, (a1 - x.offset[face]) / x.slope[face]);
+    }
+    const int begin = std::max(0, int(low)), end = std::min(grid.nx, int(high) + 1);
+    for (int64_t row = rows.begin; row < rows.end; row++)
+        for (int column = begin; column < end + line - 1; column += line)
+            __builtin_prefetch(slice + row * grid.nx + column, 0, 2);
 }
 
-// Rows `b0` to b1 of a view's image, from all slices. image: measured pixels, or the fine ones of a tilted panel.
+// Scales a tile of a view's image by the rays' path and writes it to the measured pixels, or as it is to the fine ones
+// of a tilted panel.
+void write_tile(const View& v, const float* from, int b0, int b1, int a0, int columns, float* image) {
+    for (int b = b0; b < b1; b++, from += width) {
+        if (v.pose == Pose::tilted) {
+            std::copy_n(from, columns, image + int64_t(b) * v.na + a0);
+            continue;
+        }
+        float path[width];
+        const int64_t first = v.start + b * v.step_b + a0 * v.step_a;
+        v.path(first, v.step_a, columns, path);
+        for (int a = 0; a < columns; a++) image[first + a * v.step_a] = from[a] * path[a];
+    }
+}
+
+// Rows `b0` to b1 of a view's image, from all slices.
 void project_strip(const Geometry& g, const View& v, const float* f, int b0, int b1, float* image, Scratch& s) {
     const Grid& grid = g.grid;
     const int slices = grid.nz * v.subs, tiles = (b1 - b0 + height - 1) / height;
@@ -78,32 +99,30 @@ void project_strip(const Geometry& g, const View& v, const float* f, int b0, int
             over_pixels(y, v.moments, b, std::min(height, b1 - b), grid.ny, s.rows[i * stack + t]);
         }
     }
-    const bool tilted = v.pose == Pose::tilted;
-    for (int a0 = 0; a0 < v.na; a0 += width) {
-        const int columns = std::min(width, v.na - a0);
+    for (int begin = 0; begin < v.na; begin += across * width) {
+        const int end = std::min(v.na, begin + across * width);
         std::fill(s.sum.begin(), s.sum.end(), 0.0f);
         for (int i = 0; i < slices; i++) {
-            over_pixels(s.shadows[i], v.moments, a0, columns, grid.nx, s.columns);
-            if (!s.columns.reached) continue;
             const float* slice = f + i / v.subs * grid.slice();
+            if (i + 1 < slices && (i + 1) % v.subs == 0)
+                for (int t = 0; t < tiles; t++)
+                    if (s.rows[i * stack + t].reached)
+                        await(slice + grid.slice(), grid, s.rows[i * stack + t], s.shadows[i + 1], begin, end);
+            for (int a0 = begin, k = 0; a0 < end; a0 += width, k++) {
+                over_pixels(s.shadows[i], v.moments, a0, std::min(width, end - a0), grid.nx, s.columns);
+                if (!s.columns.reached) continue;
+                for (int t = 0; t < tiles; t++)
+                    if (s.rows[i * stack + t].reached)
+                        add_slice({slice, grid.nx, grid.nx}, s.rows[i * stack + t], s.columns, s,
+                                  &s.sum[(k * stack + t) * height * width]);
+            }
+        }
+        for (int a0 = begin, k = 0; a0 < end; a0 += width, k++)
             for (int t = 0; t < tiles; t++) {
-                const Spans& rows = s.rows[i * stack + t];
-                if (!rows.reached) continue;
-                if (i / v.subs + 1 < grid.nz) await(slice + grid.slice(), grid.nx, rows, s.columns);
-                add_slice({slice, grid.nx, grid.nx}, rows, s.columns, s, &s.sum[t * height * width]);
+                const int b = b0 + t * height;
+                write_tile(v, &s.sum[(k * stack + t) * height * width], b, std::min(b1, b + height), a0,
+                           std::min(width, end - a0), image);
             }
-        }
-        const float* from = s.sum.data();
-        for (int b = b0; b < b1; b++, from += width) {
-            if (tilted) {
-                std::copy_n(from, columns, image + int64_t(b) * v.na + a0);
-                continue;
-            }
-            float path[width];
-            const int64_t first = v.start + b * v.step_b + a0 * v.step_a;
-            v.path(first, v.step_a, columns, path);
-            for (int a = 0; a < columns; a++) image[first + a * v.step_a] = from[a] * path[a];
-        }
     }
 }
 
