@@ -256,7 +256,7 @@ def test_open_knobs_are_chosen_from_the_data():
         A, data = pp.Projector(quiet.views, GRID), Transmission.of(quiet)
         knobs[incident] = tune(pp.Prior(), A, data, data_curvature(A, data))
         assert tune(PRIOR, A, data, data_curvature(A, data)) == PRIOR
-    assert knobs[1e3].strength == pytest.approx(100 * knobs[1e5].strength, rel=0.05)
+    assert knobs[1e3].strength == pytest.approx(10 * knobs[1e5].strength, rel=0.05)
     assert 0.02 * 0.05 * 0.3 < knobs[1e5].edge < 0.05 * 0.04
 
 

@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     from palpate.reconstruction.baselines import sirt as sirt
     from palpate.reconstruction.cover import covering_grid as covering_grid
     from palpate.reconstruction.filtered import fbp as fbp
+    from palpate.reconstruction.hardening import Hardened as Hardened
+    from palpate.reconstruction.hardening import Polynomial as Polynomial
+    from palpate.reconstruction.hardening import Spectrum as Spectrum
+    from palpate.reconstruction.hardening import precorrected as precorrected
     from palpate.reconstruction.likelihood import Gaussian as Gaussian
     from palpate.reconstruction.likelihood import Transmission as Transmission
     from palpate.reconstruction.likelihood import WeightedLeastSquares as WeightedLeastSquares

@@ -17,18 +17,23 @@ def tune(prior: Prior, A: Projector, likelihood: Likelihood, curvature: Float32)
     """The prior with its open knobs chosen, from nothing but the scan and the grid.
 
     edge: a twentieth of the object's mean attenuation (mean of line integral / length in the box over the measured rays,
-    each weighted by its line integral, so that air has no say). strength: the prior is a probability, exp(−β R); β is
-    such that a voxel that differs from all of its neighbours by one edge is less likely by e. That is a statement
-    about tissue, not about the scan: a scan of more photons is smoothed less. For a quadratic prior the edge serves to
-    choose the strength only. curvature: see `data_curvature`.
+    each weighted by its line integral, so that air has no say). strength: noise alone shall push no voxel further than
+    one edge from its neighbours. The noise in the data's pull on a voxel, the slope of the likelihood, has the variance
+    d, the data's curvature there (Fisher); the largest of n voxels is about √(2 d log n) (the universal threshold:
+    Donoho & Johnstone, Biometrika 81:425, 1994). β is such that the neighbours of a voxel one edge away from all of them
+    pull back as strongly, d the median and n the number of the voxels that some ray sees. So β grows as the root of the
+    dose: slower than the data's own weight, so that a scan of more photons is smoothed less. For a quadratic prior
+    the edge serves to choose the strength only. curvature: see `data_curvature`.
     """
     edge = prior.edge if prior.edge is not None else SHARE * mean_attenuation(A, likelihood)
     prior = replace(prior, edge=edge)
     if prior.strength is None:
         one = np.zeros((3, 3, 3), np.float32)
         one[1, 1, 1] = edge
-        alone = prior.value(one, Grid(one.shape, A.grid.spacing, (0, 0, 0)))
-        prior = replace(prior, strength=1 / (alone * median_curvature(curvature)))
+        pull = prior.surrogate(one, Grid(one.shape, A.grid.spacing, (0, 0, 0)))[0][1, 1, 1]
+        known = median_curvature(curvature)
+        noise = np.sqrt(2 * known * np.log(max(2, np.count_nonzero(curvature > 0))))
+        prior = replace(prior, strength=float(noise / (pull * known)))
     return prior
 
 
