@@ -93,7 +93,7 @@ def test_gradient_against_finite_differences(prior):
 @settings(max_examples=120, deadline=None)
 @given(
     st.sampled_from(PRIORS),
-    st.floats(1e-5, 10),
+    st.floats(1e-5, 9),
     st.sampled_from([(0, 0, 0), (2, 3, 17), (3, 2, 39)]),
     st.lists(st.floats(-0.3, 0.3), min_size=3, max_size=3),
     st.integers(0, 5),
@@ -109,6 +109,7 @@ def test_surrogate_of_one_voxel_lies_above(prior, edge, voxel, moves, seed):
         gained = around(prior, moved, voxel) - around(prior, f, voxel)
         bound = gradient[voxel] * t + curvature[voxel] * t**2 / 2
         rounding = 4e-6 * (abs(gradient[voxel] * t) + curvature[voxel] * t**2) + 1e-6 * curvature[voxel] * 0.05 * abs(t)
+        rounding += 1e-13 * around(prior, moved, voxel)  # the oracle's own: a difference of two sums
         if isinstance(prior.potential, LogCosh):
             rounding += INTERPOLATED * around(prior, moved, voxel)
         assert gained <= bound + rounding
