@@ -53,6 +53,23 @@ def test_the_volume_opens_in_an_independent_reader(folder, whole):
     assert not (folder / "whole.nii.gz.checkpoint.h5").exists()
 
 
+def test_other_likelihoods_priors_and_a_hardening_beam_are_taken(folder, whole):
+    """And change the volume, but not what is in it; an unhardened polynomial changes nothing."""
+    few = ["--iterations", "8"]
+    options = ["--prior", "generalised", "--exponent", "1.3", "--neighbours", "18", *few]
+    assert run(folder, *options, output="plain.nii.gz").returncode == 0
+    plain = pp.read_volume(folder / "plain.nii.gz").values
+    for more, least, most in (
+        (["--hardening", "1"], 0, 1e-3),
+        (["--hardening", "1.1,-0.01"], 0.02, 0.2),
+        (["--likelihood", "gaussian", "--electronic", "10", "--gain", "2"], 1e-3, 0.5),
+    ):
+        done = run(folder, *options, *more, output="other.nii.gz")
+        assert done.returncode == 0, done.stderr
+        other = pp.read_volume(folder / "other.nii.gz").values
+        assert least <= np.linalg.norm(other - plain) / np.linalg.norm(plain) <= most
+
+
 def test_killed_at_ten_random_moments_it_resumes_to_the_same_volume(folder, whole):
     """SIGKILL: what has the final name is whole; --resume ends with the bits of the uninterrupted run."""
     output, beside = folder / "killed.nii.gz", folder / "killed.nii.gz.checkpoint.h5"
@@ -121,6 +138,13 @@ def test_ctrl_c_keeps_the_last_iterate_and_says_how_to_go_on(folder, whole):
         ({"out.nii.gz": "out.txt"}, ("out.txt", ".nii.gz")),
         ({"--tolerance": "--resume --tolerance"}, ("out.nii.gz.checkpoint.h5", "leave out --resume")),
         ({"2": "12"}, ("levels", "take at most")),
+        ({"--tolerance": "--neighbours 7 --tolerance"}, ("neighbours", "6, 18 or 26", "7")),
+        ({"--tolerance": "--exponent 3 --tolerance"}, ("exponent", "3.0")),
+        ({"--tolerance": "--electronic -1 --tolerance"}, ("electronic", "-1")),
+        ({"--tolerance": "--gain 0 --tolerance"}, ("gain", "above 0")),
+        ({"--tolerance": "--likelihood gaussian --tolerance"}, ("gaussian likelihood", "--electronic")),
+        ({"--tolerance": "--hardening 1,x --tolerance"}, ("hardening", "1,x")),
+        ({"--tolerance": "--hardening 1,-0.1 --tolerance"}, ("hardening", "falls")),
     ],
 )
 def test_what_cannot_be_is_refused_before_work(folder, change, told):

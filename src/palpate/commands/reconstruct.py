@@ -11,7 +11,9 @@ import palpate as pp
 from palpate.errors import DataError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
+
+    from palpate.reconstruction.likelihood import Likelihood
 
 
 class Method(StrEnum):
@@ -42,12 +44,15 @@ class PriorName(StrEnum):
     lange = "lange"
     huber = "huber"
     quadratic = "quadratic"
+    hyperbola = "hyperbola"
+    generalised = "generalised"
 
 
 class LikelihoodName(StrEnum):
     """What the values are."""
 
     poisson = "poisson"
+    gaussian = "gaussian"
     least_squares = "least-squares"
 
 
@@ -72,12 +77,22 @@ def reconstruct_command(
     region: Annotated[str | None, typer.Option(help="Only x0,x1,y0,y1,z0,z1 mm; around it is coarse.")] = None,
     levels: Annotated[int, typer.Option(help="Resolutions, coarse to fine; 1 is the finest alone.")] = 3,
     method: Annotated[Method, typer.Option(help="map has a prior, ml none.")] = Method.map,
-    likelihood: Annotated[LikelihoodName, typer.Option(help="Counts, or intensities.")] = LikelihoodName.poisson,
+    likelihood: Annotated[
+        LikelihoodName, typer.Option(help="Counts, noisy read-out, intensities.")
+    ] = LikelihoodName.poisson,
+    gain: Annotated[float, typer.Option(help="What a photon adds to the scan's values.")] = 1.0,
+    electronic: Annotated[float, typer.Option(help="Read-out noise, standard deviation in the scan's values.")] = 0.0,
+    hardening: Annotated[
+        str | None,
+        typer.Option(help="Beam hardening, c1,c2,...: line integral l shows as c1 l + c2 l² + ...", show_default=False),
+    ] = None,
     prior: Annotated[PriorName, typer.Option(help="How neighbours are held together.")] = PriorName.lange,
     strength: Annotated[
         float | None, typer.Option(help="Of the prior, 1/mm, or of tv. Default: from the data.")
     ] = None,
     edge: Annotated[float | None, typer.Option(help="Difference that is kept, 1/mm. Default: from the data.")] = None,
+    neighbours: Annotated[int, typer.Option(help="6, 18 or 26 voxels around each.")] = 26,
+    exponent: Annotated[float, typer.Option(help="Of the generalised prior, 1 to 2: it grows so for jumps.")] = 1.2,
     start: Annotated[Start, typer.Option(help="Of the coarsest level.")] = Start.backprojection,
     iterations: Annotated[int, typer.Option(help="At most so many a level.")] = 50,
     tolerance: Annotated[float, typer.Option(help="A level ends when an iteration gains less than this share.")] = 1e-3,
@@ -101,12 +116,17 @@ def reconstruct_command(
     writable_volume(output)
     beside = checkpoint_beside(output)
     measured = pp.read_scan(scan)
+    if gain != 1 or electronic != 0:
+        m = measured
+        measured = pp.integrating_scan(
+            m.counts, m.incident, m.views, m.background, m.mask, gain=gain, electronic=electronic
+        )
     grid = pp.read_volume(like).grid if like else pp.covering_grid(measured.views, thickness, spacing)
     options: dict[str, Any] = {
         "levels": levels,
         "method": method.value,
         "likelihood": likelihood.value,
-        "prior": pp.Prior(prior.value, strength, edge),
+        "prior": pp.Prior(prior.value, strength, edge, neighbours, exponent),
         "start": start.value,
         "tolerance": tolerance,
         "window": window.value,
@@ -114,7 +134,13 @@ def reconstruct_command(
         "relaxation": relaxation,
     }
     part = pp.region_grid(grid, *corners(region)) if region else None
-    run = fingerprint(measured, {"grid": grid, "region": part, **options})
+    run = fingerprint(measured, {"grid": grid, "region": part, **options, "hardening": hardening})
+    if hardening is not None:
+        if part is not None:
+            raise DataError(
+                "hardening: not together with --region yet; reconstruct the whole, or correct the scan first"
+            )
+        options["likelihood"] = _hardened(likelihood.value, hardening)
     last = read_checkpoint(beside, run) if resume else None
     try:
         if part is not None:
@@ -144,6 +170,19 @@ def corners(words: str) -> tuple[list[float], list[float]]:
     if len(numbers) != 6:
         raise DataError(f"region: expected six numbers x0,x1,y0,y1,z0,z1 in mm, got {words!r}")
     return numbers[::2], numbers[1::2]
+
+
+def _hardened(name: str, coefficients: str) -> "Callable[[pp.Scan], Likelihood]":
+    """The named likelihood behind a hardening polynomial; refuses one that cannot be."""
+    from palpate.reconstruction.hardening import Tabulated
+    from palpate.reconstruction.reconstruct import LIKELIHOODS
+
+    try:
+        curve = pp.Polynomial(tuple(float(c) for c in coefficients.split(",")))
+    except ValueError:
+        raise DataError(f"hardening: expected numbers c1,c2,... such as 1.08,-0.011, got {coefficients!r}") from None
+    Tabulated(curve)(0.0)
+    return lambda scan: pp.Hardened(LIKELIHOODS[name](scan), curve)
 
 
 def _shown(steps: "Iterator[pp.Step]", iterations: int, levels: int) -> "Iterator[pp.Step]":

@@ -14,7 +14,14 @@ from palpate.reconstruction.baselines import backproject, sirt, uniform
 from palpate.reconstruction.cover import covering_grid
 from palpate.reconstruction.descent import data_curvature, descend
 from palpate.reconstruction.filtered import Window, check_window, fbp
-from palpate.reconstruction.likelihood import CURVATURES, Curvature, Likelihood, Transmission, WeightedLeastSquares
+from palpate.reconstruction.likelihood import (
+    CURVATURES,
+    Curvature,
+    Gaussian,
+    Likelihood,
+    Transmission,
+    WeightedLeastSquares,
+)
 from palpate.reconstruction.multires import Downsample, pyramid
 from palpate.reconstruction.prior import Prior
 from palpate.reconstruction.projector import Projector
@@ -29,9 +36,10 @@ from palpate.volumes.volume import Volume
 
 Method = Literal["map", "ml", "tv", "sirt", "sart", "fbp", "backprojection"]
 DIRECT = ("backprojection", "fbp")  # done in one step
-LikelihoodOf = Literal["poisson", "least-squares"] | Callable[[Scan], Likelihood]
+LikelihoodOf = Literal["poisson", "gaussian", "least-squares"] | Callable[[Scan], Likelihood]
 LIKELIHOODS: dict[str, Callable[[Scan], Likelihood]] = {
     "poisson": Transmission.of,
+    "gaussian": Gaussian.of,
     "least-squares": WeightedLeastSquares.of,
 }
 TOLERANCE = 1e-3
