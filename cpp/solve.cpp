@@ -1,0 +1,155 @@
+#include "solve.h"
+
+namespace palpate {
+namespace {
+
+constexpr int place(int m, int k, int terms) { return m * terms - m * (m - 1) / 2 + k - m; } // of pair m <= k
+
+// The slope in voxel x: Σ over columns and terms of (along x) · (slope + curvature · what has changed since).
+template <int fixed> PALPATE_INLINE void add_slope(const LineView& v, int x, Lanes& sum) {
+    const int terms = fixed ? fixed : v.terms, size = terms + pairs_of(terms), cell = (size + terms) * lanes;
+    const float *weight = v.weight + int64_t(x) * v.width * size, *cells = v.cells + int64_t(v.first[x]) * cell;
+    Lanes part = {};
+    for (int t = 0; t < v.width; t++, weight += size, cells += cell)
+        for (int m = 0; m < terms; m++) {
+            Lanes h, c, p;
+            load(h, cells + m * lanes);
+            for (int k = 0; k < terms; k++) {
+                load(c, cells + (terms + (m < k ? place(m, k, terms) : place(k, m, terms))) * lanes);
+                load(p, cells + (size + k) * lanes);
+                h += c * p;
+            }
+            part += weight[m] * h;
+        }
+    sum += part;
+}
+
+template <int fixed> PALPATE_INLINE void add_curvature(const LineView& v, int x, Lanes& sum) {
+    const int terms = fixed ? fixed : v.terms, size = terms + pairs_of(terms), cell = (size + terms) * lanes;
+    const float *weight = v.weight + int64_t(x) * v.width * size, *cells = v.cells + int64_t(v.first[x]) * cell;
+    Lanes part = {}, c;
+    for (int t = 0; t < v.width; t++, weight += size, cells += cell)
+        for (int q = terms; q < size; q++) {
+            load(c, cells + q * lanes);
+            part += weight[q] * c;
+        }
+    sum += part;
+}
+
+template <int fixed> PALPATE_INLINE void add_change(const LineView& v, int x, const Lanes& change) {
+    const int terms = fixed ? fixed : v.terms, size = terms + pairs_of(terms), cell = (size + terms) * lanes;
+    const float* weight = v.weight + int64_t(x) * v.width * size;
+    float* p = v.cells + int64_t(v.first[x]) * cell + size * lanes;
+    for (int t = 0; t < v.width; t++, weight += size, p += cell)
+        for (int m = 0; m < terms; m++) {
+            Lanes sum;
+            load(sum, p + m * lanes);
+            sum += weight[m] * change;
+            store(p + m * lanes, sum);
+        }
+}
+
+PALPATE_INLINE void measure(const Line& line, int x, Lanes& slope, Lanes& curvature) {
+    for (const LineView& v : line.views) {
+        if (v.terms == 1)
+            add_slope<1>(v, x, slope), add_curvature<1>(v, x, curvature);
+        else if (v.terms == 2)
+            add_slope<2>(v, x, slope), add_curvature<2>(v, x, curvature);
+        else
+            add_slope<0>(v, x, slope), add_curvature<0>(v, x, curvature);
+    }
+}
+
+PALPATE_INLINE void move(const Line& line, int x, const Lanes& change) {
+    for (const LineView& v : line.views) {
+        if (v.terms == 1)
+            add_change<1>(v, x, change);
+        else if (v.terms == 2)
+            add_change<2>(v, x, change);
+        else
+            add_change<0>(v, x, change);
+    }
+}
+
+// A pair of neighbours along x.
+template <Potential potential>
+PALPATE_INLINE void add_pair(const Lanes& old, const float* other, float weight, float edge, Lanes& slope,
+                             Lanes& bend) {
+    float t[lanes], k[lanes];
+    Lanes v, w;
+    load(v, other);
+    v = old - v;
+    store(t, v);
+    for (int i = 0; i < lanes; i++) k[i] = weight * potential_curvature(potential, t[i], edge);
+    load(w, k);
+    slope += w * v;
+    bend += w;
+}
+
+// Numerical kernel.
+template <Potential potential>
+PALPATE_INLINE void solve_with(const Solve& s, Line& line, int begin, int count, int step, const Strip& strip,
+                               Paraboloid& data, Lists::Scratch& scratch) {
+    const int nx = int(s.neighbours.nx);
+    const float beside = s.neighbours.weight[1][1][0], edge = s.neighbours.edge, beta = s.beta;
+    const Lanes zero = {};
+    for (int i = 0, x = begin; i < count; i++, x += step) {
+        Lanes slope = {}, curvature = {}, old, moved;
+        measure(line, x, slope, curvature);
+        if (!s.lists.empty()) s.lists.measure(strip, x, data, scratch, slope, curvature);
+        float* f = line.f.data() + (int64_t(x) + 1) * lanes;
+        load(old, f);
+        if (beta > 0) {
+            Lanes push, bend;
+            load(push, line.gradient.data() + int64_t(x) * lanes);
+            load(bend, line.curvature.data() + int64_t(x) * lanes);
+            add_pair<potential>(old, f - lanes, x > 0 ? beside : 0, edge, push, bend);
+            add_pair<potential>(old, f + lanes, x + 1 < nx ? beside : 0, edge, push, bend);
+            slope += beta * push;
+            curvature += beta * bend;
+        }
+        moved = old - s.relaxation * slope / curvature;
+        choose(moved > zero, moved, zero, moved);
+        choose(curvature > zero, moved, old, moved); // else seen by no ray, tied to no neighbour
+        store(f, moved);
+        moved -= old;
+        move(line, x, moved);
+        if (!s.lists.empty()) s.lists.move(strip, moved, data, scratch);
+    }
+}
+
+PALPATE_KERNEL void solve(const Solve& s, Line& line, int begin, int count, int step, const Strip& strip,
+                          Paraboloid& data, Lists::Scratch& scratch) {
+    switch (s.neighbours.potential) {
+    case Potential::quadratic:
+        return solve_with<Potential::quadratic>(s, line, begin, count, step, strip, data, scratch);
+    case Potential::huber:
+        return solve_with<Potential::huber>(s, line, begin, count, step, strip, data, scratch);
+    case Potential::lange:
+        return solve_with<Potential::lange>(s, line, begin, count, step, strip, data, scratch);
+    }
+}
+
+} // namespace
+
+void Solve::along(Line& line, int begin, int count, int step, const Strip& strip, Paraboloid& data,
+                  Lists::Scratch& scratch) const {
+    solve(*this, line, begin, count, step, strip, data, scratch);
+}
+
+PALPATE_KERNEL void line_curvature(const Line& line, int begin, int count, float* out) {
+    for (int i = 0; i < count; i++) {
+        Lanes sum = {};
+        for (const LineView& v : line.views) {
+            if (v.terms == 1)
+                add_curvature<1>(v, begin + i, sum);
+            else if (v.terms == 2)
+                add_curvature<2>(v, begin + i, sum);
+            else
+                add_curvature<0>(v, begin + i, sum);
+        }
+        store(out + int64_t(i) * lanes, sum);
+    }
+}
+
+} // namespace palpate

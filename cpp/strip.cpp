@@ -1,0 +1,155 @@
+#include "strip.h"
+#include <algorithm>
+
+namespace palpate {
+namespace {
+
+constexpr int chunk = 256; // columns whose sums stay in the nearest cache
+
+// Sums over the image's rows under one row of voxels, `taps` rows from slope and curvature on, n columns: out[q * pitch
+// + a] is the sum of slope in term q, then that of curvature in a pair of terms. fixed: the number of terms, or 0 for
+// any.
+template <int fixed>
+PALPATE_INLINE void reduce_rows(const float* slope, const float* curvature, int64_t stride, const float* weight,
+                                int terms, int taps, int n, float* out, int64_t pitch) {
+    if (fixed) terms = fixed;
+    const int size = terms + pairs_of(terms);
+    for (int q = 0; q < size; q++) {
+        const float* image = q < terms ? slope : curvature;
+        for (int a = 0; a < n; a += 2 * lanes) {
+            Lanes first = {}, second = {}, u, v;
+            for (int t = 0; t < taps; t++) {
+                const float w = weight[t * size + q];
+                load(u, image + t * stride + a);
+                load(v, image + t * stride + a + lanes);
+                first += w * u;
+                second += w * v;
+            }
+            store(out + q * pitch + a, first);
+            store(out + q * pitch + a + lanes, second);
+        }
+    }
+}
+
+PALPATE_KERNEL void reduce(const float* slope, const float* curvature, int64_t stride, const float* weight, int terms,
+                           int taps, int n, float* out, int64_t pitch) {
+    reduce_rows<0>(slope, curvature, stride, weight, terms, taps, n, out, pitch);
+}
+
+// slope += curvature · Σ over terms of weight · change, in the same rows and columns.
+PALPATE_KERNEL void expand(const float* change, int64_t pitch, const float* curvature, int64_t stride,
+                           const float* weight, int terms, int taps, int n, float* slope) {
+    const int size = terms + pairs_of(terms);
+    for (int t = 0; t < taps; t++)
+        for (int a = 0; a < n; a += lanes) {
+            Lanes sum = {}, c, g;
+            for (int m = 0; m < terms; m++) {
+                load(c, change + m * pitch + a);
+                sum += weight[t * size + m] * c;
+            }
+            load(c, curvature + t * stride + a);
+            load(g, slope + t * stride + a);
+            g += c * sum;
+            store(slope + t * stride + a, g);
+        }
+}
+
+// rows[(lane * size + q) * chunk + a] to cells[a * cell + q * lanes + lane], and 0 to the changes behind them.
+PALPATE_KERNEL void into_cells(const float* rows, int size, int terms, int n, float* cells) {
+    const int cell = (size + terms) * lanes;
+    const Lanes zero = {};
+    for (int a = 0; a < n; a += lanes) {
+        for (int q = 0; q < size; q++) {
+            Lanes m[lanes];
+            for (int i = 0; i < lanes; i++) load(m[i], rows + (int64_t(i) * size + q) * chunk + a);
+            transpose(m);
+            for (int i = 0; i < lanes; i++) store(cells + int64_t(a + i) * cell + q * lanes, m[i]);
+        }
+        for (int i = 0; i < lanes; i++)
+            for (int q = size; q < size + terms; q++) store(cells + int64_t(a + i) * cell + q * lanes, zero);
+    }
+}
+
+// The changes in the cells to rows[(lane * terms + term) * chunk + a].
+PALPATE_KERNEL void out_of_cells(const float* cells, int size, int terms, int n, float* rows) {
+    const int cell = (size + terms) * lanes;
+    for (int a = 0; a < n; a += lanes)
+        for (int q = 0; q < terms; q++) {
+            Lanes m[lanes];
+            for (int i = 0; i < lanes; i++) load(m[i], cells + int64_t(a + i) * cell + (size + q) * lanes);
+            transpose(m);
+            for (int i = 0; i < lanes; i++) store(rows + (int64_t(i) * terms + q) * chunk + a, m[i]);
+        }
+}
+
+} // namespace
+
+void SliceView::make(const Geometry& geometry, const View& chosen, int z) {
+    const Layout layout(chosen);
+    view = &chosen;
+    stride = layout.stride;
+    ny = geometry.grid.ny;
+    const Axis x = chosen.swapped ? Axis::y : Axis::x, y = chosen.swapped ? Axis::x : Axis::y;
+    along_x.make(geometry, chosen, z, x, 2, layout.columns);
+    if (chosen.pose == Pose::turned) {
+        edges.resize(chosen.subs);
+        for (int s = 0; s < chosen.subs; s++) rows(geometry, chosen, z, s, edges[s]);
+    } else {
+        along_y.make(geometry, chosen, z, y, 1, 0);
+    }
+}
+
+int SliceView::rows_apart() const {
+    if (view->pose == Pose::turned) return turned_rows_apart(edges, ny, view->na);
+    return along_y.apart(1);
+}
+
+void SliceView::begin(const Strip& strip, Sums& sums) const {
+    const size_t columns = (stride + columns_at_once - 1) / columns_at_once * columns_at_once;
+    if (sums.cells.size() < columns * cell()) sums.cells.resize(columns * cell());
+    sums.rows.resize(std::max(sums.rows.size(), size_t(along_x.stride()) * lanes * chunk));
+    if (view->pose == Pose::turned)
+        for (int i = 0; i < strip.rows; i++) sums.turned[i].make(edges, strip.y[i], view->nb, view->na, stride);
+}
+
+void SliceView::gather(const Strip& strip, const float* slope, const float* curvature, int begin, int end,
+                       Sums& sums) const {
+    const int size = along_x.stride();
+    float* rows = sums.rows.data();
+    for (int a = begin; a < end; a += chunk) {
+        const int n = std::min(chunk, end - a);
+        for (int i = 0; i < lanes; i++) {
+            float* out = rows + int64_t(i) * size * chunk;
+            if (i >= strip.rows) {
+                std::fill_n(out, size * chunk, 0.0f);
+            } else if (view->pose == Pose::turned) {
+                turned_reduce(sums.turned[i], slope, curvature, stride, terms(), a, n, out, chunk);
+            } else {
+                const int y = strip.y[i];
+                const int64_t at = along_y.first[y] * stride + a;
+                reduce(slope + at, curvature + at, stride, along_y.of(y), terms(), along_y.count[y], n, out, chunk);
+            }
+        }
+        into_cells(rows, size, terms(), n, sums.cells.data() + int64_t(a) * cell());
+    }
+}
+
+void SliceView::spread(const Strip& strip, const float* curvature, int begin, int end, Sums& sums, float* slope) const {
+    float* rows = sums.rows.data();
+    for (int a = begin; a < end; a += chunk) {
+        const int n = std::min(chunk, end - a);
+        out_of_cells(sums.cells.data() + int64_t(a) * cell(), along_x.stride(), terms(), n, rows);
+        for (int i = 0; i < strip.rows; i++) {
+            const float* change = rows + int64_t(i) * terms() * chunk;
+            if (view->pose == Pose::turned) {
+                turned_expand(sums.turned[i], change, chunk, curvature, stride, terms(), a, n, slope);
+            } else {
+                const int y = strip.y[i];
+                const int64_t at = along_y.first[y] * stride + a;
+                expand(change, chunk, curvature + at, stride, along_y.of(y), terms(), along_y.count[y], n, slope + at);
+            }
+        }
+    }
+}
+
+} // namespace palpate
