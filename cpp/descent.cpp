@@ -2,6 +2,8 @@
 #include "parallel.h"
 #include "solve.h"
 #include <algorithm>
+#include <atomic>
+#include <thread>
 
 namespace palpate {
 
@@ -29,17 +31,9 @@ Paraboloid::Paraboloid(const Geometry& geometry, const float* slope, const float
 
 namespace {
 
-constexpr int voxels_at_once = 256; // along x: what they need of all views stays in cache
-
-// Columns of a view.
-struct Columns {
-    int begin, end;
-};
-
 // What one thread needs, made once a sweep.
 struct Scratch {
     std::vector<Sums> sums; // per separable view
-    std::vector<Columns> filled;
     std::vector<float> prior;
     Line line;
     Lists::Scratch lists;
@@ -76,7 +70,7 @@ struct Slice {
     std::vector<int> separable; // views
     std::vector<SliceView> views;
     Lists lists;
-    int stride = 1;
+    int z = 0, stride = 1;
 
     explicit Slice(const Geometry& g) : geometry(g), lists(g) {
         for (size_t k = 0; k < g.views.size(); k++)
@@ -84,7 +78,8 @@ struct Slice {
         views.resize(separable.size());
     }
 
-    void make(int z) {
+    void make(int slice) {
+        z = slice;
         std::vector<int> apart(views.size() + lists.size());
         lists.make(z);
         parallel(int64_t(apart.size()), [&](int64_t begin, int64_t end, int) {
@@ -96,115 +91,106 @@ struct Slice {
                     apart[k] = lists.rows_apart(k - views.size());
                 }
         });
-        stride = *std::max_element(apart.begin(), apart.end());
+        stride = std::max(2, *std::max_element(apart.begin(), apart.end())); // the prior binds neighbouring rows
     }
 
-    void begin(const Strip& strip, Scratch& s) const {
+    // Cells of voxels begin .. end - 1.
+    void gather(const Strip& strip, int begin, int end, Paraboloid& data, Scratch& s) const {
         s.sums.resize(views.size());
         s.line.views.resize(views.size());
         for (size_t k = 0; k < views.size(); k++) {
             const AxisTerms& x = views[k].x();
-            views[k].begin(strip, s.sums[k]);
-            s.line.views[k] = {x.weight.data(), x.first.data(), s.sums[k].cells.data(), x.terms, x.width};
+            views[k].gather(strip, data.slope(separable[k]), data.curvature(separable[k]), begin, end, s.sums[k]);
+            s.line.views[k] = {x.weight.data(), x.first.data(), s.sums[k].cells.data(),
+                               s.sums[k].begin, x.terms,        x.width};
         }
+    }
+
+    void spread(const Strip& strip, Paraboloid& data, Scratch& s) const {
+        for (size_t k = 0; k < views.size(); k++)
+            views[k].spread(strip, data.curvature(separable[k]), s.sums[k], data.slope(separable[k]));
     }
 };
 
-// Those of voxels begin .. end - 1, to multiples of columns_at_once.
-Columns columns(const AxisTerms& x, int begin, int end) {
-    const int first = x.first[begin], last = x.first[end - 1] + x.width + columns_at_once - 1;
-    return {first - first % columns_at_once, last - last % columns_at_once};
-}
-
-// Solves a strip part by part along x: the cells of a part's columns are filled before it, and its changes spread
-// when no later part touches their columns.
-void solve_strip(const Slice& slice, const Solve& solve, const Strip& strip, int step, Paraboloid& data, Scratch& s) {
-    const int nx = slice.geometry.grid.nx, parts = (nx + voxels_at_once - 1) / voxels_at_once;
-    std::vector<Columns>& filled = s.filled; // and not yet spread
-    filled.assign(slice.views.size(), {-1, -1});
-    slice.begin(strip, s);
-    for (int i = 0; i < parts; i++) {
-        const int part = step > 0 ? i : parts - 1 - i, next = part + step;
-        const int begin = part * voxels_at_once, end = std::min(nx, begin + voxels_at_once);
-        for (size_t k = 0; k < slice.views.size(); k++) {
-            Columns &has = filled[k], wanted = columns(slice.views[k].x(), begin, end), missing = wanted;
-            if (i > 0) (step > 0 ? missing.begin : missing.end) = step > 0 ? has.end : has.begin;
-            if (i == 0) has = wanted;
-            if (missing.begin >= missing.end) continue;
-            const int view = slice.separable[k];
-            slice.views[k].gather(strip, data.slope(view), data.curvature(view), missing.begin, missing.end, s.sums[k]);
-            (step > 0 ? has.end : has.begin) = step > 0 ? missing.end : missing.begin;
-        }
-        solve.along(s.line, step > 0 ? begin : end - 1, end - begin, step, strip, data, s.lists);
-        for (size_t k = 0; k < slice.views.size(); k++) {
-            Columns &has = filled[k], done = has;
-            if (i + 1 < parts) {
-                const int from = next * voxels_at_once;
-                const Columns later = columns(slice.views[k].x(), from, std::min(nx, from + voxels_at_once));
-                (step > 0 ? done.end : done.begin) =
-                    step > 0 ? std::min(later.begin, has.end) : std::max(later.end, has.begin);
-            }
-            const int view = slice.separable[k];
-            slice.views[k].spread(strip, data.curvature(view), done.begin, done.end, s.sums[k], data.slope(view));
-            (step > 0 ? has.begin : has.end) = step > 0 ? done.end : done.begin;
-        }
-    }
-}
-
-void descend_strip(const Slice& slice, const Solve& solve, int z, const Strip& strip, bool backwards, Paraboloid& data,
-                   Scratch& s, float* f) {
+// Voxels begin .. end - 1 of a strip.
+void descend_strip(const Slice& slice, const Solve& solve, const Strip& strip, int begin, int end, bool backwards,
+                   Paraboloid& data, Scratch& s, float* f) {
     const Neighbourhood& n = solve.neighbours;
-    const int64_t nx = n.nx;
+    const int count = end - begin;
+    Line& line = s.line;
     float* rows[lanes];
-    for (int i = 0; i < strip.rows; i++) rows[i] = f + (z * n.ny + strip.y[i]) * nx;
-    s.line.f.resize((nx + 2) * lanes);
-    into_lanes(rows, strip.rows, nx, s.line.f.data() + lanes);
+    for (int i = 0; i < strip.rows; i++) rows[i] = f + (int64_t(slice.z) * n.ny + strip.y[i]) * n.nx + begin;
+    line.begin = begin;
+    line.f.resize((count + 2) * lanes);
+    into_lanes(rows, strip.rows, count, line.f.data() + lanes);
+    for (int i = 0; i < lanes; i++) {
+        line.f[i] = i < strip.rows && begin > 0 ? rows[i][-1] : 0;
+        line.f[(count + 1) * lanes + i] = i < strip.rows && end < n.nx ? rows[i][count] : 0;
+    }
     if (solve.beta > 0) {
-        s.prior.resize(2 * lanes * nx);
+        s.prior.resize(2 * lanes * n.nx);
         float *gradient[lanes], *curvature[lanes];
         for (int i = 0; i < strip.rows; i++) {
-            gradient[i] = s.prior.data() + 2 * i * nx;
-            curvature[i] = gradient[i] + nx;
-            prior_across_rows(n, f, z, strip.y[i], gradient[i], curvature[i]);
+            gradient[i] = s.prior.data() + 2 * i * count;
+            curvature[i] = gradient[i] + count;
+            prior_across_rows(n, f, slice.z, strip.y[i], begin, end, gradient[i], curvature[i]);
         }
-        s.line.gradient.resize(nx * lanes);
-        s.line.curvature.resize(nx * lanes);
-        into_lanes(gradient, strip.rows, nx, s.line.gradient.data());
-        into_lanes(curvature, strip.rows, nx, s.line.curvature.data());
+        line.gradient.resize(count * lanes);
+        line.curvature.resize(count * lanes);
+        into_lanes(gradient, strip.rows, count, line.gradient.data());
+        into_lanes(curvature, strip.rows, count, line.curvature.data());
     }
-    solve_strip(slice, solve, strip, backwards ? -1 : 1, data, s);
-    out_of_lanes(s.line.f.data() + lanes, strip.rows, nx, rows);
+    slice.gather(strip, begin, end, data, s);
+    solve.along(line, count, backwards, strip, data, s.lists);
+    slice.spread(strip, data, s);
+    out_of_lanes(line.f.data() + lanes, strip.rows, count, rows);
 }
 
-// d: the slice's, (ny, nx). Nothing is spread, so the rows may share pixels.
-void strip_diagonal(const Slice& slice, const Strip& strip, Paraboloid& data, Scratch& s, float* d) {
-    const int nx = slice.geometry.grid.nx;
-    slice.begin(strip, s);
-    for (size_t k = 0; k < slice.views.size(); k++) {
-        const Columns all = columns(slice.views[k].x(), 0, nx);
-        const float* curvature = data.curvature(slice.separable[k]);
-        slice.views[k].gather(strip, curvature, curvature, all.begin, all.end, s.sums[k]);
-    }
-    s.line.f.resize(int64_t(nx) * lanes);
-    line_curvature(s.line, 0, nx, s.line.f.data());
-    for (int x = 0; x < nx && !slice.lists.empty(); x++) {
-        Lanes slope = {}, sum;
-        load(sum, &s.line.f[int64_t(x) * lanes]);
-        slice.lists.measure(strip, x, data, s.lists, slope, sum);
-        store(&s.line.f[int64_t(x) * lanes], sum);
-    }
-    float* rows[lanes];
-    for (int i = 0; i < strip.rows; i++) rows[i] = d + int64_t(strip.y[i]) * nx;
-    out_of_lanes(s.line.f.data(), strip.rows, nx, rows);
-}
-
-// The i-th strip of eight rows first, first + stride, ... of ny.
-Strip strip_of(int64_t i, int64_t first, int64_t stride, int64_t ny) {
+// Rows y, y + stride, ... of one block.
+Strip strip_of(int y, int stride, int ny) {
     Strip strip;
-    for (int64_t y = first + i * lanes * stride; y < ny && strip.rows < lanes; y += stride)
-        strip.y[strip.rows++] = int(y);
+    for (; y < ny && strip.rows < lanes; y += stride) strip.y[strip.rows++] = y;
     return strip;
 }
+
+void descend_block(const Slice& slice, const Solve& solve, int block, bool backwards, Paraboloid& data, Scratch& s,
+                   float* f) {
+    const Neighbourhood& n = solve.neighbours;
+    const int nx = int(n.nx), parts = (nx + voxels_at_once - 1) / voxels_at_once;
+    for (int i = 0; i < parts; i++) {
+        const int begin = (backwards ? parts - 1 - i : i) * voxels_at_once, end = std::min(nx, begin + voxels_at_once);
+        for (int j = 0; j < slice.stride; j++) {
+            const int first = block * lanes * slice.stride + (backwards ? slice.stride - 1 - j : j);
+            const Strip strip = strip_of(first, slice.stride, int(n.ny));
+            if (strip.rows) descend_strip(slice, solve, strip, begin, end, backwards, data, s, f);
+        }
+    }
+}
+
+// All blocks of one parity, then those of the other as soon as their neighbours are done: threads take them in that
+// order, so that the block that all others wait for is always being worked on.
+class Turns {
+    std::vector<std::atomic<bool>> done;
+    std::atomic<int> next{0};
+    const int blocks, first;
+
+public:
+    Turns(int blocks, bool backwards) : done(blocks), blocks(blocks), first(backwards && blocks > 1 ? 1 : 0) {
+        for (auto& d : done) d = false;
+    }
+    // The next block, or -1.
+    int take() {
+        const int i = next++, leading = first ? blocks / 2 : (blocks + 1) / 2;
+        if (i >= blocks) return -1;
+        if (i < leading) return 2 * i + first;
+        const int block = 2 * (i - leading) + 1 - first;
+        for (int beside : {block - 1, block + 1})
+            while (beside >= 0 && beside < blocks && !done[beside].load(std::memory_order_acquire))
+                std::this_thread::yield();
+        return block;
+    }
+    void finish(int block) { done[block].store(true, std::memory_order_release); }
+};
 
 } // namespace
 
@@ -213,18 +199,33 @@ void descend(const Geometry& geometry, const Neighbourhood& n, const Sweep& swee
     const Solve solve{n, sweep.beta, sweep.relaxation, slice.lists};
     std::vector<Scratch> scratch(threads());
     for (int64_t i = 0; i < n.nz; i++) {
-        const int z = int(sweep.backwards ? n.nz - 1 - i : i);
-        slice.make(z);
-        const int64_t stride = std::max(2, slice.stride); // neighbouring rows are bound by the prior
-        const int64_t classes = std::min<int64_t>(stride, n.ny);
-        for (int64_t j = 0; j < classes; j++) {
-            const int64_t first = sweep.backwards ? classes - 1 - j : j, rows = (n.ny - first + stride - 1) / stride;
-            parallel((rows + lanes - 1) / lanes, [&](int64_t begin, int64_t end, int thread) {
-                for (int64_t k = begin; k < end; k++)
-                    descend_strip(slice, solve, z, strip_of(k, first, stride, n.ny), sweep.backwards, data,
-                                  scratch[thread], f);
-            });
+        slice.make(int(sweep.backwards ? n.nz - 1 - i : i));
+        Turns turns(int((n.ny + lanes * slice.stride - 1) / (lanes * slice.stride)), sweep.backwards);
+        parallel(int64_t(scratch.size()), [&](int64_t, int64_t, int thread) {
+            for (int block; (block = turns.take()) >= 0; turns.finish(block))
+                descend_block(slice, solve, block, sweep.backwards, data, scratch[thread], f);
+        });
+    }
+}
+
+// d: the slice's, (ny, nx). Nothing is spread, so the rows may share pixels.
+static void strip_diagonal(const Slice& slice, const Strip& strip, Paraboloid& data, Scratch& s, float* d) {
+    const int nx = slice.geometry.grid.nx;
+    for (int begin = 0; begin < nx; begin += voxels_at_once) {
+        const int end = std::min(nx, begin + voxels_at_once);
+        slice.gather(strip, begin, end, data, s);
+        s.line.begin = begin;
+        s.line.f.resize(voxels_at_once * lanes);
+        line_curvature(s.line, end - begin, s.line.f.data());
+        for (int x = begin; x < end && !slice.lists.empty(); x++) {
+            Lanes slope = {}, sum;
+            load(sum, &s.line.f[(x - begin) * lanes]);
+            slice.lists.measure(strip, x, data, s.lists, slope, sum);
+            store(&s.line.f[(x - begin) * lanes], sum);
         }
+        float* rows[lanes];
+        for (int i = 0; i < strip.rows; i++) rows[i] = d + int64_t(strip.y[i]) * nx + begin;
+        out_of_lanes(s.line.f.data(), strip.rows, end - begin, rows);
     }
 }
 
@@ -236,7 +237,8 @@ void diagonal(const Geometry& geometry, Paraboloid& data, float* d) {
         slice.make(z);
         parallel((grid.ny + lanes - 1) / lanes, [&](int64_t begin, int64_t end, int thread) {
             for (int64_t k = begin; k < end; k++)
-                strip_diagonal(slice, strip_of(k, 0, 1, grid.ny), data, scratch[thread], d + z * grid.slice());
+                strip_diagonal(slice, strip_of(int(k) * lanes, 1, grid.ny), data, scratch[thread],
+                               d + z * grid.slice());
         });
     }
 }

@@ -32,8 +32,9 @@ PALPATE_KERNEL void add_step(Potential potential, const float* a, const float* b
     }
 }
 
-void add_neighbours(const Neighbourhood& n, const float* f, int64_t z, int64_t y, bool own_row, float* gradient,
-                    float* curvature) {
+// gradient, curvature: of voxels begin .. end - 1 of the row.
+void add_neighbours(const Neighbourhood& n, const float* f, int64_t z, int64_t y, int64_t begin, int64_t end,
+                    bool own_row, float* gradient, float* curvature) {
     const float* row = f + (z * n.ny + y) * n.nx;
     for (int64_t dz = -1; dz <= 1; dz++)
         for (int64_t dy = -1; dy <= 1; dy++) {
@@ -42,9 +43,9 @@ void add_neighbours(const Neighbourhood& n, const float* f, int64_t z, int64_t y
             const float* other = f + ((z + dz) * n.ny + y + dy) * n.nx;
             for (int64_t dx = -1; dx <= 1; dx++) {
                 if (dz == 0 && dy == 0 && dx == 0) continue;
-                int64_t first = dx < 0 ? 1 : 0, count = n.nx - (dx != 0);
-                add_step(n.potential, row + first, other + first + dx, count, n.weight[dz + 1][dy + 1][dx + 1], n.edge,
-                         gradient + first, curvature + first);
+                const int64_t first = std::max<int64_t>(begin, -dx), last = std::min(end, n.nx - dx);
+                add_step(n.potential, row + first, other + first + dx, last - first, n.weight[dz + 1][dy + 1][dx + 1],
+                         n.edge, gradient + first - begin, curvature + first - begin);
             }
         }
 }
@@ -131,15 +132,15 @@ void prior_surrogate(const Neighbourhood& n, const float* f, float* gradient, fl
         std::fill(gradient + begin * n.nx, gradient + end * n.nx, 0.0f);
         std::fill(curvature + begin * n.nx, curvature + end * n.nx, 0.0f);
         for (int64_t row = begin; row < end; row++)
-            add_neighbours(n, f, row / n.ny, row % n.ny, true, gradient + row * n.nx, curvature + row * n.nx);
+            add_neighbours(n, f, row / n.ny, row % n.ny, 0, n.nx, true, gradient + row * n.nx, curvature + row * n.nx);
     });
 }
 
-void prior_across_rows(const Neighbourhood& n, const float* f, int64_t z, int64_t y, float* gradient,
-                       float* curvature) {
-    std::fill_n(gradient, n.nx, 0.0f);
-    std::fill_n(curvature, n.nx, 0.0f);
-    add_neighbours(n, f, z, y, false, gradient, curvature);
+void prior_across_rows(const Neighbourhood& n, const float* f, int64_t z, int64_t y, int64_t begin, int64_t end,
+                       float* gradient, float* curvature) {
+    std::fill_n(gradient, end - begin, 0.0f);
+    std::fill_n(curvature, end - begin, 0.0f);
+    add_neighbours(n, f, z, y, begin, end, false, gradient, curvature);
 }
 
 } // namespace palpate

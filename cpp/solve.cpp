@@ -8,7 +8,8 @@ constexpr int place(int m, int k, int terms) { return m * terms - m * (m - 1) / 
 // The slope in voxel x: Σ over columns and terms of (along x) · (slope + curvature · what has changed since).
 template <int fixed> PALPATE_INLINE void add_slope(const LineView& v, int x, Lanes& sum) {
     const int terms = fixed ? fixed : v.terms, size = terms + pairs_of(terms), cell = (size + terms) * lanes;
-    const float *weight = v.weight + int64_t(x) * v.width * size, *cells = v.cells + int64_t(v.first[x]) * cell;
+    const float *weight = v.weight + int64_t(x) * v.width * size,
+                *cells = v.cells + int64_t(v.first[x] - v.begin) * cell;
     Lanes part = {};
     for (int t = 0; t < v.width; t++, weight += size, cells += cell)
         for (int m = 0; m < terms; m++) {
@@ -26,7 +27,8 @@ template <int fixed> PALPATE_INLINE void add_slope(const LineView& v, int x, Lan
 
 template <int fixed> PALPATE_INLINE void add_curvature(const LineView& v, int x, Lanes& sum) {
     const int terms = fixed ? fixed : v.terms, size = terms + pairs_of(terms), cell = (size + terms) * lanes;
-    const float *weight = v.weight + int64_t(x) * v.width * size, *cells = v.cells + int64_t(v.first[x]) * cell;
+    const float *weight = v.weight + int64_t(x) * v.width * size,
+                *cells = v.cells + int64_t(v.first[x] - v.begin) * cell;
     Lanes part = {}, c;
     for (int t = 0; t < v.width; t++, weight += size, cells += cell)
         for (int q = terms; q < size; q++) {
@@ -39,7 +41,7 @@ template <int fixed> PALPATE_INLINE void add_curvature(const LineView& v, int x,
 template <int fixed> PALPATE_INLINE void add_change(const LineView& v, int x, const Lanes& change) {
     const int terms = fixed ? fixed : v.terms, size = terms + pairs_of(terms), cell = (size + terms) * lanes;
     const float* weight = v.weight + int64_t(x) * v.width * size;
-    float* p = v.cells + int64_t(v.first[x]) * cell + size * lanes;
+    float* p = v.cells + int64_t(v.first[x] - v.begin) * cell + size * lanes;
     for (int t = 0; t < v.width; t++, weight += size, p += cell)
         for (int m = 0; m < terms; m++) {
             Lanes sum;
@@ -88,21 +90,22 @@ PALPATE_INLINE void add_pair(const Lanes& old, const float* other, float weight,
 
 // Numerical kernel.
 template <Potential potential>
-PALPATE_INLINE void solve_with(const Solve& s, Line& line, int begin, int count, int step, const Strip& strip,
+PALPATE_INLINE void solve_with(const Solve& s, Line& line, int count, bool backwards, const Strip& strip,
                                Paraboloid& data, Lists::Scratch& scratch) {
     const int nx = int(s.neighbours.nx);
     const float beside = s.neighbours.weight[1][1][0], edge = s.neighbours.edge, beta = s.beta;
     const Lanes zero = {};
-    for (int i = 0, x = begin; i < count; i++, x += step) {
+    for (int j = 0; j < count; j++) {
+        const int i = backwards ? count - 1 - j : j, x = line.begin + i;
         Lanes slope = {}, curvature = {}, old, moved;
         measure(line, x, slope, curvature);
         if (!s.lists.empty()) s.lists.measure(strip, x, data, scratch, slope, curvature);
-        float* f = line.f.data() + (int64_t(x) + 1) * lanes;
+        float* f = line.f.data() + (i + 1) * lanes;
         load(old, f);
         if (beta > 0) {
             Lanes push, bend;
-            load(push, line.gradient.data() + int64_t(x) * lanes);
-            load(bend, line.curvature.data() + int64_t(x) * lanes);
+            load(push, line.gradient.data() + i * lanes);
+            load(bend, line.curvature.data() + i * lanes);
             add_pair<potential>(old, f - lanes, x > 0 ? beside : 0, edge, push, bend);
             add_pair<potential>(old, f + lanes, x + 1 < nx ? beside : 0, edge, push, bend);
             slope += beta * push;
@@ -118,37 +121,37 @@ PALPATE_INLINE void solve_with(const Solve& s, Line& line, int begin, int count,
     }
 }
 
-PALPATE_KERNEL void solve(const Solve& s, Line& line, int begin, int count, int step, const Strip& strip,
-                          Paraboloid& data, Lists::Scratch& scratch) {
+PALPATE_KERNEL void solve(const Solve& s, Line& line, int count, bool backwards, const Strip& strip, Paraboloid& data,
+                          Lists::Scratch& scratch) {
     switch (s.neighbours.potential) {
     case Potential::quadratic:
-        return solve_with<Potential::quadratic>(s, line, begin, count, step, strip, data, scratch);
+        return solve_with<Potential::quadratic>(s, line, count, backwards, strip, data, scratch);
     case Potential::huber:
-        return solve_with<Potential::huber>(s, line, begin, count, step, strip, data, scratch);
+        return solve_with<Potential::huber>(s, line, count, backwards, strip, data, scratch);
     case Potential::lange:
-        return solve_with<Potential::lange>(s, line, begin, count, step, strip, data, scratch);
+        return solve_with<Potential::lange>(s, line, count, backwards, strip, data, scratch);
     }
 }
 
 } // namespace
 
-void Solve::along(Line& line, int begin, int count, int step, const Strip& strip, Paraboloid& data,
+void Solve::along(Line& line, int count, bool backwards, const Strip& strip, Paraboloid& data,
                   Lists::Scratch& scratch) const {
-    solve(*this, line, begin, count, step, strip, data, scratch);
+    solve(*this, line, count, backwards, strip, data, scratch);
 }
 
-PALPATE_KERNEL void line_curvature(const Line& line, int begin, int count, float* out) {
+PALPATE_KERNEL void line_curvature(const Line& line, int count, float* out) {
     for (int i = 0; i < count; i++) {
         Lanes sum = {};
         for (const LineView& v : line.views) {
             if (v.terms == 1)
-                add_curvature<1>(v, begin + i, sum);
+                add_curvature<1>(v, line.begin + i, sum);
             else if (v.terms == 2)
-                add_curvature<2>(v, begin + i, sum);
+                add_curvature<2>(v, line.begin + i, sum);
             else
-                add_curvature<0>(v, begin + i, sum);
+                add_curvature<0>(v, line.begin + i, sum);
         }
-        store(out + int64_t(i) * lanes, sum);
+        store(out + i * lanes, sum);
     }
 }
 

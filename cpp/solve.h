@@ -3,33 +3,36 @@
 
 namespace palpate {
 
-// One view as the solve along x sees it: a strip's cells (column 0 first) and the weights along x of SliceView::x().
+// One view as the solve along x sees it: a strip's cells, from that of column `begin` on, and the weights along x of
+// SliceView::x().
 struct LineView {
     const float* weight;
     const int32_t* first;
     float* cells;
-    int terms, width;
+    int begin, terms, width;
 };
 
-// A strip's voxels, one lane a row: for every x its value and what the prior says of it across rows, eight floats each.
+// Voxels begin, begin + 1, ... of a strip, one lane a row: for every x its value and what the prior says of it across
+// rows, eight floats each.
 struct Line {
+    int begin = 0;
     std::vector<LineView> views;
-    std::vector<float> f;                   // (nx + 2, lanes): value x in place x + 1
-    std::vector<float> gradient, curvature; // (nx, lanes)
+    std::vector<float> f;                   // (count + 2, lanes): with the voxels before and behind
+    std::vector<float> gradient, curvature; // (count, lanes)
 };
 
-// The voxels of one strip at a time are minimised along x, from `begin` in steps of `step` (1 or -1), `count` of them:
-// each along its parabola, the columns' sums of slope following through the cells' changes.
+// Minimises `count` voxels of a strip one after the other along x: each along its parabola, the columns' sums of slope
+// following through the cells' changes.
 struct Solve {
     const Neighbourhood& neighbours;
     float beta, relaxation;
     const Lists& lists; // the views that have no cells
 
-    void along(Line& line, int begin, int count, int step, const Strip& strip, Paraboloid& data,
+    void along(Line& line, int count, bool backwards, const Strip& strip, Paraboloid& data,
                Lists::Scratch& scratch) const;
 };
 
-// The data's curvature in voxels begin .. begin + count - 1, (count, lanes).
-void line_curvature(const Line& line, int begin, int count, float* out);
+// The data's curvature in `count` voxels, (count, lanes).
+void line_curvature(const Line& line, int count, float* out);
 
 } // namespace palpate

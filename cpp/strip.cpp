@@ -104,20 +104,19 @@ int SliceView::rows_apart() const {
     return along_y.apart(1);
 }
 
-void SliceView::begin(const Strip& strip, Sums& sums) const {
-    const size_t columns = (stride + columns_at_once - 1) / columns_at_once * columns_at_once;
-    if (sums.cells.size() < columns * cell()) sums.cells.resize(columns * cell());
-    sums.rows.resize(std::max(sums.rows.size(), size_t(along_x.stride()) * lanes * chunk));
-    if (view->pose == Pose::turned)
-        for (int i = 0; i < strip.rows; i++) sums.turned[i].make(edges, strip.y[i], view->nb, view->na, stride);
-}
-
 void SliceView::gather(const Strip& strip, const float* slope, const float* curvature, int begin, int end,
                        Sums& sums) const {
     const int size = along_x.stride();
+    sums.begin = along_x.first[begin] / lanes * lanes;
+    const int columns = along_x.first[end - 1] + along_x.width - sums.begin;
+    sums.end = sums.begin + (columns + 2 * lanes - 1) / (2 * lanes) * (2 * lanes);
+    sums.cells.resize(std::max(sums.cells.size(), size_t(sums.end - sums.begin) * cell()));
+    sums.rows.resize(std::max(sums.rows.size(), size_t(size) * lanes * chunk));
+    if (view->pose == Pose::turned)
+        for (int i = 0; i < strip.rows; i++) sums.turned[i].make(edges, strip.y[i], view->nb, view->na, stride);
     float* rows = sums.rows.data();
-    for (int a = begin; a < end; a += chunk) {
-        const int n = std::min(chunk, end - a);
+    for (int a = sums.begin; a < sums.end; a += chunk) {
+        const int n = std::min(chunk, sums.end - a);
         for (int i = 0; i < lanes; i++) {
             float* out = rows + int64_t(i) * size * chunk;
             if (i >= strip.rows) {
@@ -130,15 +129,15 @@ void SliceView::gather(const Strip& strip, const float* slope, const float* curv
                 reduce(slope + at, curvature + at, stride, along_y.of(y), terms(), along_y.count[y], n, out, chunk);
             }
         }
-        into_cells(rows, size, terms(), n, sums.cells.data() + int64_t(a) * cell());
+        into_cells(rows, size, terms(), n, sums.cells.data() + int64_t(a - sums.begin) * cell());
     }
 }
 
-void SliceView::spread(const Strip& strip, const float* curvature, int begin, int end, Sums& sums, float* slope) const {
+void SliceView::spread(const Strip& strip, const float* curvature, Sums& sums, float* slope) const {
     float* rows = sums.rows.data();
-    for (int a = begin; a < end; a += chunk) {
-        const int n = std::min(chunk, end - a);
-        out_of_cells(sums.cells.data() + int64_t(a) * cell(), along_x.stride(), terms(), n, rows);
+    for (int a = sums.begin; a < sums.end; a += chunk) {
+        const int n = std::min(chunk, sums.end - a);
+        out_of_cells(sums.cells.data() + int64_t(a - sums.begin) * cell(), along_x.stride(), terms(), n, rows);
         for (int i = 0; i < strip.rows; i++) {
             const float* change = rows + int64_t(i) * terms() * chunk;
             if (view->pose == Pose::turned) {

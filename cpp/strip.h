@@ -15,11 +15,10 @@ struct Strip {
 // column's sum of slope, for every pair of terms its sum of curvature, for every term the sum over the voxels of (along
 // x) x change. All are of the columns alone, so that along x a strip is a problem in one dimension.
 struct Sums {
+    int begin = 0, end = 0;         // columns of the cells
     std::vector<float> cells, rows; // rows: scratch, the same before it is turned into lanes
     TurnedRow turned[lanes];        // on turned panels
 };
-
-constexpr int columns_at_once = 16;
 
 // The footprints of the voxels of one slice in one view whose layout is separable.
 class SliceView {
@@ -30,11 +29,10 @@ public:
     int cell() const { return (along_x.stride() + along_x.terms) * lanes; } // floats
     const AxisTerms& x() const { return along_x; }
 
-    void begin(const Strip& strip, Sums& sums) const;
-    // Fills cells begin .. end - 1, multiples of 16.
+    // Fills the cells that voxels begin .. end - 1 touch.
     void gather(const Strip& strip, const float* slope, const float* curvature, int begin, int end, Sums& sums) const;
-    // slope += curvature · A (change), from the changes of those cells.
-    void spread(const Strip& strip, const float* curvature, int begin, int end, Sums& sums, float* slope) const;
+    // slope += curvature · A (change), from the changes in those cells.
+    void spread(const Strip& strip, const float* curvature, Sums& sums, float* slope) const;
 
 private:
     const View* view = nullptr;
