@@ -44,9 +44,11 @@ PALPATE_KERNEL void into_lanes(const float* const* rows, int count, int64_t n, f
     int64_t x = 0;
     for (; x + lanes <= n; x += lanes) {
         Lanes m[lanes] = {};
-        for (int i = 0; i < count; i++) load(m[i], rows[i] + x);
+        PALPATE_UNROLL
+        for (int i = 0; i < lanes; i++)
+            if (i < count) load(m[i], rows[i] + x);
         transpose(m);
-        for (int i = 0; i < lanes; i++) store(out + (x + i) * lanes, m[i]);
+        store_all(out + x * lanes, lanes, m);
     }
     for (; x < n; x++)
         for (int i = 0; i < lanes; i++) out[x * lanes + i] = i < count ? rows[i][x] : 0;
@@ -56,9 +58,11 @@ PALPATE_KERNEL void out_of_lanes(const float* in, int count, int64_t n, float* c
     int64_t x = 0;
     for (; x + lanes <= n; x += lanes) {
         Lanes m[lanes];
-        for (int i = 0; i < lanes; i++) load(m[i], in + (x + i) * lanes);
+        load_all(m, in + x * lanes, lanes);
         transpose(m);
-        for (int i = 0; i < count; i++) store(rows[i] + x, m[i]);
+        PALPATE_UNROLL
+        for (int i = 0; i < lanes; i++)
+            if (i < count) store(rows[i] + x, m[i]);
     }
     for (; x < n; x++)
         for (int i = 0; i < count; i++) rows[i][x] = in[x * lanes + i];

@@ -9,6 +9,11 @@ namespace palpate {
 typedef float Lanes __attribute__((vector_size(32)));
 typedef int32_t LaneMask __attribute__((vector_size(32)));
 constexpr int lanes = 8;
+#if defined(__clang__)
+#define PALPATE_UNROLL _Pragma("clang loop unroll(full)")
+#else
+#define PALPATE_UNROLL _Pragma("GCC unroll 8")
+#endif
 PALPATE_INLINE void load(Lanes& v, const float* p) { std::memcpy(&v, p, sizeof v); }
 PALPATE_INLINE void store(float* p, const Lanes& v) { std::memcpy(p, &v, sizeof v); }
 
@@ -24,20 +29,32 @@ PALPATE_INLINE void choose(const LaneMask& mask, const Lanes& v, const Lanes& w,
 // m[i][j] becomes m[j][i].
 PALPATE_INLINE void transpose(Lanes (&m)[lanes]) {
     Lanes p[lanes], q[lanes];
+    PALPATE_UNROLL
     for (int i = 0; i < 4; i++) {
         p[2 * i] = __builtin_shufflevector(m[2 * i], m[2 * i + 1], 0, 8, 1, 9, 4, 12, 5, 13);
         p[2 * i + 1] = __builtin_shufflevector(m[2 * i], m[2 * i + 1], 2, 10, 3, 11, 6, 14, 7, 15);
     }
-    for (int i = 0; i < 2; i++)
-        for (int j = 0; j < 2; j++) {
-            const Lanes &u = p[4 * i + j], &v = p[4 * i + j + 2];
-            q[4 * i + 2 * j] = __builtin_shufflevector(u, v, 0, 1, 8, 9, 4, 5, 12, 13);
-            q[4 * i + 2 * j + 1] = __builtin_shufflevector(u, v, 2, 3, 10, 11, 6, 7, 14, 15);
-        }
+    PALPATE_UNROLL
+    for (int i = 0; i < 4; i++) {
+        const Lanes &u = p[i + (i & 2)], &v = p[i + (i & 2) + 2];
+        q[2 * i] = __builtin_shufflevector(u, v, 0, 1, 8, 9, 4, 5, 12, 13);
+        q[2 * i + 1] = __builtin_shufflevector(u, v, 2, 3, 10, 11, 6, 7, 14, 15);
+    }
+    PALPATE_UNROLL
     for (int i = 0; i < 4; i++) {
         m[i] = __builtin_shufflevector(q[i], q[i + 4], 0, 1, 2, 3, 8, 9, 10, 11);
         m[i + 4] = __builtin_shufflevector(q[i], q[i + 4], 4, 5, 6, 7, 12, 13, 14, 15);
     }
+}
+
+// Eight vectors from p, p + step, ..., and back. They must be unrolled, or they go through memory.
+PALPATE_INLINE void load_all(Lanes (&m)[lanes], const float* p, int64_t step) {
+    PALPATE_UNROLL
+    for (int i = 0; i < lanes; i++) load(m[i], p + i * step);
+}
+PALPATE_INLINE void store_all(float* p, int64_t step, const Lanes (&m)[lanes]) {
+    PALPATE_UNROLL
+    for (int i = 0; i < lanes; i++) store(p + i * step, m[i]);
 }
 
 } // namespace palpate

@@ -5,13 +5,17 @@ namespace {
 
 constexpr int place(int m, int k, int terms) { return m * terms - m * (m - 1) / 2 + k - m; } // of pair m <= k
 
-// The slope in voxel x: Σ over columns and terms of (along x) · (slope + curvature · what has changed since).
-template <int fixed> PALPATE_INLINE void add_slope(const LineView& v, int x, Lanes& sum) {
-    const int terms = fixed ? fixed : v.terms, size = terms + pairs_of(terms), cell = (size + terms) * lanes;
-    const float *weight = v.weight + int64_t(x) * v.width * size,
-                *cells = v.cells + int64_t(v.first[x] - v.begin) * cell;
-    Lanes part = {};
-    for (int t = 0; t < v.width; t++, weight += size, cells += cell)
+// Templates below: `fixed` terms and `wide` columns a voxel, or 0 for any number, so that the usual ones are unrolled.
+
+// What voxel x sees of a view. Slope: Σ over columns and terms of (along x) · (slope + curvature · what has changed
+// since); curvature: Σ over columns and pairs of terms.
+template <int fixed, int wide>
+PALPATE_INLINE void look(const LineView& v, int x, Lanes& slope, Lanes& curvature) {
+    const int terms = fixed ? fixed : v.terms, width = wide ? wide : v.width;
+    const int size = terms + pairs_of(terms), cell = (size + terms) * lanes;
+    const float *weight = v.weight + int64_t(x) * width * size, *cells = v.cells + int64_t(v.first[x] - v.begin) * cell;
+    Lanes first = {}, second = {};
+    for (int t = 0; t < width; t++, weight += size, cells += cell) {
         for (int m = 0; m < terms; m++) {
             Lanes h, c, p;
             load(h, cells + m * lanes);
@@ -20,29 +24,24 @@ template <int fixed> PALPATE_INLINE void add_slope(const LineView& v, int x, Lan
                 load(p, cells + (size + k) * lanes);
                 h += c * p;
             }
-            part += weight[m] * h;
+            first += weight[m] * h;
         }
-    sum += part;
-}
-
-template <int fixed> PALPATE_INLINE void add_curvature(const LineView& v, int x, Lanes& sum) {
-    const int terms = fixed ? fixed : v.terms, size = terms + pairs_of(terms), cell = (size + terms) * lanes;
-    const float *weight = v.weight + int64_t(x) * v.width * size,
-                *cells = v.cells + int64_t(v.first[x] - v.begin) * cell;
-    Lanes part = {}, c;
-    for (int t = 0; t < v.width; t++, weight += size, cells += cell)
         for (int q = terms; q < size; q++) {
+            Lanes c;
             load(c, cells + q * lanes);
-            part += weight[q] * c;
+            second += weight[q] * c;
         }
-    sum += part;
+    }
+    slope += first;
+    curvature += second;
 }
 
-template <int fixed> PALPATE_INLINE void add_change(const LineView& v, int x, const Lanes& change) {
-    const int terms = fixed ? fixed : v.terms, size = terms + pairs_of(terms), cell = (size + terms) * lanes;
-    const float* weight = v.weight + int64_t(x) * v.width * size;
+template <int fixed, int wide> PALPATE_INLINE void change_by(const LineView& v, int x, const Lanes& change) {
+    const int terms = fixed ? fixed : v.terms, width = wide ? wide : v.width;
+    const int size = terms + pairs_of(terms), cell = (size + terms) * lanes;
+    const float* weight = v.weight + int64_t(x) * width * size;
     float* p = v.cells + int64_t(v.first[x] - v.begin) * cell + size * lanes;
-    for (int t = 0; t < v.width; t++, weight += size, p += cell)
+    for (int t = 0; t < width; t++, weight += size, p += cell)
         for (int m = 0; m < terms; m++) {
             Lanes sum;
             load(sum, p + m * lanes);
@@ -52,25 +51,33 @@ template <int fixed> PALPATE_INLINE void add_change(const LineView& v, int x, co
 }
 
 PALPATE_INLINE void measure(const Line& line, int x, Lanes& slope, Lanes& curvature) {
-    for (const LineView& v : line.views) {
-        if (v.terms == 1)
-            add_slope<1>(v, x, slope), add_curvature<1>(v, x, curvature);
-        else if (v.terms == 2)
-            add_slope<2>(v, x, slope), add_curvature<2>(v, x, curvature);
-        else
-            add_slope<0>(v, x, slope), add_curvature<0>(v, x, curvature);
-    }
+    for (const LineView& v : line.views)
+        switch (v.kind) {
+        case 12: look<1, 2>(v, x, slope, curvature); break;
+        case 13: look<1, 3>(v, x, slope, curvature); break;
+        case 14: look<1, 4>(v, x, slope, curvature); break;
+        case 22: look<2, 2>(v, x, slope, curvature); break;
+        case 23: look<2, 3>(v, x, slope, curvature); break;
+        case 24: look<2, 4>(v, x, slope, curvature); break;
+        case 10: look<1, 0>(v, x, slope, curvature); break;
+        case 20: look<2, 0>(v, x, slope, curvature); break;
+        default: look<0, 0>(v, x, slope, curvature); break;
+        }
 }
 
 PALPATE_INLINE void move(const Line& line, int x, const Lanes& change) {
-    for (const LineView& v : line.views) {
-        if (v.terms == 1)
-            add_change<1>(v, x, change);
-        else if (v.terms == 2)
-            add_change<2>(v, x, change);
-        else
-            add_change<0>(v, x, change);
-    }
+    for (const LineView& v : line.views)
+        switch (v.kind) {
+        case 12: change_by<1, 2>(v, x, change); break;
+        case 13: change_by<1, 3>(v, x, change); break;
+        case 14: change_by<1, 4>(v, x, change); break;
+        case 22: change_by<2, 2>(v, x, change); break;
+        case 23: change_by<2, 3>(v, x, change); break;
+        case 24: change_by<2, 4>(v, x, change); break;
+        case 10: change_by<1, 0>(v, x, change); break;
+        case 20: change_by<2, 0>(v, x, change); break;
+        default: change_by<0, 0>(v, x, change); break;
+        }
 }
 
 // A pair of neighbours along x.
@@ -142,15 +149,8 @@ void Solve::along(Line& line, int count, bool backwards, const Strip& strip, Par
 
 PALPATE_KERNEL void line_curvature(const Line& line, int count, float* out) {
     for (int i = 0; i < count; i++) {
-        Lanes sum = {};
-        for (const LineView& v : line.views) {
-            if (v.terms == 1)
-                add_curvature<1>(v, line.begin + i, sum);
-            else if (v.terms == 2)
-                add_curvature<2>(v, line.begin + i, sum);
-            else
-                add_curvature<0>(v, line.begin + i, sum);
-        }
+        Lanes slope = {}, sum = {};
+        measure(line, line.begin + i, slope, sum);
         store(out + i * lanes, sum);
     }
 }

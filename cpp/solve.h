@@ -10,6 +10,7 @@ struct LineView {
     const int32_t* first;
     float* cells;
     int begin, terms, width;
+    int kind = terms > 2 ? 0 : 10 * terms + (width >= 2 && width <= 4 ? width : 0); // which kernel
 };
 
 // Voxels begin, begin + 1, ... of a strip, one lane a row: for every x its value and what the prior says of it across

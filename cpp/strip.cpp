@@ -6,52 +6,68 @@ namespace {
 
 constexpr int chunk = 256; // columns whose sums stay in the nearest cache
 
-// Sums over the image's rows under one row of voxels, `taps` rows from slope and curvature on, n columns: out[q * pitch
-// + a] is the sum of slope in term q, then that of curvature in a pair of terms. fixed: the number of terms, or 0 for
-// any.
+// out = Σ of weight · image over `taps` rows, in n columns, for the images and weights that go with each term and pair of
+// terms: out[q * pitch + a]. fixed: the number of taps, or 0 for any.
 template <int fixed>
 PALPATE_INLINE void reduce_rows(const float* slope, const float* curvature, int64_t stride, const float* weight,
                                 int terms, int taps, int n, float* out, int64_t pitch) {
-    if (fixed) terms = fixed;
-    const int size = terms + pairs_of(terms);
-    for (int q = 0; q < size; q++) {
+    const int size = terms + pairs_of(terms), count = fixed ? fixed : taps;
+    for (int q = 0; q < size; q++, out += pitch) {
         const float* image = q < terms ? slope : curvature;
+        float w[fixed ? fixed : 1];
+        for (int t = 0; t < fixed; t++) w[t] = weight[t * size + q];
         for (int a = 0; a < n; a += 2 * lanes) {
             Lanes first = {}, second = {}, u, v;
-            for (int t = 0; t < taps; t++) {
-                const float w = weight[t * size + q];
+            for (int t = 0; t < count; t++) {
+                const float by = fixed ? w[fixed ? t : 0] : weight[t * size + q];
                 load(u, image + t * stride + a);
                 load(v, image + t * stride + a + lanes);
-                first += w * u;
-                second += w * v;
+                first += by * u;
+                second += by * v;
             }
-            store(out + q * pitch + a, first);
-            store(out + q * pitch + a + lanes, second);
+            store(out + a, first);
+            store(out + a + lanes, second);
         }
     }
 }
 
 PALPATE_KERNEL void reduce(const float* slope, const float* curvature, int64_t stride, const float* weight, int terms,
                            int taps, int n, float* out, int64_t pitch) {
-    reduce_rows<0>(slope, curvature, stride, weight, terms, taps, n, out, pitch);
+    switch (taps) {
+    case 2: return reduce_rows<2>(slope, curvature, stride, weight, terms, taps, n, out, pitch);
+    case 3: return reduce_rows<3>(slope, curvature, stride, weight, terms, taps, n, out, pitch);
+    case 4: return reduce_rows<4>(slope, curvature, stride, weight, terms, taps, n, out, pitch);
+    case 5: return reduce_rows<5>(slope, curvature, stride, weight, terms, taps, n, out, pitch);
+    default: return reduce_rows<0>(slope, curvature, stride, weight, terms, taps, n, out, pitch);
+    }
 }
 
 // slope += curvature · Σ over terms of weight · change, in the same rows and columns.
+template <int fixed>
+PALPATE_INLINE void expand_rows(const float* change, int64_t pitch, const float* curvature, int64_t stride,
+                                const float* weight, int any, int taps, int n, float* slope) {
+    const int terms = fixed ? fixed : any, size = terms + pairs_of(terms);
+    for (int t = 0; t < taps; t++, weight += size, curvature += stride, slope += stride)
+        for (int a = 0; a < n; a += lanes) {
+            Lanes sum = {}, p, c, g;
+            for (int m = 0; m < terms; m++) {
+                load(p, change + m * pitch + a);
+                sum += weight[m] * p;
+            }
+            load(c, curvature + a);
+            load(g, slope + a);
+            g += c * sum;
+            store(slope + a, g);
+        }
+}
+
 PALPATE_KERNEL void expand(const float* change, int64_t pitch, const float* curvature, int64_t stride,
                            const float* weight, int terms, int taps, int n, float* slope) {
-    const int size = terms + pairs_of(terms);
-    for (int t = 0; t < taps; t++)
-        for (int a = 0; a < n; a += lanes) {
-            Lanes sum = {}, c, g;
-            for (int m = 0; m < terms; m++) {
-                load(c, change + m * pitch + a);
-                sum += weight[t * size + m] * c;
-            }
-            load(c, curvature + t * stride + a);
-            load(g, slope + t * stride + a);
-            g += c * sum;
-            store(slope + t * stride + a, g);
-        }
+    switch (terms) {
+    case 1: return expand_rows<1>(change, pitch, curvature, stride, weight, terms, taps, n, slope);
+    case 2: return expand_rows<2>(change, pitch, curvature, stride, weight, terms, taps, n, slope);
+    default: return expand_rows<0>(change, pitch, curvature, stride, weight, terms, taps, n, slope);
+    }
 }
 
 // rows[(lane * size + q) * chunk + a] to cells[a * cell + q * lanes + lane], and 0 to the changes behind them.
@@ -61,9 +77,9 @@ PALPATE_KERNEL void into_cells(const float* rows, int size, int terms, int n, fl
     for (int a = 0; a < n; a += lanes) {
         for (int q = 0; q < size; q++) {
             Lanes m[lanes];
-            for (int i = 0; i < lanes; i++) load(m[i], rows + (int64_t(i) * size + q) * chunk + a);
+            load_all(m, rows + q * chunk + a, int64_t(size) * chunk);
             transpose(m);
-            for (int i = 0; i < lanes; i++) store(cells + int64_t(a + i) * cell + q * lanes, m[i]);
+            store_all(cells + int64_t(a) * cell + q * lanes, cell, m);
         }
         for (int i = 0; i < lanes; i++)
             for (int q = size; q < size + terms; q++) store(cells + int64_t(a + i) * cell + q * lanes, zero);
@@ -76,9 +92,9 @@ PALPATE_KERNEL void out_of_cells(const float* cells, int size, int terms, int n,
     for (int a = 0; a < n; a += lanes)
         for (int q = 0; q < terms; q++) {
             Lanes m[lanes];
-            for (int i = 0; i < lanes; i++) load(m[i], cells + int64_t(a + i) * cell + (size + q) * lanes);
+            load_all(m, cells + int64_t(a) * cell + (size + q) * lanes, cell);
             transpose(m);
-            for (int i = 0; i < lanes; i++) store(rows + (int64_t(i) * terms + q) * chunk + a, m[i]);
+            store_all(rows + q * chunk + a, int64_t(terms) * chunk, m);
         }
 }
 
