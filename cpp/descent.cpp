@@ -6,25 +6,40 @@
 #include <thread>
 
 namespace palpate {
+namespace {
 
-Paraboloid::Paraboloid(const Geometry& geometry, const float* slope, const float* curvature)
-    : images(geometry.views.size()) {
-    parallel(int64_t(images.size()), [&](int64_t begin, int64_t end, int) {
-        for (int64_t k = begin; k < end; k++) {
-            const View& v = geometry.views[k];
+// out = image · path, or · path² for a curvature, for pixels `step` apart. Without paths: out = image.
+void fold(const float* image, const float* path, bool curvature, int count, int64_t step, float* out) {
+    for (int i = 0; i < count; i++, image += step) {
+        const float length = path ? path[i * step] : 1;
+        out[i] = *image * length * (curvature ? length : 1);
+    }
+}
+
+} // namespace
+
+Paraboloid::Paraboloid(const Geometry& geometry, const float* slope, const float* curvature) {
+    int64_t size = 0;
+    for (const View& v : geometry.views)
+        for (int i = 0; i < 2; i++) {
+            start.push_back(size);
             const Layout layout(v);
-            const float *h1 = slope + k * geometry.pixels(), *h2 = curvature + k * geometry.pixels();
-            Image& image = images[k];
-            image.stride = layout.stride;
-            image.slope.assign(layout.rows * layout.stride + column_padding, 0);
-            image.curvature.assign(image.slope.size(), 0);
-            for (int64_t row = 0; row < layout.rows; row++)
-                for (int64_t column = 0; column < layout.columns; column++) {
-                    const int64_t pixel = layout.start + row * layout.down + column * layout.right;
-                    const float path = layout.separable ? v.path[pixel] : 1;
-                    image.slope[row * image.stride + column] = h1[pixel] * path;
-                    image.curvature[row * image.stride + column] = h2[pixel] * path * path;
-                }
+            size += layout.rows * layout.stride + column_padding;
+        }
+    images = Pages(size);
+    parallel(int64_t(start.size()), [&](int64_t begin, int64_t end, int) {
+        for (int64_t i = begin; i < end; i++) {
+            const View& v = geometry.views[i / 2];
+            const Layout layout(v);
+            const float* image = (i % 2 ? curvature : slope) + i / 2 * geometry.pixels();
+            float* out = images.data() + start[i];
+            for (int row = 0; row < layout.rows; row++, out += layout.stride) {
+                const int64_t pixel = layout.start + row * layout.down;
+                fold(image + pixel, layout.separable ? v.path.data() + pixel : nullptr, i % 2, layout.columns,
+                     layout.right, out);
+                std::fill(out + layout.columns, out + layout.stride, 0.0f);
+            }
+            std::fill_n(out, column_padding, 0.0f);
         }
     });
 }
