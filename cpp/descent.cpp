@@ -63,7 +63,7 @@ PALPATE_KERNEL void into_lanes(const float* const* rows, int count, int64_t n, f
         for (int i = 0; i < lanes; i++)
             if (i < count) load(m[i], rows[i] + x);
         transpose(m);
-        store_all(out + x * lanes, lanes, m);
+        store_each(out + x * lanes, lanes, m);
     }
     for (; x < n; x++)
         for (int i = 0; i < lanes; i++) out[x * lanes + i] = i < count ? rows[i][x] : 0;
@@ -73,7 +73,7 @@ PALPATE_KERNEL void out_of_lanes(const float* in, int count, int64_t n, float* c
     int64_t x = 0;
     for (; x + lanes <= n; x += lanes) {
         Lanes m[lanes];
-        load_all(m, in + x * lanes, lanes);
+        load_each(m, in + x * lanes, lanes);
         transpose(m);
         PALPATE_UNROLL
         for (int i = 0; i < lanes; i++)

@@ -48,11 +48,11 @@ PALPATE_INLINE void transpose(Lanes (&m)[lanes]) {
 }
 
 // Eight vectors from p, p + step, ..., and back. They must be unrolled, or they go through memory.
-PALPATE_INLINE void load_all(Lanes (&m)[lanes], const float* p, int64_t step) {
+PALPATE_INLINE void load_each(Lanes (&m)[lanes], const float* p, int64_t step) {
     PALPATE_UNROLL
     for (int i = 0; i < lanes; i++) load(m[i], p + i * step);
 }
-PALPATE_INLINE void store_all(float* p, int64_t step, const Lanes (&m)[lanes]) {
+PALPATE_INLINE void store_each(float* p, int64_t step, const Lanes (&m)[lanes]) {
     PALPATE_UNROLL
     for (int i = 0; i < lanes; i++) store(p + i * step, m[i]);
 }

@@ -3,14 +3,13 @@
 namespace palpate {
 namespace {
 
-constexpr int place(int m, int k, int terms) { return m * terms - m * (m - 1) / 2 + k - m; } // of pair m <= k
+constexpr int pair_at(int m, int k, int terms) { return m * terms - m * (m - 1) / 2 + k - m; } // of pair m <= k
 
 // Templates below: `fixed` terms and `wide` columns a voxel, or 0 for any number, so that the usual ones are unrolled.
 
 // What voxel x sees of a view. Slope: Σ over columns and terms of (along x) · (slope + curvature · what has changed
 // since); curvature: Σ over columns and pairs of terms.
-template <int fixed, int wide>
-PALPATE_INLINE void look(const LineView& v, int x, Lanes& slope, Lanes& curvature) {
+template <int fixed, int wide> PALPATE_INLINE void look(const LineView& v, int x, Lanes& slope, Lanes& curvature) {
     const int terms = fixed ? fixed : v.terms, width = wide ? wide : v.width;
     const int size = terms + pairs_of(terms), cell = (size + terms) * lanes;
     const float *weight = v.weight + int64_t(x) * width * size, *cells = v.cells + int64_t(v.first[x] - v.begin) * cell;
@@ -20,7 +19,7 @@ PALPATE_INLINE void look(const LineView& v, int x, Lanes& slope, Lanes& curvatur
             Lanes h, c, p;
             load(h, cells + m * lanes);
             for (int k = 0; k < terms; k++) {
-                load(c, cells + (terms + (m < k ? place(m, k, terms) : place(k, m, terms))) * lanes);
+                load(c, cells + (terms + (m < k ? pair_at(m, k, terms) : pair_at(k, m, terms))) * lanes);
                 load(p, cells + (size + k) * lanes);
                 h += c * p;
             }
@@ -51,32 +50,66 @@ template <int fixed, int wide> PALPATE_INLINE void change_by(const LineView& v, 
 }
 
 PALPATE_INLINE void measure(const Line& line, int x, Lanes& slope, Lanes& curvature) {
-    for (const LineView& v : line.views)
-        switch (v.kind) {
-        case 12: look<1, 2>(v, x, slope, curvature); break;
-        case 13: look<1, 3>(v, x, slope, curvature); break;
-        case 14: look<1, 4>(v, x, slope, curvature); break;
-        case 22: look<2, 2>(v, x, slope, curvature); break;
-        case 23: look<2, 3>(v, x, slope, curvature); break;
-        case 24: look<2, 4>(v, x, slope, curvature); break;
-        case 10: look<1, 0>(v, x, slope, curvature); break;
-        case 20: look<2, 0>(v, x, slope, curvature); break;
-        default: look<0, 0>(v, x, slope, curvature); break;
+    for (const LineView& v : line.views) switch (v.kind) {
+        case 12:
+            look<1, 2>(v, x, slope, curvature);
+            break;
+        case 13:
+            look<1, 3>(v, x, slope, curvature);
+            break;
+        case 14:
+            look<1, 4>(v, x, slope, curvature);
+            break;
+        case 22:
+            look<2, 2>(v, x, slope, curvature);
+            break;
+        case 23:
+            look<2, 3>(v, x, slope, curvature);
+            break;
+        case 24:
+            look<2, 4>(v, x, slope, curvature);
+            break;
+        case 10:
+            look<1, 0>(v, x, slope, curvature);
+            break;
+        case 20:
+            look<2, 0>(v, x, slope, curvature);
+            break;
+        default:
+            look<0, 0>(v, x, slope, curvature);
+            break;
         }
 }
 
 PALPATE_INLINE void move(const Line& line, int x, const Lanes& change) {
-    for (const LineView& v : line.views)
-        switch (v.kind) {
-        case 12: change_by<1, 2>(v, x, change); break;
-        case 13: change_by<1, 3>(v, x, change); break;
-        case 14: change_by<1, 4>(v, x, change); break;
-        case 22: change_by<2, 2>(v, x, change); break;
-        case 23: change_by<2, 3>(v, x, change); break;
-        case 24: change_by<2, 4>(v, x, change); break;
-        case 10: change_by<1, 0>(v, x, change); break;
-        case 20: change_by<2, 0>(v, x, change); break;
-        default: change_by<0, 0>(v, x, change); break;
+    for (const LineView& v : line.views) switch (v.kind) {
+        case 12:
+            change_by<1, 2>(v, x, change);
+            break;
+        case 13:
+            change_by<1, 3>(v, x, change);
+            break;
+        case 14:
+            change_by<1, 4>(v, x, change);
+            break;
+        case 22:
+            change_by<2, 2>(v, x, change);
+            break;
+        case 23:
+            change_by<2, 3>(v, x, change);
+            break;
+        case 24:
+            change_by<2, 4>(v, x, change);
+            break;
+        case 10:
+            change_by<1, 0>(v, x, change);
+            break;
+        case 20:
+            change_by<2, 0>(v, x, change);
+            break;
+        default:
+            change_by<0, 0>(v, x, change);
+            break;
         }
 }
 

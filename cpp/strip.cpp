@@ -6,8 +6,8 @@ namespace {
 
 constexpr int chunk = 256; // columns whose sums stay in the nearest cache
 
-// out = Σ of weight · image over `taps` rows, in n columns, for the images and weights that go with each term and pair of
-// terms: out[q * pitch + a]. fixed: the number of taps, or 0 for any.
+// out = Σ of weight · image over `taps` rows, in n columns, for the images and weights that go with each term and pair
+// of terms: out[q * pitch + a]. fixed: the number of taps, or 0 for any.
 template <int fixed>
 PALPATE_INLINE void reduce_rows(const float* slope, const float* curvature, int64_t stride, const float* weight,
                                 int terms, int taps, int n, float* out, int64_t pitch) {
@@ -34,11 +34,16 @@ PALPATE_INLINE void reduce_rows(const float* slope, const float* curvature, int6
 PALPATE_KERNEL void reduce(const float* slope, const float* curvature, int64_t stride, const float* weight, int terms,
                            int taps, int n, float* out, int64_t pitch) {
     switch (taps) {
-    case 2: return reduce_rows<2>(slope, curvature, stride, weight, terms, taps, n, out, pitch);
-    case 3: return reduce_rows<3>(slope, curvature, stride, weight, terms, taps, n, out, pitch);
-    case 4: return reduce_rows<4>(slope, curvature, stride, weight, terms, taps, n, out, pitch);
-    case 5: return reduce_rows<5>(slope, curvature, stride, weight, terms, taps, n, out, pitch);
-    default: return reduce_rows<0>(slope, curvature, stride, weight, terms, taps, n, out, pitch);
+    case 2:
+        return reduce_rows<2>(slope, curvature, stride, weight, terms, taps, n, out, pitch);
+    case 3:
+        return reduce_rows<3>(slope, curvature, stride, weight, terms, taps, n, out, pitch);
+    case 4:
+        return reduce_rows<4>(slope, curvature, stride, weight, terms, taps, n, out, pitch);
+    case 5:
+        return reduce_rows<5>(slope, curvature, stride, weight, terms, taps, n, out, pitch);
+    default:
+        return reduce_rows<0>(slope, curvature, stride, weight, terms, taps, n, out, pitch);
     }
 }
 
@@ -64,9 +69,12 @@ PALPATE_INLINE void expand_rows(const float* change, int64_t pitch, const float*
 PALPATE_KERNEL void expand(const float* change, int64_t pitch, const float* curvature, int64_t stride,
                            const float* weight, int terms, int taps, int n, float* slope) {
     switch (terms) {
-    case 1: return expand_rows<1>(change, pitch, curvature, stride, weight, terms, taps, n, slope);
-    case 2: return expand_rows<2>(change, pitch, curvature, stride, weight, terms, taps, n, slope);
-    default: return expand_rows<0>(change, pitch, curvature, stride, weight, terms, taps, n, slope);
+    case 1:
+        return expand_rows<1>(change, pitch, curvature, stride, weight, terms, taps, n, slope);
+    case 2:
+        return expand_rows<2>(change, pitch, curvature, stride, weight, terms, taps, n, slope);
+    default:
+        return expand_rows<0>(change, pitch, curvature, stride, weight, terms, taps, n, slope);
     }
 }
 
@@ -77,9 +85,9 @@ PALPATE_KERNEL void into_cells(const float* rows, int size, int terms, int n, fl
     for (int a = 0; a < n; a += lanes) {
         for (int q = 0; q < size; q++) {
             Lanes m[lanes];
-            load_all(m, rows + q * chunk + a, int64_t(size) * chunk);
+            load_each(m, rows + q * chunk + a, int64_t(size) * chunk);
             transpose(m);
-            store_all(cells + int64_t(a) * cell + q * lanes, cell, m);
+            store_each(cells + int64_t(a) * cell + q * lanes, cell, m);
         }
         for (int i = 0; i < lanes; i++)
             for (int q = size; q < size + terms; q++) store(cells + int64_t(a + i) * cell + q * lanes, zero);
@@ -92,9 +100,9 @@ PALPATE_KERNEL void out_of_cells(const float* cells, int size, int terms, int n,
     for (int a = 0; a < n; a += lanes)
         for (int q = 0; q < terms; q++) {
             Lanes m[lanes];
-            load_all(m, cells + int64_t(a) * cell + (size + q) * lanes, cell);
+            load_each(m, cells + int64_t(a) * cell + (size + q) * lanes, cell);
             transpose(m);
-            store_all(rows + q * chunk + a, int64_t(terms) * chunk, m);
+            store_each(rows + q * chunk + a, int64_t(terms) * chunk, m);
         }
 }
 

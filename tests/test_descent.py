@@ -162,7 +162,7 @@ def test_rows_by_class_and_thread_are_the_sequential_sweep(geometry, beta):
 
 
 @pytest.mark.parametrize("geometry", [arc, oblique, turned, tilted])
-@pytest.mark.parametrize("backwards, relaxation", [(True, 1.0), (False, 1.6), (True, 0.7)])
+@pytest.mark.parametrize(("backwards", "relaxation"), [(True, 1.0), (False, 1.6), (True, 0.7)])
 def test_reversed_and_relaxed_sweeps_are_sequential_too(geometry, backwards, relaxation):
     made, expected, _ = one_after_the_other(geometry(), GRID, 3000.0, backwards, relaxation)
     assert np.abs(made - expected).max() <= 1e-6 * expected.max()
@@ -170,7 +170,7 @@ def test_reversed_and_relaxed_sweeps_are_sequential_too(geometry, backwards, rel
 
 @pytest.mark.parametrize("geometry", [arc, turned, tilted])
 @pytest.mark.parametrize("backwards", [False, True])
-@pytest.mark.parametrize("shape, spacing", [((2, 53, 3), (2, 0.15, 4)), ((2, 3, 270), (2, 2.5, 0.05))])
+@pytest.mark.parametrize(("shape", "spacing"), [((2, 53, 3), (2, 0.15, 4)), ((2, 3, 270), (2, 2.5, 0.05))])
 def test_so_are_sweeps_of_several_blocks_and_parts(geometry, backwards, shape, spacing):
     origin = (-spacing[2] * (shape[2] - 1) / 2, -spacing[1] * (shape[1] - 1) / 2, 20.0)
     grid = pp.Grid(shape, spacing, origin)
