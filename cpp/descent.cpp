@@ -156,7 +156,7 @@ void descend_row(const Slice& slice, const Neighbourhood& n, const Sweep& sweep,
             float slope = s.gradient[x], bend = s.curvature[x];
             for (int64_t other : {x - 1, x + 1}) {
                 if (other < 0 || other >= n.nx) continue;
-                const float t = old - row[other], k = beside * potential_curvature(n.potential, t, n.edge);
+                const float t = old - row[other], k = beside * potential_curvature(n.law, t);
                 slope += k * t;
                 bend += k;
             }
