@@ -32,15 +32,15 @@ Counts pixels(const In<float, 3>& y, const In<float, 3>& b, const In<float, 3>& 
     return {y.data(), b.data(), r.data(), int64_t(y.size())};
 }
 
-Made<float> slope_or_curvature(In<float, 3> y, In<float, 3> b, In<float, 3> r, In<float, 3> l, int kind) {
+Made<float> slope_or_curvature(In<float, 3> y, In<float, 3> b, In<float, 3> r, In<float, 3> l, int noise, int kind) {
     same_size(y, b, r, l);
     size_t shape[3] = {y.shape(0), y.shape(1), y.shape(2)};
     Made<float> out = made(shape);
     nb::gil_scoped_release release;
     if (kind < 0)
-        transmission_slope(pixels(y, b, r), l.data(), out.data());
+        transmission_slope(pixels(y, b, r), l.data(), Noise(noise), out.data());
     else
-        transmission_curvature(pixels(y, b, r), l.data(), Curvature(kind), out.data());
+        transmission_curvature(pixels(y, b, r), l.data(), Noise(noise), Curvature(kind), out.data());
     return out;
 }
 
@@ -78,20 +78,20 @@ Neighbourhood around(const In<float, 3>& f, const Spacing& spacing, const Bond& 
 void bind_likelihood(nb::module_& m) {
     m.def(
         "transmission_value",
-        [](In<float, 3> y, In<float, 3> b, In<float, 3> r, In<float, 3> l) {
+        [](In<float, 3> y, In<float, 3> b, In<float, 3> r, In<float, 3> l, int noise) {
             same_size(y, b, r, l);
             nb::gil_scoped_release release;
-            return transmission_value(pixels(y, b, r), l.data());
+            return transmission_value(pixels(y, b, r), l.data(), Noise(noise));
         },
-        "counts"_a.noconvert(), "incident"_a.noconvert(), "background"_a.noconvert(), "l"_a.noconvert());
+        "counts"_a.noconvert(), "incident"_a.noconvert(), "background"_a.noconvert(), "l"_a.noconvert(), "noise"_a);
     m.def(
         "transmission_slope",
-        [](In<float, 3> y, In<float, 3> b, In<float, 3> r, In<float, 3> l) {
-            return slope_or_curvature(y, b, r, l, -1);
+        [](In<float, 3> y, In<float, 3> b, In<float, 3> r, In<float, 3> l, int noise) {
+            return slope_or_curvature(y, b, r, l, noise, -1);
         },
-        "counts"_a.noconvert(), "incident"_a.noconvert(), "background"_a.noconvert(), "l"_a.noconvert());
+        "counts"_a.noconvert(), "incident"_a.noconvert(), "background"_a.noconvert(), "l"_a.noconvert(), "noise"_a);
     m.def("transmission_curvature", &slope_or_curvature, "counts"_a.noconvert(), "incident"_a.noconvert(),
-          "background"_a.noconvert(), "l"_a.noconvert(), "kind"_a);
+          "background"_a.noconvert(), "l"_a.noconvert(), "noise"_a, "kind"_a);
     m.def(
         "least_squares_value",
         [](In<float, 3> weight, In<float, 3> p, In<float, 3> l) {
