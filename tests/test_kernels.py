@@ -11,7 +11,6 @@ import pytest
 from palpate import _core
 
 PROJECTOR = ["mix_lanes", "spread_lanes", "trapezoids", "rows_to_pixels", "pixels_to_row", "add_taps"]
-STATISTICS = ["add_step", "add_both", "sum_step", "sum_poisson", "slope_poisson", "sum_gaussian", "slope_gaussian"]
 
 pytestmark = [
     pytest.mark.skipif(platform.machine() != "x86_64" or platform.system() != "Linux", reason="x86-64 Linux only"),
@@ -53,7 +52,7 @@ def versions():
     return {name: [body(start) for start in targets] for name, targets in resolvers.items()}
 
 
-@pytest.mark.parametrize("kernel", PROJECTOR + STATISTICS)
+@pytest.mark.parametrize("kernel", PROJECTOR)
 def test_each_hot_kernel_has_its_avx2_and_avx512_version(versions, kernel):
     assert kernel in versions, f"no versions of {kernel}"
     wide = re.compile(r"%zmm\d|%[xy]mm(1[6-9]|2\d|3[01])|%k[1-7]")
