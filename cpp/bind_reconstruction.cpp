@@ -2,8 +2,12 @@
 #include "descent.h"
 #include "likelihood.h"
 #include "prior.h"
+#include <algorithm>
+#include <memory>
 #include <nanobind/stl/array.h>
+#include <nanobind/stl/optional.h>
 #include <nanobind/stl/pair.h>
+#include <optional>
 #include <stdexcept>
 
 using namespace nb::literals;
@@ -28,40 +32,66 @@ Counts pixels(const In<float, 3>& y, const In<float, 3>& b, const In<float, 3>& 
     return {y.data(), b.data(), r.data(), int64_t(y.size())};
 }
 
-Made<float> slope_or_curvature(In<float, 3> y, In<float, 3> b, In<float, 3> r, In<float, 3> l, int kind) {
+Made<float> slope_or_curvature(In<float, 3> y, In<float, 3> b, In<float, 3> r, In<float, 3> l, int noise, int kind) {
     same_size(y, b, r, l);
     size_t shape[3] = {y.shape(0), y.shape(1), y.shape(2)};
     Made<float> out = made(shape);
     nb::gil_scoped_release release;
     if (kind < 0)
-        transmission_slope(pixels(y, b, r), l.data(), out.data());
+        transmission_slope(pixels(y, b, r), l.data(), Noise(noise), out.data());
     else
-        transmission_curvature(pixels(y, b, r), l.data(), Curvature(kind), out.data());
+        transmission_curvature(pixels(y, b, r), l.data(), Noise(noise), Curvature(kind), out.data());
     return out;
 }
 
-Neighbourhood around(const In<float, 3>& f, const Spacing& spacing, int potential, double edge) {
+// A prior's potential and neighbours, without its edge; the kernels' table lives as long as this does.
+struct Bond {
+    Law law;
+    int neighbours = 26;
+    std::shared_ptr<Table> table;
+
+    explicit Bond(int potential) { law.potential = Potential(potential); }
+    Bond(int potential, double exponent, int around, std::optional<In<float, 2>> columns) : Bond(potential) {
+        law.exponent = float(exponent);
+        neighbours = around;
+        if (!columns) return;
+        if (columns->shape(0) != 2 || columns->shape(1) != size_t(Table::size))
+            throw std::invalid_argument("table: wrong size");
+        table = std::make_shared<Table>();
+        std::copy_n(columns->data(), Table::size, table->weight);
+        std::copy_n(columns->data() + Table::size, Table::size, table->value);
+        law.table = table.get();
+    }
+    Law with(double edge) const {
+        if (law.potential == Potential::tabulated && !table) throw std::invalid_argument("table: none given");
+        Law made = law;
+        made.edge = float(edge);
+        return made;
+    }
+};
+
+Neighbourhood around(const In<float, 3>& f, const Spacing& spacing, const Bond& bond, double edge) {
     int64_t shape[3] = {int64_t(f.shape(0)), int64_t(f.shape(1)), int64_t(f.shape(2))};
-    return neighbourhood(shape, spacing.data(), Potential(potential), edge);
+    return neighbourhood(shape, spacing.data(), bond.with(edge), bond.neighbours);
 }
 
 void bind_likelihood(nb::module_& m) {
     m.def(
         "transmission_value",
-        [](In<float, 3> y, In<float, 3> b, In<float, 3> r, In<float, 3> l) {
+        [](In<float, 3> y, In<float, 3> b, In<float, 3> r, In<float, 3> l, int noise) {
             same_size(y, b, r, l);
             nb::gil_scoped_release release;
-            return transmission_value(pixels(y, b, r), l.data());
+            return transmission_value(pixels(y, b, r), l.data(), Noise(noise));
         },
-        "counts"_a.noconvert(), "incident"_a.noconvert(), "background"_a.noconvert(), "l"_a.noconvert());
+        "counts"_a.noconvert(), "incident"_a.noconvert(), "background"_a.noconvert(), "l"_a.noconvert(), "noise"_a);
     m.def(
         "transmission_slope",
-        [](In<float, 3> y, In<float, 3> b, In<float, 3> r, In<float, 3> l) {
-            return slope_or_curvature(y, b, r, l, -1);
+        [](In<float, 3> y, In<float, 3> b, In<float, 3> r, In<float, 3> l, int noise) {
+            return slope_or_curvature(y, b, r, l, noise, -1);
         },
-        "counts"_a.noconvert(), "incident"_a.noconvert(), "background"_a.noconvert(), "l"_a.noconvert());
+        "counts"_a.noconvert(), "incident"_a.noconvert(), "background"_a.noconvert(), "l"_a.noconvert(), "noise"_a);
     m.def("transmission_curvature", &slope_or_curvature, "counts"_a.noconvert(), "incident"_a.noconvert(),
-          "background"_a.noconvert(), "l"_a.noconvert(), "kind"_a);
+          "background"_a.noconvert(), "l"_a.noconvert(), "noise"_a, "kind"_a);
     m.def(
         "least_squares_value",
         [](In<float, 3> weight, In<float, 3> p, In<float, 3> l) {
@@ -73,16 +103,23 @@ void bind_likelihood(nb::module_& m) {
 }
 
 void bind_prior(nb::module_& m) {
+    nb::class_<Bond>(m, "Bond", "Potential and neighbours of a prior, as the kernels take them.")
+        .def(nb::init<int>(), "potential"_a)
+        .def(nb::init<int, double, int, std::optional<In<float, 2>>>(), "potential"_a, "exponent"_a, "neighbours"_a,
+             "table"_a.noconvert() = nb::none());
+    nb::implicitly_convertible<int, Bond>();
+    m.attr("TABLE_STEPS") = int(Table::steps);
+    m.attr("TABLE_OCTAVES") = int(Table::octaves); // below 1, and as many above
     m.def(
         "prior_value",
-        [](In<float, 3> f, Spacing spacing, int potential, double edge) {
+        [](In<float, 3> f, Spacing spacing, const Bond& potential, double edge) {
             nb::gil_scoped_release release;
             return prior_value(around(f, spacing, potential, edge), f.data());
         },
         "f"_a.noconvert(), "spacing"_a, "potential"_a, "edge"_a);
     m.def(
         "prior_surrogate",
-        [](In<float, 3> f, Spacing spacing, int potential, double edge) {
+        [](In<float, 3> f, Spacing spacing, const Bond& potential, double edge) {
             size_t shape[3] = {f.shape(0), f.shape(1), f.shape(2)};
             auto answer = std::make_pair(made(shape), made(shape));
             nb::gil_scoped_release release;
@@ -100,8 +137,8 @@ void same_shape(const Geometry& g, const In<float, 3>& pixels) {
 void bind_descent(nb::module_& m) {
     m.def(
         "descend",
-        [](const Geometry& g, In<float, 3> slope, In<float, 3> curvature, Array<float, 3> f, int potential, double edge,
-           double beta, double relaxation, bool backwards) {
+        [](const Geometry& g, In<float, 3> slope, In<float, 3> curvature, Array<float, 3> f, const Bond& potential,
+           double edge, double beta, double relaxation, bool backwards) {
             same_shape(g, slope);
             same_shape(g, curvature);
             const int64_t shape[3] = {g.grid.nz, g.grid.ny, g.grid.nx};
@@ -109,7 +146,7 @@ void bind_descent(nb::module_& m) {
             if (int64_t(f.size()) != shape[0] * shape[1] * shape[2]) throw std::invalid_argument("volume: wrong size");
             nb::gil_scoped_release release;
             Paraboloid data(g, slope.data(), curvature.data());
-            descend(g, neighbourhood(shape, spacing, Potential(potential), edge),
+            descend(g, neighbourhood(shape, spacing, potential.with(edge), potential.neighbours),
                     {float(beta), float(relaxation), backwards}, data, f.data());
         },
         "geometry"_a, "slope"_a.noconvert(), "curvature"_a.noconvert(), "f"_a.noconvert(), "potential"_a, "edge"_a,

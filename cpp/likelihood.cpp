@@ -1,4 +1,6 @@
 #include "likelihood.h"
+#include "dispatch.h"
+#include "elementary.h"
 #include "parallel.h"
 #include <algorithm>
 #include <cmath>
@@ -8,22 +10,23 @@ namespace palpate {
 namespace {
 
 constexpr int64_t block = 4096; // sums are made block by block, so that they do not depend on the number of threads
+constexpr int lanes = 8;
 
 // Below this the difference h(0) − h(l) + l h'(l) is lost in rounding; the maximum curvature, which exceeds the optimal
 // one by l/3 at most there, stands in for it: the parabola stays above.
 constexpr double small = 1e-3;
 
-// h(l) = m − y log m, m = b e^-l + r, everything of one pixel in double: at b = 2e5, l = 1e-3 float has no digit left.
-struct Pixel {
+// h(l) of one pixel, m = b e^-l + r, everything in double: at b = 2e5, l = 1e-3 float has no digit left.
+struct Poisson {
     double y, b, r;
 
-    double value(double l) const {
-        double m = b * std::exp(-l) + r;
-        return m - y + (y > 0 ? y * std::log(y / m) : 0);
+    PALPATE_INLINE double value(double l) const {
+        const double m = b * fast_exp(-l) + r, some = y > 0 ? y : 1;
+        return m - y + (y > 0 ? y * fast_log(some / m) : 0);
     }
-    double slope(double l) const {
-        double primary = b * std::exp(-l), m = primary + r;
-        return m > 0 ? primary * (y / m - 1) : 0;
+    PALPATE_INLINE double slope(double l) const {
+        const double primary = b * fast_exp(-l);
+        return primary * (y / (primary + r) - 1);
     }
     double precomputed() const { return y > r ? (y - r) * (y - r) / y : 0; }
 
@@ -39,13 +42,96 @@ struct Pixel {
         double gap = lost - y * std::log1p(lost / m) + l * primary * (y / m - 1); // h(0) − h(l) + l h'(l)
         return std::max(0.0, 2 * gap / (l * l));
     }
-    double curvature(double l, Curvature kind) const {
-        if (kind == Curvature::precomputed) return precomputed();
-        return kind == Curvature::optimal ? optimal(l) : maximum();
+};
+
+// h = (m − y)²/2m + ½ log m = m/2 − y + y²/2m + ½ log m. Three terms, and a parabola above each: no closed form is
+// known for the smallest above their sum.
+struct Gaussian {
+    double y, b, r;
+
+    PALPATE_INLINE double value(double l) const {
+        const double m = b * fast_exp(-l) + r, some = y > 0.5 ? y : 0.5;
+        return (m - y) * (m - y) / (2 * m) + 0.5 * fast_log(m / some);
+    }
+    PALPATE_INLINE double slope(double l) const {
+        const double primary = b * fast_exp(-l), m = primary + r;
+        return 0.5 * primary / m * ((y - m) * (y + m) / m - 1);
+    }
+    double precomputed() const { return y > r ? (y - r) * ((y - r) + r / (2 * y)) / y : 0; }
+
+    // Of ½ log m and y²/2m, whose second derivatives are ½ p r/m² and ½ y² p (p − r)/m³, p = b e^-l: the largest over
+    // p <= b. The first peaks at p = r, the second at p = (2 + √3) r.
+    double others() const {
+        const double m = b + r, logarithm = b > r ? 0.125 : 0.5 * b * r / (m * m);
+        const double peak = b > 3.732050808 * r ? 0.09622504486 / r : b > r ? b * (b - r) / (m * m * m) : 0;
+        return logarithm + 0.5 * y * y * peak;
+    }
+    double maximum() const { return 0.5 * b + others(); }
+    double optimal(double l) const { // of m/2 the optimal one, as if y = 0
+        if (l < small) return maximum();
+        return std::max(0.0, -b * (std::expm1(-l) + l * std::exp(-l)) / (l * l)) + others();
     }
 };
 
-Pixel pixel(const Counts& p, int64_t i) { return {p.counts[i], p.incident[i], p.background[i]}; }
+template <class Pixel> PALPATE_INLINE Pixel pixel(const Counts& p, int64_t i) {
+    return {p.counts[i], p.incident[i], p.background[i]};
+}
+
+// A pixel that was not measured is reckoned as an easy one and then dropped: no branch, and what lies under a mask (NaN
+// included) goes nowhere.
+template <class Pixel> PALPATE_INLINE Pixel pixel_or_easy(const Counts& p, int64_t i) {
+    const bool measured = p.incident[i] > 0;
+    return {measured ? p.counts[i] : 1.0f, measured ? p.incident[i] : 1.0f, measured ? p.background[i] : 0.0f};
+}
+
+template <class Pixel>
+PALPATE_INLINE double sum_values(const Counts& given, const float* __restrict l, int64_t begin, int64_t end) {
+    const Counts p = given;
+    double sums[lanes] = {}, total = 0;
+    int64_t i = begin;
+    for (; i + lanes <= end; i += lanes)
+        for (int k = 0; k < lanes; k++) {
+            const double value = pixel_or_easy<Pixel>(p, i + k).value(l[i + k]);
+            sums[k] += p.incident[i + k] > 0 ? value : 0;
+        }
+    for (; i < end; i++) total += p.incident[i] > 0 ? pixel<Pixel>(p, i).value(l[i]) : 0;
+    for (double sum : sums) total += sum;
+    return total;
+}
+
+template <class Pixel>
+PALPATE_INLINE void slopes(const Counts& given, const float* __restrict l, int64_t begin, int64_t end,
+                           float* __restrict slope) {
+    const Counts p = given;
+    for (int64_t i = begin; i < end; i++) {
+        const double value = pixel_or_easy<Pixel>(p, i).slope(l[i]);
+        slope[i] = p.incident[i] > 0 ? float(value) : 0;
+    }
+}
+
+PALPATE_KERNEL double sum_poisson(const Counts& p, const float* l, int64_t begin, int64_t end) {
+    return sum_values<Poisson>(p, l, begin, end);
+}
+PALPATE_KERNEL double sum_gaussian(const Counts& p, const float* l, int64_t begin, int64_t end) {
+    return sum_values<Gaussian>(p, l, begin, end);
+}
+PALPATE_KERNEL void slope_poisson(const Counts& p, const float* l, int64_t begin, int64_t end, float* slope) {
+    slopes<Poisson>(p, l, begin, end, slope);
+}
+PALPATE_KERNEL void slope_gaussian(const Counts& p, const float* l, int64_t begin, int64_t end, float* slope) {
+    slopes<Gaussian>(p, l, begin, end, slope);
+}
+
+template <class Pixel>
+void curvatures(const Counts& p, const float* l, Curvature kind, int64_t begin, int64_t end, float* c) {
+    for (int64_t i = begin; i < end; i++) {
+        const Pixel at = pixel<Pixel>(p, i);
+        c[i] = !(p.incident[i] > 0)             ? 0
+               : kind == Curvature::precomputed ? float(at.precomputed())
+               : kind == Curvature::optimal     ? float(at.optimal(l[i]))
+                                                : float(at.maximum());
+    }
+}
 
 template <class Sum> double blockwise(int64_t size, const Sum& sum) {
     std::vector<double> part((size + block - 1) / block);
@@ -59,26 +145,23 @@ template <class Sum> double blockwise(int64_t size, const Sum& sum) {
 
 } // namespace
 
-double transmission_value(const Counts& pixels, const float* l) {
+double transmission_value(const Counts& pixels, const float* l, Noise noise) {
     return blockwise(pixels.size, [&](int64_t begin, int64_t end) {
-        double sum = 0;
-        for (int64_t i = begin; i < end; i++)
-            if (pixels.incident[i] > 0) sum += pixel(pixels, i).value(l[i]);
-        return sum;
+        return noise == Noise::poisson ? sum_poisson(pixels, l, begin, end) : sum_gaussian(pixels, l, begin, end);
     });
 }
 
-void transmission_slope(const Counts& pixels, const float* l, float* slope) {
+void transmission_slope(const Counts& pixels, const float* l, Noise noise, float* slope) {
     parallel(pixels.size, [&](int64_t begin, int64_t end, int) {
-        for (int64_t i = begin; i < end; i++)
-            slope[i] = pixels.incident[i] > 0 ? float(pixel(pixels, i).slope(l[i])) : 0;
+        noise == Noise::poisson ? slope_poisson(pixels, l, begin, end, slope)
+                                : slope_gaussian(pixels, l, begin, end, slope);
     });
 }
 
-void transmission_curvature(const Counts& pixels, const float* l, Curvature kind, float* curvature) {
+void transmission_curvature(const Counts& pixels, const float* l, Noise noise, Curvature kind, float* curvature) {
     parallel(pixels.size, [&](int64_t begin, int64_t end, int) {
-        for (int64_t i = begin; i < end; i++)
-            curvature[i] = pixels.incident[i] > 0 ? float(pixel(pixels, i).curvature(l[i], kind)) : 0;
+        noise == Noise::poisson ? curvatures<Poisson>(pixels, l, kind, begin, end, curvature)
+                                : curvatures<Gaussian>(pixels, l, kind, begin, end, curvature);
     });
 }
 

@@ -115,14 +115,14 @@ PALPATE_INLINE void move(const Line& line, int x, const Lanes& change) {
 
 // A pair of neighbours along x.
 template <Potential potential>
-PALPATE_INLINE void add_pair(const Lanes& old, const float* other, float weight, float edge, Lanes& slope,
+PALPATE_INLINE void add_pair(const Lanes& old, const float* other, float weight, const Law& law, Lanes& slope,
                              Lanes& bend) {
     float t[lanes], k[lanes];
     Lanes v, w;
     load(v, other);
     v = old - v;
     store(t, v);
-    for (int i = 0; i < lanes; i++) k[i] = weight * potential_curvature(potential, t[i], edge);
+    for (int i = 0; i < lanes; i++) k[i] = weight * potential_curvature<potential>(law, t[i]);
     load(w, k);
     slope += w * v;
     bend += w;
@@ -133,7 +133,8 @@ template <Potential potential>
 PALPATE_INLINE void solve_with(const Solve& s, Line& line, int count, bool backwards, const Strip& strip,
                                Paraboloid& data, Lists::Scratch& scratch) {
     const int nx = int(s.neighbours.nx);
-    const float beside = s.neighbours.weight[1][1][0], edge = s.neighbours.edge, beta = s.beta;
+    const float beside = s.neighbours.weight[1][1][0], beta = s.beta;
+    const Law law = s.neighbours.law;
     const Lanes zero = {};
     for (int j = 0; j < count; j++) {
         const int i = backwards ? count - 1 - j : j, x = line.begin + i;
@@ -146,8 +147,8 @@ PALPATE_INLINE void solve_with(const Solve& s, Line& line, int count, bool backw
             Lanes push, bend;
             load(push, line.gradient.data() + i * lanes);
             load(bend, line.curvature.data() + i * lanes);
-            add_pair<potential>(old, f - lanes, x > 0 ? beside : 0, edge, push, bend);
-            add_pair<potential>(old, f + lanes, x + 1 < nx ? beside : 0, edge, push, bend);
+            add_pair<potential>(old, f - lanes, x > 0 ? beside : 0, law, push, bend);
+            add_pair<potential>(old, f + lanes, x + 1 < nx ? beside : 0, law, push, bend);
             slope += beta * push;
             curvature += beta * bend;
         }
@@ -163,13 +164,19 @@ PALPATE_INLINE void solve_with(const Solve& s, Line& line, int count, bool backw
 
 PALPATE_KERNEL void solve(const Solve& s, Line& line, int count, bool backwards, const Strip& strip, Paraboloid& data,
                           Lists::Scratch& scratch) {
-    switch (s.neighbours.potential) {
+    switch (s.neighbours.law.potential) {
     case Potential::quadratic:
         return solve_with<Potential::quadratic>(s, line, count, backwards, strip, data, scratch);
     case Potential::huber:
         return solve_with<Potential::huber>(s, line, count, backwards, strip, data, scratch);
     case Potential::lange:
         return solve_with<Potential::lange>(s, line, count, backwards, strip, data, scratch);
+    case Potential::hyperbola:
+        return solve_with<Potential::hyperbola>(s, line, count, backwards, strip, data, scratch);
+    case Potential::generalised:
+        return solve_with<Potential::generalised>(s, line, count, backwards, strip, data, scratch);
+    case Potential::tabulated:
+        return solve_with<Potential::tabulated>(s, line, count, backwards, strip, data, scratch);
     }
 }
 

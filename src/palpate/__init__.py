@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from palpate.reconstruction.baselines import backproject as backproject
     from palpate.reconstruction.baselines import sirt as sirt
     from palpate.reconstruction.cover import covering_grid as covering_grid
+    from palpate.reconstruction.likelihood import Gaussian as Gaussian
     from palpate.reconstruction.likelihood import Transmission as Transmission
     from palpate.reconstruction.likelihood import WeightedLeastSquares as WeightedLeastSquares
     from palpate.reconstruction.prior import Prior as Prior
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
     from palpate.scans.phantom import Phantom as Phantom
     from palpate.scans.phantom import breast_phantom as breast_phantom
     from palpate.scans.phantom import slab_phantom as slab_phantom
+    from palpate.scans.readout import integrating_scan as integrating_scan
     from palpate.scans.scan import Scan as Scan
     from palpate.scans.simulate import simulate_scan as simulate_scan
     from palpate.scans.views import Panel as Panel
@@ -98,6 +100,7 @@ _HOME = {
     "Scan": "scans.scan",
     "read_scan": "scans.files",
     "write_scan": "scans.files",
+    "integrating_scan": "scans.readout",
     "import_scan": "scans.importers",
     "read_geometry": "scans.geometry_file",
     "open_beam": "scans.correct",
@@ -112,6 +115,7 @@ _HOME = {
     "Projector": "reconstruction.projector",
     "covering_grid": "reconstruction.cover",
     "Transmission": "reconstruction.likelihood",
+    "Gaussian": "reconstruction.likelihood",
     "WeightedLeastSquares": "reconstruction.likelihood",
     "Prior": "reconstruction.prior",
     "Step": "reconstruction.step",

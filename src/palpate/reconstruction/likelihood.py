@@ -1,11 +1,11 @@
 """How well line integrals explain the counts: small values that answer value, slope and curvature.
 
-Both live on line integrals l, (views, rows, columns) without unit, and never see the projector. A pixel that was not
-measured carries no weight.
+All live on line integrals l, (views, rows, columns) without unit, and never see the projector. A pixel that was not
+measured carries no weight, whatever lies there. One of your own: see `Likelihood` and `examples/own_likelihood.py`.
 """
 
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import ClassVar, Literal, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,7 +20,11 @@ CURVATURES: tuple[Curvature, ...] = ("precomputed", "optimal", "maximum")
 
 
 class Likelihood(Protocol):
-    """What the descent asks of the data."""
+    """What the solvers ask of the data. Arrays are (views, rows, columns), float32; l >= 0 is what the volume projects to.
+
+    `reconstruct(scan, likelihood=f)` takes a function f from a scan to one of these; it is called once a level, with the
+    scan at that level's resolution, whose counts are sums over pixels.
+    """
 
     @property
     def measured(self) -> Bool:
@@ -37,7 +41,11 @@ class Likelihood(Protocol):
         """Derivative of `value` by each line integral."""
 
     def curvature(self, l: Float32, kind: Curvature = "optimal") -> Float32:
-        """Second derivative of a parabola in each line integral that touches at l."""
+        """(views, rows, columns), >= 0: second derivative of a parabola in each line integral that touches at l.
+
+        "optimal" and "maximum" must give one that stays above for all l >= 0; "precomputed" is the second derivative
+        at `line_integrals`, whatever l: cheap, and corrected by the solver where it fails.
+        """
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,15 +53,18 @@ class Transmission:
     """Poisson counts behind an absorber: mean = incident · e^-l + background.
 
     counts, incident, background: photons, (views, rows, columns) float32; incident is 0 where nothing was measured.
-    h(l) = m − y + y log(y/m), which differs from m − y log m only by what does not depend on l.
+    h(l) = m − y + y log(y/m), which differs from m − y log m only by what does not depend on l. A scan of an integrating
+    panel (`integrating_scan`) holds its read-out noise σ² in both counts and background; then this is the shifted
+    Poisson model, y + σ² ~ Poisson(m + σ²), right in mean and variance (Snyder et al., JOSA A 12:272, 1995).
     """
 
     counts: Float32
     incident: Float32
     background: Float32
+    _noise: ClassVar[int] = 0
 
     @classmethod
-    def of(cls, scan: Scan) -> "Transmission":
+    def of(cls, scan: Scan) -> Self:
         """The likelihood of a scan; masked pixels get incident 0."""
         return cls(*(np.where(scan.mask, a, np.float32(0)) for a in (scan.counts, scan.incident, scan.background)))
 
@@ -68,12 +79,12 @@ class Transmission:
         return _line_integrals(self.counts, self.incident, self.background)
 
     def value(self, l: Float32) -> float:
-        """Σ m − y + y log(y/m) over measured pixels: half the deviance."""
-        return _core.transmission_value(self.counts, self.incident, self.background, self._checked(l))
+        """Sum of h over measured pixels; for Poisson half the deviance, about half a pixel where the model is right."""
+        return _core.transmission_value(self.counts, self.incident, self.background, self._checked(l), self._noise)
 
     def slope(self, l: Float32) -> Float32:
-        """h'(l) = b e^-l (y/m − 1), photons."""
-        return _core.transmission_slope(self.counts, self.incident, self.background, self._checked(l))
+        """h'(l), photons; for Poisson b e^-l (y/m − 1)."""
+        return _core.transmission_slope(self.counts, self.incident, self.background, self._checked(l), self._noise)
 
     def curvature(self, l: Float32, kind: Curvature = "optimal") -> Float32:
         """Curvature of the parabola through h at l, photons (Erdogan & Fessler, IEEE TMI 18:801, 1999).
@@ -81,11 +92,32 @@ class Transmission:
         "optimal" is the smallest that stays above h for all l >= 0, "maximum" the largest h'' there: neither ever
         raises the objective. "precomputed" is (y − r)²/y, h'' at its minimum: cheap, and not guaranteed to descend.
         """
-        index = CURVATURES.index(kind)
-        return _core.transmission_curvature(self.counts, self.incident, self.background, self._checked(l), index)
+        l, index = self._checked(l), CURVATURES.index(kind)
+        return _core.transmission_curvature(self.counts, self.incident, self.background, l, self._noise, index)
 
     def _checked(self, l: Float32) -> Float32:
         return np.ascontiguousarray(np.broadcast_to(np.asarray(l, np.float32), self.counts.shape))
+
+
+@dataclass(frozen=True, eq=False)
+class Gaussian(Transmission):
+    """Normal noise whose variance is the mean m = incident · e^-l + background: photons behind electronic noise.
+
+    h(l) = (m − y)²/2m + ½ log(m/y). Its variance follows the line integral, so that noise does not draw the estimate down
+    as it does with weights taken from the counts. The scan is one of `integrating_scan`, whose background holds the
+    variance of the read-out: where it is 0, dark pixels would make h as steep as one likes, and a `DataError` says so.
+    Curvature: as for `Transmission`, but "optimal" is a bound, close where read-out noise is a few photons or more.
+    """
+
+    _noise: ClassVar[int] = 1
+
+    def __post_init__(self) -> None:
+        bare = np.count_nonzero(self.measured & ~(self.background > 0))
+        if bare:
+            raise DataError(
+                f"gaussian likelihood: {bare} measured pixels have neither read-out noise nor background; give the panel's "
+                f"electronic noise (integrating_scan, palpate reconstruct --electronic), or take the poisson likelihood"
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,11 +139,11 @@ class WeightedLeastSquares:
         object.__setattr__(self, "weights", w)
 
     @classmethod
-    def of(cls, scan: Scan, electronic: ArrayLike = 0.0) -> "WeightedLeastSquares":
+    def of(cls, scan: Scan, electronic: ArrayLike = 0.0) -> Self:
         """p = log(b / (y − r)), weight (y − r)² / (y + electronic²): the variance of a count, carried through the log.
 
-        electronic: standard deviation of the read-out noise, in the units of counts. A pixel with no signal over its
-        background carries no weight.
+        electronic: standard deviation of the read-out noise, photons; 0 where the scan holds it (`integrating_scan`). A
+        pixel with no signal over its background carries no weight.
         """
         signal = scan.counts - scan.background
         used = scan.mask & (signal > 0)

@@ -16,7 +16,8 @@ class Scan:
 
     counts: photons (views, rows, columns), may be non-integer. incident: photons a pixel would count with nothing in
     the beam; scalar, (views,) or full. background: expected scatter and dark counts, likewise. mask: True = measured,
-    (views, rows, columns) or broadcastable. Raises `DataError`.
+    (views, rows, columns) or broadcastable; what lies where it is False is never used, and may be NaN. Raises
+    `DataError`.
     """
 
     counts: Float32
@@ -33,9 +34,6 @@ class Scan:
         background: ArrayLike = 0,
         mask: ArrayLike | None = None,
     ) -> None:
-        y = float32("counts", counts, views.shape)
-        b = _full("incident", incident, views.shape)
-        r = _full("background", background, views.shape)
         measured = np.ones(views.shape, dtype=bool) if mask is None else np.asarray(mask)
         if measured.dtype != bool:
             raise DataError(f"mask: expected dtype bool (True = measured), got {measured.dtype}")
@@ -45,6 +43,9 @@ class Scan:
             raise DataError(f"mask: shape {measured.shape} does not broadcast to {views.shape}") from None
         if not measured.any():
             raise DataError("mask: no pixel is measured; True marks a measured pixel")
+        y = float32("counts", _where_measured(counts, measured), views.shape)
+        b = per_pixel("incident", _where_measured(incident, measured), views.shape)
+        r = per_pixel("background", _where_measured(background, measured), views.shape)
         _refuse("counts", y, (y < 0) & measured, "negative", "subtract no more than the offset, or mask them")
         _refuse("background", r, (r < 0) & measured, "negative", "expected counts cannot be below 0")
         _refuse("incident", b, (b <= 0) & measured, "0 or less", "mask dead pixels with mask=False there")
@@ -65,7 +66,16 @@ class Scan:
         return self.views.shape
 
 
-def _full(name: str, values: ArrayLike, shape: tuple[int, int, int]) -> Float32:
+def _where_measured(values: ArrayLike, measured: Bool) -> ArrayLike:
+    """The values with 0 for what is not finite and was not measured."""
+    array = np.asarray(values)
+    if array.dtype.kind != "f" or array.shape != measured.shape or np.isfinite(array).all():
+        return values
+    return np.where(measured | np.isfinite(array), array, 0)
+
+
+def per_pixel(name: str, values: ArrayLike, shape: tuple[int, int, int]) -> Float32:
+    """A scalar, (views,) or full array as (views, rows, columns). Raises `DataError`."""
     array = float32(name, values)
     if array.shape == (shape[0],) and array.ndim == 1:
         array = array[:, None, None]
