@@ -49,17 +49,17 @@ def best(work, repeats: int = 5) -> tuple[float, float]:
 
 
 def main() -> None:
-    print("               sub-slices   forward wall/CPU s   back wall/CPU s   giga voxel-views/CPU-s")
+    print("               products     forward wall/CPU s   back wall/CPU s   giga voxel-views/CPU-s")
     for name, make in (("W1 circular-8", circular), ("W2 dbt-15", arc), ("W4 turning-11", turning)):
         views, grid = make()
         A = pp.Projector(views, grid)
         x = np.random.default_rng(0).random(grid.shape, dtype=np.float32)
         p = A(x)
         forward, back = best(lambda: A(x, out=p)), best(lambda: A.T(p, out=x))  # noqa: B023
-        subs = [A.geometry.subs(view) for view in range(len(views))]
+        products = [A.geometry.products(view) for view in range(len(views))]
         rate = grid.size * len(views) / forward[1] / 1e9
         print(
-            f"{name:14} {min(subs):5}-{max(subs):<5} {forward[0]:9.3f} {forward[1]:9.3f} {back[0]:9.3f} {back[1]:9.3f}"
+            f"{name:14} {min(products):5}-{max(products):<5} {forward[0]:9.3f} {forward[1]:9.3f} {back[0]:9.3f} {back[1]:9.3f}"
             f" {rate:9.2f}"
         )
 

@@ -46,8 +46,8 @@ void bind_projection(nb::module_& m) {
             "source"_a, "origin"_a, "row_axis"_a, "column_axis"_a, "pitch"_a, "rows"_a, "columns"_a, "shape"_a,
             "spacing"_a, "grid_origin"_a, "tolerance"_a, nb::call_guard<nb::gil_scoped_release>())
         .def(
-            "subs", [](const Geometry& g, int view) { return g.views.at(view).subs; }, "view"_a,
-            "Sub-slices a slice in a view.")
+            "products", [](const Geometry& g, int view) { return products(g.views.at(view)); }, "view"_a,
+            "Products of 1-D weights a slice in a view: sub-slices times moments.")
         .def(
             "pose",
             [](const Geometry& g, int view) {

@@ -8,12 +8,12 @@
 namespace palpate {
 namespace {
 
-// out = image · path, or · path² for a curvature, for pixels `step` apart. Without paths: out = image.
-void fold(const float* image, const float* path, bool curvature, int count, int64_t step, float* out) {
-    for (int i = 0; i < count; i++, image += step) {
-        const float length = path ? path[i * step] : 1;
-        out[i] = *image * length * (curvature ? length : 1);
-    }
+// out = image · path, or · path² for a curvature, for pixels `step` apart; length: the paths, or null for 1.
+PALPATE_KERNEL void fold(const float* __restrict image, const float* __restrict length, bool curvature, int count,
+                         int64_t step, float* __restrict out) {
+    for (int i = 0; i < count; i++) out[i] = image[i * step];
+    if (!length) return;
+    for (int i = 0; i < count; i++) out[i] *= length[i] * (curvature ? length[i] : 1);
 }
 
 } // namespace
@@ -33,10 +33,12 @@ Paraboloid::Paraboloid(const Geometry& geometry, const float* slope, const float
             const Layout layout(v);
             const float* image = (i % 2 ? curvature : slope) + i / 2 * geometry.pixels();
             float* out = images.data() + start[i];
+            std::vector<float> length(layout.columns);
             for (int row = 0; row < layout.rows; row++, out += layout.stride) {
                 const int64_t pixel = layout.start + row * layout.down;
-                fold(image + pixel, layout.separable ? v.path.data() + pixel : nullptr, i % 2, layout.columns,
-                     layout.right, out);
+                if (layout.separable) v.path(pixel, layout.right, layout.columns, length.data());
+                fold(image + pixel, layout.separable ? length.data() : nullptr, i % 2, layout.columns, layout.right,
+                     out);
                 std::fill(out + layout.columns, out + layout.stride, 0.0f);
             }
             std::fill_n(out, column_padding, 0.0f);

@@ -11,17 +11,17 @@ class Footprints {
         AxisWeights x, y; // y unused on a turned panel
         Rows rows;        // used on a turned panel only
     };
-    std::vector<std::vector<Sub>> views; // per view, per sub-slice
+    std::vector<std::vector<Sub>> views; // per view, per product
 
 public:
     explicit Footprints(const Geometry& geometry) : geometry(geometry), views(geometry.views.size()) {
-        for (size_t k = 0; k < views.size(); k++) views[k].resize(geometry.views[k].subs);
+        for (size_t k = 0; k < views.size(); k++) views[k].resize(products(geometry.views[k]));
     }
 
     void prepare(int z) {
         for (size_t k = 0; k < views.size(); k++) {
             const View& v = geometry.views[k];
-            for (int s = 0; s < v.subs; s++) {
+            for (int s = 0; s < products(v); s++) {
                 Sub& sub = views[k][s];
                 by_voxel(geometry, v, z, s, Axis::x, sub.x);
                 if (v.pose == Pose::turned)
@@ -67,12 +67,12 @@ private:
     template <class Visit> static void reach(const View& v, int b, int a, float w, Visit& visit) {
         if (v.pose != Pose::tilted) {
             const int64_t pixel = v.start + b * v.step_b + a * v.step_a;
-            visit(pixel, w * v.path[pixel]);
+            visit(pixel, w * v.path(pixel));
             return;
         }
         const Sparse& fine = v.resampling.fine;
         for (int64_t e = fine.offset[int64_t(b) * v.na + a]; e < fine.offset[int64_t(b) * v.na + a + 1]; e++)
-            visit(int64_t(fine.index[e]), w * fine.weight[e] * v.path[fine.index[e]]);
+            visit(int64_t(fine.index[e]), w * fine.weight[e] * v.path(fine.index[e]));
     }
 };
 

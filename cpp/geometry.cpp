@@ -1,4 +1,5 @@
 #include "geometry.h"
+#include "dispatch.h"
 #include "parallel.h"
 #include "subslices.h"
 #include <algorithm>
@@ -143,18 +144,46 @@ void see_through(const Grid& g, View& v) {
     v.resampling = resampling(p.rows, p.columns, corners, v.na, v.nb);
 }
 
-void paths(const Grid& g, View& v) {
+void walk(const Grid& g, View& v) {
     const Panel& p = v.panel;
-    v.path.resize(size_t(p.rows) * p.columns);
-    for (int r = 0; r < p.rows; r++)
-        for (int c = 0; c < p.columns; c++) {
-            Vec3 ray = point(p, r, c);
-            for (int i = 0; i < 3; i++) ray[i] -= v.source[i];
-            v.path[size_t(r) * p.columns + c] = float(g.dz / v.subs * std::sqrt(dot(ray, ray)) / std::fabs(ray[2]));
-        }
+    for (int i = 0; i < 3; i++) {
+        v.path.first[i] = p.origin[i] - v.source[i];
+        v.path.row[i] = p.dv * p.rows_along[i];
+        v.path.column[i] = p.du * p.columns_along[i];
+    }
+    v.path.thickness = g.dz / v.subs;
+    v.path.columns = p.columns;
 }
 
 } // namespace
+
+PALPATE_KERNEL void ray_lengths(const float* from, const float* step, float thickness, int count,
+                                float* __restrict out) {
+    if (step[2] == 0) {
+        const float scale = thickness / std::fabs(from[2]), square = from[2] * from[2];
+        for (int i = 0; i < count; i++) {
+            const float x = from[0] + float(i) * step[0], y = from[1] + float(i) * step[1];
+            out[i] = scale * std::sqrt(x * x + y * y + square);
+        }
+        return;
+    }
+    for (int i = 0; i < count; i++) {
+        const float x = from[0] + float(i) * step[0], y = from[1] + float(i) * step[1],
+                    z = from[2] + float(i) * step[2];
+        out[i] = thickness * std::sqrt(x * x + y * y + z * z) / std::fabs(z);
+    }
+}
+
+void Path::operator()(int64_t pixel, int64_t step, int count, float* out) const {
+    const auto r = double(pixel / columns), c = double(pixel % columns);
+    const auto down = double(step / columns), right = double(step % columns);
+    float from[3], along[3];
+    for (int i = 0; i < 3; i++) {
+        from[i] = float(first[i] + r * row[i] + c * column[i]);
+        along[i] = float(down * row[i] + right * column[i]);
+    }
+    ray_lengths(from, along, float(thickness), count, out);
+}
 
 Geometry::Geometry(const Grid& grid, int count, int rows, int columns, const double* source, const double* origin,
                    const double* rows_along, const double* columns_along, const double* pitch, double tolerance)
@@ -181,8 +210,8 @@ Geometry::Geometry(const Grid& grid, int count, int rows, int columns, const dou
     }
     parallel(count, [&](int64_t begin, int64_t end, int) {
         for (int64_t k = begin; k < end; k++) {
-            views[k].subs = sub_slices(*this, views[k]);
-            paths(grid, views[k]);
+            cut(*this, views[k]);
+            walk(grid, views[k]);
         }
     });
 }

@@ -24,6 +24,21 @@ struct Panel {
     int rows, columns;
 };
 
+// Length of a ray inside one sub-slice: thickness / cos, for pixels of the measured image.
+struct Path {
+    Vec3 first, row, column; // from the focal spot to pixel 0; from a pixel to the next row, to the next column
+    double thickness;        // of a sub-slice
+    int columns;
+
+    // mm, of `count` pixels from number `pixel` on, `step` apart (a row of the image, or a column).
+    void operator()(int64_t pixel, int64_t step, int count, float* out) const;
+    float operator()(int64_t pixel) const {
+        float out;
+        (*this)(pixel, 1, 1, &out);
+        return out;
+    }
+};
+
 // How the panel stands to the slices, which decides how a view is projected.
 enum class Pose {
     parallel, // to the slices, axes along x and y: separable
@@ -45,8 +60,9 @@ struct View {
     int na, nb;
     int64_t start, step_a, step_b;
     Resampling resampling;   // empty unless tilted
-    int subs;                // sub-slices a slice; A's weights are means over each sub-slice's thickness
-    std::vector<float> path; // mm of ray in one sub-slice, per measured pixel: thickness / cos
+    int subs;    // sub-slices a slice
+    int moments; // products of 1-D weights a sub-slice: see AxisWeights
+    Path path;
 };
 
 struct Geometry {

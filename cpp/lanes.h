@@ -5,7 +5,7 @@
 
 namespace palpate {
 
-// Eight floats in one register (or two): sums stay in fixed lanes, so their order is the same for any instruction set.
+// Eight floats in one register (or two). Wider vector types would pass through memory where registers are narrower.
 typedef float Lanes __attribute__((vector_size(32)));
 typedef int32_t LaneMask __attribute__((vector_size(32)));
 constexpr int lanes = 8;
@@ -16,14 +16,18 @@ constexpr int lanes = 8;
 #endif
 PALPATE_INLINE void load(Lanes& v, const float* p) { std::memcpy(&v, p, sizeof v); }
 PALPATE_INLINE void store(float* p, const Lanes& v) { std::memcpy(p, &v, sizeof v); }
+PALPATE_INLINE float total(const Lanes& v) { return ((v[0] + v[4]) + (v[1] + v[5])) + ((v[2] + v[6]) + (v[3] + v[7])); }
 
-// v where the mask is set, else w.
-PALPATE_INLINE void choose(const LaneMask& mask, const Lanes& v, const Lanes& w, Lanes& out) {
-    LaneMask a, b;
-    std::memcpy(&a, &v, sizeof a);
-    std::memcpy(&b, &w, sizeof b);
-    a = (a & mask) | (b & ~mask);
-    std::memcpy(&out, &a, sizeof a);
+// Eight vectors, `stride` floats apart. Written out: a loop that stays one keeps the vectors in memory.
+PALPATE_INLINE void load_each(Lanes (&r)[lanes], const float* p, int64_t stride) {
+    load(r[0], p), load(r[1], p + stride), load(r[2], p + 2 * stride), load(r[3], p + 3 * stride);
+    p += 4 * stride;
+    load(r[4], p), load(r[5], p + stride), load(r[6], p + 2 * stride), load(r[7], p + 3 * stride);
+}
+PALPATE_INLINE void store_each(float* p, int64_t stride, const Lanes (&r)[lanes]) {
+    store(p, r[0]), store(p + stride, r[1]), store(p + 2 * stride, r[2]), store(p + 3 * stride, r[3]);
+    p += 4 * stride;
+    store(p, r[4]), store(p + stride, r[5]), store(p + 2 * stride, r[6]), store(p + 3 * stride, r[7]);
 }
 
 // m[i][j] becomes m[j][i].
@@ -47,14 +51,13 @@ PALPATE_INLINE void transpose(Lanes (&m)[lanes]) {
     }
 }
 
-// Eight vectors from p, p + step, ..., and back. They must be unrolled, or they go through memory.
-PALPATE_INLINE void load_each(Lanes (&m)[lanes], const float* p, int64_t step) {
-    PALPATE_UNROLL
-    for (int i = 0; i < lanes; i++) load(m[i], p + i * step);
-}
-PALPATE_INLINE void store_each(float* p, int64_t step, const Lanes (&m)[lanes]) {
-    PALPATE_UNROLL
-    for (int i = 0; i < lanes; i++) store(p + i * step, m[i]);
+// v where the mask is set, else w.
+PALPATE_INLINE void choose(const LaneMask& mask, const Lanes& v, const Lanes& w, Lanes& out) {
+    LaneMask a, b;
+    std::memcpy(&a, &v, sizeof a);
+    std::memcpy(&b, &w, sizeof b);
+    a = (a & mask) | (b & ~mask);
+    std::memcpy(&out, &a, sizeof a);
 }
 
 } // namespace palpate

@@ -1,5 +1,6 @@
 #include "parallel.h"
 #include <algorithm>
+#include <atomic>
 #include <condition_variable>
 #include <cstdlib>
 #include <memory>
@@ -105,6 +106,13 @@ void parallel(int64_t count, const std::function<void(int64_t, int64_t, int)>& w
         pool = new Pool(parts);
     }
     pool->run(parts, [&](int i) { work(count * i / parts, count * (i + 1) / parts, i); });
+}
+
+void parallel_tasks(int64_t count, const std::function<void(int64_t, int)>& work) {
+    std::atomic<int64_t> next{0};
+    parallel(std::min<int64_t>(count, threads()), [&](int64_t, int64_t, int thread) {
+        for (int64_t task; (task = next.fetch_add(1, std::memory_order_relaxed)) < count;) work(task, thread);
+    });
 }
 
 } // namespace palpate

@@ -1,262 +1,433 @@
 // The separable projector: each sub-slice is resampled onto the panel by two passes of short 1-D sums,
-// A_k = path * sum over sub-slices of W^y x W^x, and back by the same two passes with the weights read the other way.
+// A_k = path * sum of products W^y x W^x, and back by the same two passes with the weights read the other way.
 //
-// Both passes work on 16 rows of the result at once, one a lane: the first is a small dense product (rows of the source
-// times a 16-column table), the second scales whole vectors of 16. So neither gathers nor shuffles, whatever the
-// weights.
+// The result is made in tiles that stay in the first-level cache while all that adds to them is read: for a tile of a
+// panel the slices, for a tile of a slice the views. The first pass resamples the rows of the source, for all moments
+// at once; neighbouring results have neighbouring sources, so that a tap is one load and one shuffle of a vector, not
+// a gather. The second adds whole rows.
 #include "projector.h"
-#include "dispatch.h"
+#include "buffer.h"
+#include "lanes.h"
 #include "parallel.h"
+#include "spans.h"
 #include "turned.h"
-#include "weights.h"
 #include <algorithm>
-#include <cstring>
 
 namespace palpate {
 
-constexpr int lanes = 16;
-typedef float Lanes __attribute__((vector_size(4 * lanes), aligned(4))); // the compiler halves it where registers do
+constexpr int height = run, width = 32; // rows and columns of a tile
+constexpr int stack = 2;                // tiles of a panel, one above the other, that share their weights along x
+constexpr int line = 16;                // floats of a cache line
+typedef int32_t Order __attribute__((vector_size(32)));
 
-// out[i] = sum over r of source[r * stride + i] * table[r], i from begin to end.
-PALPATE_KERNEL void mix_lanes(const float* source, int64_t stride, int rows, const float* table_, int begin, int end,
-                              float* out_) {
-    const Lanes* table = reinterpret_cast<const Lanes*>(table_);
-    Lanes* out = reinterpret_cast<Lanes*>(out_);
-    int i = begin;
-    for (; i + 8 <= end; i += 8) {
-        Lanes s0{}, s1{}, s2{}, s3{}, s4{}, s5{}, s6{}, s7{};
-        const float* x = source + i;
-        for (int r = 0; r < rows; r++, x += stride) {
-            const Lanes w = table[r];
-            s0 += w * x[0], s1 += w * x[1], s2 += w * x[2], s3 += w * x[3];
-            s4 += w * x[4], s5 += w * x[5], s6 += w * x[6], s7 += w * x[7];
+// How eight neighbouring results read the source: vector `first` (and the one after it) + tap, in `order`; or, where
+// they reach further or the source ends, one by one.
+struct Reach {
+    enum { one, two, each } vectors;
+    int first;
+    Order order;
+
+    Reach(const int32_t* from, int taps, int columns) {
+        for (int n : {1, 2}) {
+            first = std::min(from[0], columns - n * lanes - (taps - 1));
+            vectors = n == 1 ? one : two;
+            if (first >= 0 && from[lanes - 1] - first < n * lanes) break;
+            vectors = each;
         }
-        out[i] = s0, out[i + 1] = s1, out[i + 2] = s2, out[i + 3] = s3;
-        out[i + 4] = s4, out[i + 5] = s5, out[i + 6] = s6, out[i + 7] = s7;
+        for (int i = 0; i < lanes; i++) order[i] = from[i] - first;
     }
-    for (; i < end; i++) {
-        Lanes s{};
-        const float* x = source + i;
-        for (int r = 0; r < rows; r++, x += stride) s += table[r] * x[0];
-        out[i] = s;
+};
+
+// out[moment][row][0..8] = sum over taps of weight * source[row][first + tap], for `rows` rows. Numerical kernel.
+template <int moments, int vectors, int rows>
+PALPATE_INLINE void resample_eight(const float* source, int64_t stride, const Reach& reach, const float* weight,
+                                   int taps, int64_t moment_size, float* out) {
+    Lanes sum[moments][rows];
+#pragma GCC unroll 4
+    for (int m = 0; m < moments; m++)
+#pragma GCC unroll 4
+        for (int r = 0; r < rows; r++) sum[m][r] = Lanes{};
+    const Order order = reach.order;
+    source += reach.first;
+    for (int t = 0; t < taps; t++, source++, weight += run) {
+        Lanes w[moments];
+#pragma GCC unroll 4
+        for (int m = 0; m < moments; m++) load(w[m], weight + m * taps * run);
+#pragma GCC unroll 4
+        for (int r = 0; r < rows; r++) {
+            Lanes x, y;
+            load(x, source + r * stride);
+            if (vectors == 2) {
+                load(y, source + r * stride + lanes);
+                x = __builtin_shuffle(x, y, order);
+            } else {
+                x = __builtin_shuffle(x, order);
+            }
+#pragma GCC unroll 4
+            for (int m = 0; m < moments; m++) sum[m][r] += x * w[m];
+        }
     }
+#pragma GCC unroll 4
+    for (int m = 0; m < moments; m++)
+#pragma GCC unroll 4
+        for (int r = 0; r < rows; r++) store(out + m * moment_size + r * width, sum[m][r]);
 }
 
-// out[j] += sum over t of weight[t * n + j] * in[first[j] + t], j from begin to end.
-PALPATE_KERNEL void spread_lanes(const float* in_, const int32_t* first, const float* weight, int taps, int n,
-                                 int begin, int end, float* out_) {
-    const Lanes* in = reinterpret_cast<const Lanes*>(in_);
-    Lanes* out = reinterpret_cast<Lanes*>(out_);
-    for (int j = begin; j < end; j++) {
-        const Lanes* x = in + first[j];
-        const float* w = weight + j;
-        Lanes s = out[j];
-        for (int t = 0; t < taps; t++, w += n) s += x[t] * *w;
-        out[j] = s;
+template <int moments, int vectors>
+PALPATE_INLINE void resample_rows_by(const float* source, int64_t stride, int rows, const Reach& reach,
+                                     const float* weight, int taps, int64_t moment_size, float* out) {
+    int r = 0;
+    for (; r + 4 <= rows; r += 4)
+        resample_eight<moments, vectors, 4>(source + r * stride, stride, reach, weight, taps, moment_size,
+                                            out + r * width);
+    for (; r < rows; r++)
+        resample_eight<moments, vectors, 1>(source + r * stride, stride, reach, weight, taps, moment_size,
+                                            out + r * width);
+}
+
+PALPATE_KERNEL void resample_rows(const float* source, int64_t stride, int rows, const Reach& reach, int moments,
+                                  const float* weight, int taps, int64_t moment_size, float* out) {
+    const bool one = reach.vectors == Reach::one;
+    if (moments == 1 && one)
+        resample_rows_by<1, 1>(source, stride, rows, reach, weight, taps, moment_size, out);
+    else if (moments == 1)
+        resample_rows_by<1, 2>(source, stride, rows, reach, weight, taps, moment_size, out);
+    else if (moments == 2 && one)
+        resample_rows_by<2, 1>(source, stride, rows, reach, weight, taps, moment_size, out);
+    else if (moments == 2)
+        resample_rows_by<2, 2>(source, stride, rows, reach, weight, taps, moment_size, out);
+    else if (one)
+        resample_rows_by<3, 1>(source, stride, rows, reach, weight, taps, moment_size, out);
+    else
+        resample_rows_by<3, 2>(source, stride, rows, reach, weight, taps, moment_size, out);
+}
+
+// The same, one by one: for any reach.
+PALPATE_KERNEL void gather_rows(const float* source, int64_t stride, int rows, const int32_t* first, int moments,
+                                const float* weight, int taps, int64_t moment_size, float* out) {
+    for (int m = 0; m < moments; m++, weight += taps * run, out += moment_size)
+        for (int r = 0; r < rows; r++) {
+            float sum[lanes] = {};
+            for (int t = 0; t < taps; t++)
+                for (int i = 0; i < lanes; i++) sum[i] += weight[t * run + i] * source[r * stride + first[i] + t];
+            for (int i = 0; i < lanes; i++) out[r * width + i] = sum[i];
+        }
+}
+
+// sum[row] += sum over moments and taps of weight * rows[moment][first[row] + tap]. Numerical kernels.
+template <int moments, int taps>
+PALPATE_INLINE void add_row_by(const float* x, int64_t moment_size, const float* w, int weight_size, float* sum) {
+    Lanes s0, s1, s2, s3;
+    load(s0, sum), load(s1, sum + lanes), load(s2, sum + 2 * lanes), load(s3, sum + 3 * lanes);
+#pragma GCC unroll 4
+    for (int m = 0; m < moments; m++)
+#pragma GCC unroll 4
+        for (int t = 0; t < taps; t++) {
+            const float* from = x + m * moment_size + t * width;
+            const float v = w[m * weight_size + t * run];
+            Lanes x0, x1, x2, x3;
+            load(x0, from), load(x1, from + lanes), load(x2, from + 2 * lanes), load(x3, from + 3 * lanes);
+            s0 += x0 * v, s1 += x1 * v, s2 += x2 * v, s3 += x3 * v;
+        }
+    store(sum, s0), store(sum + lanes, s1), store(sum + 2 * lanes, s2), store(sum + 3 * lanes, s3);
+}
+template <int moments>
+PALPATE_INLINE void add_rows_by(const float* rows, int64_t moment_size, const int32_t* first, const int32_t* own,
+                                int begin, const float* weight, int taps, int count, float* sum) {
+    for (int r = 0; r < count; r++, sum += width) {
+        const float* x = rows + (first[r] - begin) * width;
+        const float* w = weight + r;
+        int left = own[r];
+        for (; left > 4; left -= 4, x += 4 * width, w += 4 * run)
+            add_row_by<moments, 4>(x, moment_size, w, taps * run, sum);
+        switch (left) {
+        case 4:
+            add_row_by<moments, 4>(x, moment_size, w, taps * run, sum);
+            break;
+        case 3:
+            add_row_by<moments, 3>(x, moment_size, w, taps * run, sum);
+            break;
+        case 2:
+            add_row_by<moments, 2>(x, moment_size, w, taps * run, sum);
+            break;
+        case 1:
+            add_row_by<moments, 1>(x, moment_size, w, taps * run, sum);
+            break;
+        }
     }
+}
+PALPATE_KERNEL void add_rows(const float* rows, int64_t moment_size, const int32_t* first, const int32_t* own,
+                             int begin, const float* weight, int moments, int taps, int count, float* sum) {
+    if (moments == 1) return add_rows_by<1>(rows, moment_size, first, own, begin, weight, taps, count, sum);
+    if (moments == 2) return add_rows_by<2>(rows, moment_size, first, own, begin, weight, taps, count, sum);
+    add_rows_by<3>(rows, moment_size, first, own, begin, weight, taps, count, sum);
 }
 
 namespace {
 
-constexpr int strip = 8 * lanes; // rows of the result that one task owns: its sums stay in the second-level cache
-
-struct Range {
-    int begin, end;
+// Rows of numbers.
+struct Source {
+    const float* values;
+    int64_t stride;
+    int columns;
 };
 
-// Elements of the result with any weight.
-Range reached(const AxisWeights& w) {
-    Range range{w.n, 0};
-    for (int t = 0; t < w.taps; t++) {
-        const float* row = &w.weight[size_t(t) * w.n];
-        int i = 0, j = w.n;
-        while (i < range.begin && row[i] == 0) i++;
-        while (j > range.end && row[j - 1] == 0) j--;
-        range = {std::min(range.begin, i), std::max(range.end, j)};
-    }
-    return range;
-}
-
-// The weights of one sub-slice, read in the direction of the result: along each row of it, and across its rows.
-struct Weights {
-    AxisWeights along, across;
-    Range columns, sources; // of the result, and of the source, along a row
-};
-
-// The first pass's dense table for rows `row` to row + 16 of the result: 16 weights for each row of the source.
-struct Table {
-    std::vector<float> weight;
-    int first = 0, rows = 0;
-
-    void fill(const AxisWeights& w, int row) {
-        const int count = std::min(lanes, w.n - row);
-        int low = INT32_MAX, high = -1;
-        for (int t = 0; t < w.taps; t++)
-            for (int l = 0; l < count; l++) {
-                if (w.weight[size_t(t) * w.n + row + l] == 0) continue;
-                low = std::min(low, w.first[row + l] + t);
-                high = std::max(high, w.first[row + l] + t);
-            }
-        first = low;
-        rows = std::max(0, high - low + 1);
-        if (high < 0) return;
-        weight.assign(size_t(rows) * lanes, 0);
-        for (int t = 0; t < w.taps; t++)
-            for (int l = 0; l < count; l++) {
-                const float value = w.weight[size_t(t) * w.n + row + l];
-                if (value != 0) weight[size_t(w.first[row + l] + t - first) * lanes + l] = value;
-            }
-    }
-};
-
-// Scratch of one task, kept between its slices.
+// What a thread needs, kept between its tasks.
 struct Scratch {
-    std::vector<Weights> subs;
-    AxisWeights voxels;
-    Table table;
-    std::vector<float> mixed, sum; // 16 lanes each: along a source row; along the rows of the strip
+    std::vector<Spans> rows;     // of the tile's rows: one a sub-slice and slice (of a view, or of all)
+    std::vector<Shadow> shadows; // along x, likewise
+    Spans columns;
+    Buffer resampled, sum{Buffer(stack * height * width)};
+    Buffer window, path; // backprojection: the parts of all panels under a tile
 };
 
-// Adds one slice of one view to rows `begin` to `end` of the result. source: image whose rows are `stride` long.
-void add_slice(Scratch& scratch, const float* source, int64_t stride, int begin, int end, int width) {
-    for (int row = begin; row < end; row += lanes)
-        for (const Weights& w : scratch.subs) {
-            if (w.columns.begin >= w.columns.end) continue;
-            scratch.table.fill(w.across, row);
-            if (scratch.table.rows == 0) continue;
-            mix_lanes(source + scratch.table.first * stride, stride, scratch.table.rows, scratch.table.weight.data(),
-                      w.sources.begin, w.sources.end, scratch.mixed.data());
-            spread_lanes(scratch.mixed.data(), w.along.first.data(), w.along.weight.data(), w.along.taps, w.along.n,
-                         w.columns.begin, w.columns.end, &scratch.sum[size_t(row - begin) * width]);
+// Adds one sub-slice to the tile.
+void add_slice(const Source& source, const Spans& rows, const Spans& columns, Scratch& s, float* sum) {
+    const int count = rows.end - rows.begin;
+    const int64_t moment_size = int64_t(count) * width;
+    if (int64_t(s.resampled.size()) < columns.moments * moment_size) s.resampled.resize(columns.moments * moment_size);
+    const float* from = source.values + rows.begin * source.stride;
+    for (int j = 0; j < columns.count; j += lanes) {
+        const Reach reach(columns.first + j, columns.taps, source.columns);
+        const float* weight = columns.weight.data() + j;
+        float* out = s.resampled.data() + j;
+        if (reach.vectors == Reach::each)
+            gather_rows(from, source.stride, count, columns.first + j, columns.moments, weight, columns.taps,
+                        moment_size, out);
+        else
+            resample_rows(from, source.stride, count, reach, columns.moments, weight, columns.taps, moment_size, out);
+    }
+    add_rows(s.resampled.data(), moment_size, rows.first, rows.own, rows.begin, rows.weight.data(), rows.moments,
+             rows.taps, rows.count, sum);
+}
+
+// Calls for what the next slice will be asked: nearly the same rows and columns. Its rows lie too far apart for the
+// hardware to foresee.
+void await(const float* slice, int64_t stride, const Spans& rows, const Spans& columns) {
+    const float* from = slice + rows.begin * stride + columns.begin;
+    const int lines = (columns.end - columns.begin + line - 1) / line;
+    for (int row = rows.begin; row < rows.end; row++, from += stride)
+        for (int i = 0; i <= lines; i++) __builtin_prefetch(from + i * line, 0, 2);
+}
+
+// Rows `b0` to b1 of a view's image, from all slices. image: measured pixels, or the fine ones of a tilted panel.
+void project_strip(const Geometry& g, const View& v, const float* f, int b0, int b1, float* image, Scratch& s) {
+    const Grid& grid = g.grid;
+    const int slices = grid.nz * v.subs, tiles = (b1 - b0 + height - 1) / height;
+    s.rows.resize(size_t(slices) * stack);
+    s.shadows.resize(slices);
+    for (int i = 0; i < slices; i++) {
+        s.shadows[i] = shadow(g, v, i / v.subs, i % v.subs, Axis::x);
+        const Shadow y = shadow(g, v, i / v.subs, i % v.subs, Axis::y);
+        for (int t = 0; t < tiles; t++) {
+            const int b = b0 + t * height;
+            over_pixels(y, v.moments, b, std::min(height, b1 - b), grid.ny, s.rows[i * stack + t]);
         }
-}
-
-// Weights of a slice.
-void weigh(const Geometry& g, const View& v, int z, bool per_pixel, Scratch& s) {
-    s.subs.resize(v.subs);
-    for (int sub = 0; sub < v.subs; sub++) {
-        Weights& w = s.subs[sub];
-        by_voxel(g, v, z, sub, Axis::x, per_pixel ? s.voxels : w.along);
-        if (per_pixel) by_pixel(s.voxels, v.na, w.along);
-        by_voxel(g, v, z, sub, Axis::y, per_pixel ? s.voxels : w.across);
-        if (per_pixel) by_pixel(s.voxels, v.nb, w.across);
-        w.columns = reached(w.along);
-        w.sources = {INT32_MAX, 0}; // the second pass reads all taps of the columns reached
-        for (int j = w.columns.begin; j < w.columns.end; j++) {
-            w.sources.begin = std::min(w.sources.begin, int(w.along.first[j]));
-            w.sources.end = std::max(w.sources.end, int(w.along.first[j]) + w.along.taps);
+    }
+    const bool tilted = v.pose == Pose::tilted;
+    for (int a0 = 0; a0 < v.na; a0 += width) {
+        const int columns = std::min(width, v.na - a0);
+        std::fill(s.sum.begin(), s.sum.end(), 0.0f);
+        for (int i = 0; i < slices; i++) {
+            over_pixels(s.shadows[i], v.moments, a0, columns, grid.nx, s.columns);
+            if (!s.columns.reached) continue;
+            const float* slice = f + i / v.subs * grid.slice();
+            for (int t = 0; t < tiles; t++) {
+                const Spans& rows = s.rows[i * stack + t];
+                if (!rows.reached) continue;
+                if (i / v.subs + 1 < grid.nz) await(slice + grid.slice(), grid.nx, rows, s.columns);
+                add_slice({slice, grid.nx, grid.nx}, rows, s.columns, s, &s.sum[t * height * width]);
+            }
+        }
+        const float* from = s.sum.data();
+        for (int b = b0; b < b1; b++, from += width) {
+            if (tilted) {
+                std::copy_n(from, columns, image + int64_t(b) * v.na + a0);
+                continue;
+            }
+            float path[width];
+            const int64_t first = v.start + b * v.step_b + a0 * v.step_a;
+            v.path(first, v.step_a, columns, path);
+            for (int a = 0; a < columns; a++) image[first + a * v.step_a] = from[a] * path[a];
         }
     }
-}
-
-// sum (rows / 16, width, 16) -> rows of `out`, out[row * step_row + column * step_column].
-void untangle(const std::vector<float>& sum, int begin, int end, int width, float* out, int64_t step_row,
-              int64_t step_column) {
-    for (int row = begin; row < end; row++) {
-        const float* from = &sum[size_t((row - begin) / lanes) * width * lanes + (row - begin) % lanes];
-        float* to = out + row * step_row;
-        for (int column = 0; column < width; column++) to[column * step_column] = from[size_t(column) * lanes];
-    }
-}
-
-size_t padded(int rows, int width) { return size_t(rows + lanes - 1) / lanes * lanes * width; }
-
-// One strip of virtual-panel rows of one view, from all slices.
-void project_strip(const Geometry& g, const View& v, const float* f, int begin, int end, float* image, Scratch& s) {
-    s.sum.assign(padded(end - begin, v.na), 0);
-    s.mixed.resize(size_t(g.grid.nx) * lanes);
-    for (int z = 0; z < g.grid.nz; z++) {
-        weigh(g, v, z, true, s);
-        add_slice(s, f + z * g.grid.slice(), g.grid.nx, begin, end, v.na);
-    }
-    if (v.pose == Pose::tilted)
-        untangle(s.sum, begin, end, v.na, image, v.na, 1);
-    else
-        untangle(s.sum, begin, end, v.na, image + v.start, v.step_b, v.step_a);
 }
 
 struct Strip {
-    int owner, begin, end; // owner: a view or a slice
+    int view, begin, end;
 };
 
-std::vector<Strip> strips_of(int owner, int rows) {
-    std::vector<Strip> strips;
-    for (int row = 0; row < rows; row += strip) strips.push_back({owner, row, std::min(rows, row + strip)});
-    return strips;
-}
-
-// Measured pixels, scaled by path -> the virtual panel, rows along y.
-void to_virtual(const View& v, const float* p, float* image) {
-    if (v.pose != Pose::tilted) {
-        for (int64_t b = 0; b < v.nb; b++)
-            for (int64_t a = 0; a < v.na; a++) {
-                const int64_t i = v.start + b * v.step_b + a * v.step_a;
-                image[b * v.na + a] = p[i] * v.path[i];
-            }
-        return;
-    }
-    const Sparse& rows = v.resampling.fine;
-    for (int64_t i = 0; i < int64_t(v.nb) * v.na; i++) {
-        float sum = 0;
-        for (int64_t e = rows.offset[i]; e < rows.offset[i + 1]; e++)
-            sum += rows.weight[e] * (p[rows.index[e]] * v.path[rows.index[e]]);
-        image[i] = sum;
-    }
-}
-
-// The views that the lanes serve: all but the turned ones.
+// The views that the tiles serve: all but the turned ones.
 void project_separable(const Geometry& g, const float* f, float* p) {
     const int views = int(g.views.size());
     std::vector<std::vector<float>> fine(views); // images of tilted panels, to be resampled
-    std::vector<Strip> strips;
+    std::vector<Strip> strips;                   // neighbours read the same rows of the volume
+    int most = 0;
     for (int k = 0; k < views; k++) {
         const View& v = g.views[k];
-        if (v.pose == Pose::turned) continue;
         if (v.pose == Pose::tilted) fine[k].resize(size_t(v.na) * v.nb);
-        for (const Strip& s : strips_of(k, v.nb)) strips.push_back(s);
+        if (v.pose != Pose::turned) most = std::max(most, v.nb);
     }
-    parallel(int64_t(strips.size()), [&](int64_t begin, int64_t end, int) {
-        Scratch scratch;
-        for (int64_t i = begin; i < end; i++) {
-            const auto [k, b0, b1] = strips[i];
-            float* image = g.views[k].pose == Pose::tilted ? fine[k].data() : p + k * g.pixels();
-            project_strip(g, g.views[k], f, b0, b1, image, scratch);
-        }
+    for (int b = 0; b < most; b += stack * height)
+        for (int k = 0; k < views; k++)
+            if (g.views[k].pose != Pose::turned && b < g.views[k].nb)
+                strips.push_back({k, b, std::min(g.views[k].nb, b + stack * height)});
+    std::vector<Scratch> scratch(threads());
+    parallel_tasks(int64_t(strips.size()), [&](int64_t task, int thread) {
+        const auto [k, b0, b1] = strips[task];
+        const View& v = g.views[k];
+        project_strip(g, v, f, b0, b1, v.pose == Pose::tilted ? fine[k].data() : p + k * g.pixels(), scratch[thread]);
     });
-    for (int k = 0; k < views; k++)
-        if (g.views[k].pose == Pose::tilted) apply(g.views[k].resampling.measured, fine[k].data(), p + k * g.pixels());
+    for (int k = 0; k < views; k++) {
+        if (fine[k].empty()) continue;
+        float* measured = p + k * g.pixels();
+        apply(g.views[k].resampling.measured, fine[k].data(), measured);
+        parallel(g.rows, [&](int64_t begin, int64_t end, int) {
+            std::vector<float> path(g.columns);
+            for (int64_t r = begin; r < end; r++) {
+                g.views[k].path(r * g.columns, 1, g.columns, path.data());
+                for (int c = 0; c < g.columns; c++) measured[r * g.columns + c] *= path[c];
+            }
+        });
+    }
 }
+
+// Measured pixels of a tilted panel, scaled by path -> its fine parallel one.
+void to_fine(const View& v, int64_t pixels, const float* p, std::vector<float>& image) {
+    std::vector<float> scaled(pixels);
+    for (int64_t row = 0; row < pixels; row += v.path.columns) v.path(row, 1, v.path.columns, &scaled[row]);
+    for (int64_t i = 0; i < pixels; i++) scaled[i] *= p[i];
+    image.resize(size_t(v.na) * v.nb);
+    apply(v.resampling.fine, scaled.data(), image.data());
+}
+
+constexpr int padding = 2 * lanes; // columns beyond a window, so that whole vectors fit
+
+// The part of a view's image under a tile: rows b0 to b1, columns a0 to a1, in s.window from `at` on.
+struct Window {
+    int b0, b1, a0, a1;
+    size_t at;
+    int64_t stride;
+};
+
+void copy_window(const View& v, const float* p, const float* fine, const Window& w, Scratch& s) {
+    const int columns = w.a1 - w.a0;
+    s.path.resize(std::max(s.path.size(), size_t(columns)));
+    for (int b = w.b0; b < w.b1; b++) {
+        float* to = &s.window[w.at + (b - w.b0) * w.stride];
+        if (fine) {
+            std::copy_n(fine + int64_t(b) * v.na + w.a0, columns, to);
+        } else {
+            const int64_t first = v.start + b * v.step_b + w.a0 * v.step_a;
+            v.path(first, v.step_a, columns, s.path.data());
+            if (v.step_a == 1)
+                for (int a = 0; a < columns; a++) to[a] = p[first + a] * s.path[a];
+            else
+                for (int a = 0; a < columns; a++) to[a] = p[first + a * v.step_a] * s.path[a];
+        }
+        std::fill(to + columns, to + w.stride, 0.0f);
+    }
+}
+
+constexpr int depth = 16; // slices of a task: the windows under them stay in the second-level cache
+
+// Slices z0 to z1, rows y0 to y1, from all views.
+struct Backprojection {
+    const Geometry& g;
+    const float* p;
+    const std::vector<std::vector<float>>& fine;
+    float* f;
+
+    void strip(int z0, int z1, int y0, int y1, Scratch& s) const {
+        const Grid& grid = g.grid;
+        std::vector<size_t> rows_of(g.views.size() + 1, 0); // into s.rows
+        for (size_t k = 0; k < g.views.size(); k++)
+            rows_of[k + 1] = rows_of[k] + (g.views[k].pose == Pose::turned ? 0 : size_t(z1 - z0) * g.views[k].subs);
+        s.rows.resize(rows_of.back());
+        for (size_t k = 0; k < g.views.size(); k++) {
+            const View& v = g.views[k];
+            for (size_t i = rows_of[k]; i < rows_of[k + 1]; i++) {
+                const int sub = int(i - rows_of[k]);
+                under_voxels(shadow(g, v, z0 + sub / v.subs, sub % v.subs, Axis::y), v.moments, y0, y1 - y0, v.nb,
+                             s.rows[i]);
+            }
+        }
+        std::vector<Window> windows(g.views.size());
+        for (int begin = 0; begin < grid.nx; begin += 2 * width) { // a window for two tiles: they overlap widely
+            const int end = std::min(grid.nx, begin + 2 * width);
+            open_windows(z0, z1, begin, end, rows_of, windows, s);
+            for (int x0 = begin; x0 < end; x0 += width)
+                for (int z = z0; z < z1; z++) {
+                    const int x1 = std::min(end, x0 + width);
+                    std::fill_n(s.sum.begin(), height * width, 0.0f);
+                    for (size_t k = 0; k < g.views.size(); k++)
+                        if (windows[k].stride > 0) add_view(k, z, z - z0, x0, x1, rows_of[k], windows[k], s);
+                    for (int y = y0; y < y1; y++)
+                        std::copy_n(&s.sum[(y - y0) * width], x1 - x0,
+                                    f + z * grid.slice() + int64_t(y) * grid.nx + x0);
+                }
+        }
+    }
+
+    void open_windows(int z0, int z1, int x0, int x1, const std::vector<size_t>& rows_of, std::vector<Window>& windows,
+                      Scratch& s) const {
+        size_t size = 0;
+        for (size_t k = 0; k < g.views.size(); k++) {
+            const View& v = g.views[k];
+            Window& w = windows[k];
+            w = {v.nb, 0, v.na, 0, size, 0};
+            for (size_t i = rows_of[k]; i < rows_of[k + 1]; i++) {
+                const Spans& rows = s.rows[i];
+                if (!rows.reached) continue;
+                w.b0 = std::min(w.b0, rows.begin);
+                w.b1 = std::max(w.b1, rows.end);
+                const int sub = int(i - rows_of[k]);
+                const Shadow x = shadow(g, v, z0 + sub / v.subs, sub % v.subs, Axis::x);
+                for (int face = 0; face < 2; face++) {
+                    const double low = x.offset[face] + x.slope[face] * x0, high = x.offset[face] + x.slope[face] * x1;
+                    w.a0 = std::min(w.a0, int(std::min(std::max(std::floor(low), 0.0), double(v.na))));
+                    w.a1 = std::max(w.a1, int(std::min(std::max(std::ceil(high), 0.0), double(v.na))));
+                }
+            }
+            if (w.b0 >= w.b1 || w.a0 >= w.a1) continue;
+            w.stride = (w.a1 - w.a0 + padding + lanes - 1) / lanes * lanes;
+            size += (w.b1 - w.b0) * w.stride;
+        }
+        if (s.window.size() < size) s.window.resize(size);
+        for (size_t k = 0; k < g.views.size(); k++)
+            if (windows[k].stride > 0)
+                copy_window(g.views[k], p + k * g.pixels(), fine[k].empty() ? nullptr : fine[k].data(), windows[k], s);
+    }
+
+    void add_view(size_t k, int z, int dz, int x0, int x1, size_t rows, const Window& w, Scratch& s) const {
+        const View& v = g.views[k];
+        for (int sub = 0; sub < v.subs; sub++) {
+            const Spans& y = s.rows[rows + size_t(dz) * v.subs + sub];
+            if (!y.reached) continue;
+            under_voxels(shadow(g, v, z, sub, Axis::x), v.moments, x0, x1 - x0, v.na, s.columns);
+            if (!s.columns.reached) continue;
+            // Pixel (0, 0) of the image, were the window all of it.
+            const float* image = s.window.data() + w.at - w.b0 * w.stride - w.a0;
+            add_slice({image, w.stride, int(w.a0 + w.stride)}, y, s.columns, s, s.sum.data());
+        }
+    }
+};
 
 // Writes all of f, with what those views add to it.
 void backproject_separable(const Geometry& g, const float* p, float* f) {
     const int views = int(g.views.size());
     const Grid& grid = g.grid;
-    std::vector<std::vector<float>> images(views);
-    parallel(views, [&](int64_t begin, int64_t end, int) {
-        for (int64_t k = begin; k < end; k++) {
-            const View& v = g.views[k];
-            if (v.pose == Pose::turned) continue;
-            images[k].resize(size_t(v.na) * v.nb);
-            to_virtual(v, p + k * g.pixels(), images[k].data());
-        }
+    std::vector<std::vector<float>> fine(views);
+    parallel_tasks(views, [&](int64_t k, int) {
+        if (g.views[k].pose == Pose::tilted) to_fine(g.views[k], g.pixels(), p + k * g.pixels(), fine[k]);
     });
-    std::vector<Strip> strips;
-    for (int z = 0; z < grid.nz; z++)
-        for (const Strip& s : strips_of(z, grid.ny)) strips.push_back(s);
-    parallel(int64_t(strips.size()), [&](int64_t begin, int64_t end, int) {
-        Scratch s;
-        for (int64_t i = begin; i < end; i++) {
-            const auto [z, y0, y1] = strips[i];
-            s.sum.assign(padded(y1 - y0, grid.nx), 0);
-            for (int k = 0; k < views; k++) {
-                const View& v = g.views[k];
-                if (v.pose == Pose::turned) continue;
-                weigh(g, v, z, false, s);
-                s.mixed.resize(std::max(s.mixed.size(), size_t(v.na) * lanes));
-                add_slice(s, images[k].data(), v.na, y0, y1, grid.nx);
-            }
-            untangle(s.sum, y0, y1, grid.nx, f + z * grid.slice(), grid.nx, 1);
-        }
+    const int across = (grid.ny + height - 1) / height, deep = (grid.nz + depth - 1) / depth;
+    const Backprojection back{g, p, fine, f};
+    std::vector<Scratch> scratch(threads());
+    parallel_tasks(int64_t(across) * deep, [&](int64_t task, int thread) {
+        const int y0 = int(task / deep) * height, part = int(task % deep);
+        back.strip(int(int64_t(grid.nz) * part / deep), int(int64_t(grid.nz) * (part + 1) / deep), y0,
+                   std::min(grid.ny, y0 + height), scratch[thread]);
     });
 }
 
@@ -288,16 +459,17 @@ void project(const Geometry& g, const float* f, float* p) {
     }
     for (size_t k = 0; k < g.views.size(); k++) {
         const View& v = g.views[k];
+        if (v.pose != Pose::turned) continue;
         float* measured = p + k * g.pixels();
-        if (v.pose == Pose::turned) {
-            image.resize(size_t(v.nb) * v.na);
-            project_turned(g, v, v.swapped ? exchanged.data() : f, image.data());
-            for (int64_t b = 0; b < v.nb; b++)
-                for (int64_t a = 0; a < v.na; a++)
-                    measured[v.start + b * v.step_b + a * v.step_a] = image[b * v.na + a];
-        }
-        parallel(g.pixels(), [&](int64_t begin, int64_t end, int) {
-            for (int64_t i = begin; i < end; i++) measured[i] *= v.path[i];
+        image.resize(size_t(v.nb) * v.na);
+        project_turned(g, v, v.swapped ? exchanged.data() : f, image.data());
+        parallel(v.nb, [&](int64_t begin, int64_t end, int) {
+            std::vector<float> path(v.na);
+            for (int64_t b = begin; b < end; b++) {
+                const int64_t first = v.start + b * v.step_b;
+                v.path(first, v.step_a, v.na, path.data());
+                for (int64_t a = 0; a < v.na; a++) measured[first + a * v.step_a] = image[b * v.na + a] * path[a];
+            }
         });
     }
 }
@@ -310,7 +482,15 @@ void backproject(const Geometry& g, const float* p, float* f) {
         const View& v = g.views[k];
         if (v.pose != Pose::turned) continue;
         image.resize(size_t(v.nb) * v.na);
-        to_virtual(v, p + k * g.pixels(), image.data());
+        parallel(v.nb, [&](int64_t begin, int64_t end, int) {
+            std::vector<float> path(v.na);
+            for (int64_t b = begin; b < end; b++) {
+                const int64_t first = v.start + b * v.step_b;
+                v.path(first, v.step_a, v.na, path.data());
+                for (int64_t a = 0; a < v.na; a++)
+                    image[b * v.na + a] = p[k * g.pixels() + first + a * v.step_a] * path[a];
+            }
+        });
         backproject_turned(g, v, image.data(), v.swapped ? exchanged.data() : f);
     }
     if (!exchanged.empty()) exchange(exchanged.data(), grid.nz, grid.nx, grid.ny, true, f);

@@ -6,20 +6,22 @@
 namespace palpate {
 namespace {
 
-constexpr int most = 32;   // sub-slices, and the reference that fewer are judged by
+constexpr int most = 16;   // sub-slices; times most_moments, the reference that fewer are judged by
 constexpr int samples = 9; // voxels along x and y, in 3 slices
 
 using Footprint = std::vector<double>; // over a window of pixels that holds it
 
-// The axis tables of slice z cut into `subs`.
+// The axis tables of slice z, one a product.
 struct Cut {
+    int subs;
     std::vector<AxisWeights> x, y;
 
-    Cut(const Geometry& g, View v, int z, int subs) : x(subs), y(subs) {
+    Cut(const Geometry& g, View v, int z, int subs, int moments) : subs(subs), x(subs * moments), y(subs * moments) {
         v.subs = subs;
-        for (int sub = 0; sub < subs; sub++) {
-            by_voxel(g, v, z, sub, Axis::x, x[sub]);
-            by_voxel(g, v, z, sub, Axis::y, y[sub]);
+        v.moments = moments;
+        for (int product = 0; product < products(v); product++) {
+            by_voxel(g, v, z, product, Axis::x, x[product]);
+            by_voxel(g, v, z, product, Axis::y, y[product]);
         }
     }
 };
@@ -39,9 +41,9 @@ Window window(const std::vector<AxisWeights>& axis, int i) {
 
 Footprint footprint(const Cut& cut, Window wy, Window wx, int y, int x) {
     Footprint out(size_t(wy.size) * wx.size, 0);
-    const double part = 1.0 / double(cut.x.size());
-    for (size_t sub = 0; sub < cut.x.size(); sub++) {
-        const AxisWeights &ay = cut.y[sub], &ax = cut.x[sub];
+    const double part = 1.0 / cut.subs;
+    for (size_t product = 0; product < cut.x.size(); product++) {
+        const AxisWeights &ay = cut.y[product], &ax = cut.x[product];
         for (int t = 0; t < ay.taps; t++) {
             const int b = ay.first[y] + t - wy.low;
             const double w = part * ay.weight[size_t(t) * ay.n + y];
@@ -81,24 +83,26 @@ struct Tally {
 
 } // namespace
 
-int sub_slices(const Geometry& g, const View& v) {
+void cut(const Geometry& g, View& v) {
     const Grid grid = g.seen_by(v);
-    View
-        bare{}; // without the resampling, which the weights do not read; on a turned panel, rows as on its first column
-    bare.source = v.source;
-    bare.pose = v.pose, bare.swapped = v.swapped;
-    bare.height = v.height, bare.run = v.run, bare.rise = v.rise;
-    bare.pa = v.pa, bare.pb = v.pb, bare.left = v.left, bare.low = v.low;
-    bare.na = v.na, bare.nb = v.nb;
+    Resampling kept = std::move(v.resampling);
+    const View bare = v; // without the resampling, which the weights do not read; rows as on a turned panel's first column
+    v.resampling = std::move(kept);
+    const int moments = v.pose == Pose::turned ? 1 : most_moments;
     const int slices[3] = {0, g.grid.nz / 2, g.grid.nz - 1};
     std::vector<Cut> reference;
-    for (int z : slices) reference.emplace_back(g, bare, z, most);
-    for (int subs : {1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 24}) {
-        Tally tally;
-        for (int i = 0; i < 3; i++) tally.add(Cut(g, bare, slices[i], subs), reference[i], grid);
-        if (tally.relative(g.grid.nz) <= g.tolerance) return subs;
-    }
-    return most;
+    for (int z : slices) reference.emplace_back(g, bare, z, most, most_moments);
+    for (int count = 1; count <= most * moments; count++)
+        for (v.moments = moments; v.moments >= 1; v.moments--) { // more moments err less than as many sub-slices
+            if (count % v.moments != 0) continue;
+            v.subs = count / v.moments;
+            if (v.subs > most) continue;
+            Tally tally;
+            for (int i = 0; i < 3; i++) tally.add(Cut(g, bare, slices[i], v.subs, v.moments), reference[i], grid);
+            if (tally.relative(g.grid.nz) <= g.tolerance) return;
+        }
+    v.subs = most;
+    v.moments = moments;
 }
 
 } // namespace palpate

@@ -3,10 +3,9 @@
 
 namespace palpate {
 
-// The number of sub-slices at which a view of independent voxel values, uniform in [0, 1], errs by less than the
-// geometry's tolerance (relative L2). The product of two trapezoids is the mean over the thickness only where the
-// shadow moves along one axis; where it moves along both, the moves go together and only real sub-slices help.
-// Measured, not modelled: the footprints of sample voxels with 1, 2, 3... sub-slices against many.
-int sub_slices(const Geometry& geometry, const View& view);
+// Chooses a view's sub-slices and moments (see AxisWeights): the fewest products at which a view of independent voxel
+// values, uniform in [0, 1], errs by less than the geometry's tolerance (relative L2). Measured, not modelled: the
+// footprints of sample voxels against those of many sub-slices.
+void cut(const Geometry& geometry, View& view);
 
 } // namespace palpate

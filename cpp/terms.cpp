@@ -22,7 +22,7 @@ Layout::Layout(const View& view) {
 }
 
 void AxisTerms::make(const Geometry& geometry, const View& view, int z, Axis axis, float mixed, int held) {
-    terms = view.subs;
+    terms = products(view);
     parts.resize(terms);
     for (int s = 0; s < terms; s++) by_voxel(geometry, view, z, s, axis, parts[s]);
     const int n = parts[0].n;

@@ -5,19 +5,38 @@
 
 namespace palpate {
 
-// weight[i] = the part of pixel first[i] + tap between edges i and i + 1, which move from `from` to `to`.
+// weight[i] = moment of the part of pixel first[i] + tap between edges i and i + 1, which move from `from` to `to`.
 PALPATE_KERNEL void trapezoids(const double* __restrict from, const double* __restrict to, int begin, int end, int tap,
-                               const int32_t* __restrict first, float* __restrict weight) {
+                               int moment, const int32_t* __restrict first, float* __restrict weight) {
     for (int i = begin; i < end; i++) {
         const double q = first[i] + tap;
-        const double w = covered(from[i + 1], to[i + 1], q) - covered(from[i], to[i], q);
-        weight[i] = w > 1e-7 ? float(w) : 0.0f; // rounding must not tie a voxel to pixels that it does not reach
+        double left[most_moments] = {}, right[most_moments] = {};
+        cover(from[i] - q, to[i] - q, most_moments, left);
+        cover(from[i + 1] - q, to[i + 1] - q, most_moments, right);
+        const double w = right[moment] - left[moment];
+        weight[i] = std::fabs(w) > 1e-7 ? float(w) : 0.0f; // rounding must not tie a voxel to pixels it does not reach
     }
 }
 
-void by_voxel(const Geometry& geometry, const View& view, int z, int sub, Axis axis, AxisWeights& out) {
+Shadow shadow(const Geometry& geometry, const View& view, int z, int sub, Axis axis) {
     const Grid grid = geometry.seen_by(view);
     const bool x = axis == Axis::x;
+    const double spacing = x ? grid.dx : grid.dy, edge = (x ? grid.x0 : grid.y0) - 0.5 * spacing;
+    const double s = view.source[x ? 0 : 1], p0 = x ? view.left : view.low, pitch = x ? view.pa : view.pb;
+    Shadow out;
+    for (int face = 0; face < 2; face++) {
+        const double down = grid.z0 + (z - 0.5 + double(sub + face) / view.subs) * grid.dz - view.source[2];
+        const double magnification = (view.height - view.source[2]) / down;
+        out.slope[face] = spacing * magnification / pitch;
+        out.offset[face] = (s - p0 + (edge - s) * magnification) / pitch + 0.5;
+    }
+    return out;
+}
+
+void by_voxel(const Geometry& geometry, const View& view, int z, int product, Axis axis, AxisWeights& out) {
+    const Grid grid = geometry.seen_by(view);
+    const bool x = axis == Axis::x;
+    const int sub = product / view.moments, moment = product % view.moments;
     const int n = x ? grid.nx : grid.ny, count = x ? view.na : view.nb;
     const double spacing = x ? grid.dx : grid.dy, edge = (x ? grid.x0 : grid.y0) - 0.5 * spacing;
     // The ray from the focal spot s through (x, z) meets the line of pixel centres p0 + a * pitch * (run, rise) where
@@ -50,7 +69,8 @@ void by_voxel(const Geometry& geometry, const View& view, int z, int sub, Axis a
     out.weight.assign(size_t(taps) * n, 0);
     // No tap leaves the panel: those before the shadow weigh nothing.
     for (int i = 0; i < n; i++) out.first[i] = std::min(out.first[i], count - taps);
-    for (int t = 0; t < taps; t++) trapezoids(from, to, begin, end, t, out.first.data(), &out.weight[size_t(t) * n]);
+    for (int t = 0; t < taps; t++) 
+        trapezoids(from, to, begin, end, t, moment, out.first.data(), &out.weight[size_t(t) * n]);
 }
 
 void by_pixel(const AxisWeights& voxels, int count, AxisWeights& out) {

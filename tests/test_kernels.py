@@ -10,7 +10,7 @@ import pytest
 
 from palpate import _core
 
-PROJECTOR = ["mix_lanes", "spread_lanes", "trapezoids", "rows_to_pixels", "pixels_to_row", "add_taps"]
+PROJECTOR = ["resample_rows", "weigh_voxels", "weigh_pixels", "rows_to_pixels", "pixels_to_row", "add_taps"]
 
 pytestmark = [
     pytest.mark.skipif(platform.machine() != "x86_64" or platform.system() != "Linux", reason="x86-64 Linux only"),
@@ -58,6 +58,10 @@ def test_each_hot_kernel_has_its_avx2_and_avx512_version(versions, kernel):
     wide = re.compile(r"%zmm\d|%[xy]mm(1[6-9]|2\d|3[01])|%k[1-7]")
     assert any(wide.search(body) for body in versions[kernel]), "no AVX-512"
     assert any(re.search(r"%ymm\d", body) and not wide.search(body) for body in versions[kernel]), "no AVX2"
+
+
+def test_what_needs_eight_lanes_only_uses_them(versions):
+    assert any(re.search(r"vfmadd.*%ymm\d", body) for body in versions["add_rows"])
     assert any("%ymm" not in body and not wide.search(body) for body in versions[kernel]), "no baseline"
 
 

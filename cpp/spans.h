@@ -1,0 +1,29 @@
+#pragma once
+#include "buffer.h"
+#include "weights.h"
+
+namespace palpate {
+
+constexpr int run = 64; // most elements of the result whose weights are made together
+
+// The weights of one sub-slice along one axis, in the direction of the result, for `count` elements of it and up to a
+// multiple of 8, the rest with weight 0. The same numbers as AxisWeights, evaluated where they are needed: tables of a
+// whole scan would have to be read from memory.
+//
+// weight[(moment * taps + t) * run + i] belongs to element first[i] + t of the source, first never falls; those from
+// t = own[i] on are 0. begin to end are the elements of the source with any weight, `reached` says whether there is
+// one.
+struct Spans {
+    int taps = 0, moments = 0, count = 0, begin = 0, end = 0;
+    bool reached = false;
+    int32_t first[run], own[run];
+    Buffer weight;
+};
+
+// For `count` <= run pixels from `from` on: the `voxels` voxels above them.
+void over_pixels(const Shadow& shadow, int moments, int from, int count, int voxels, Spans& out);
+
+// For `count` <= run voxels from `from` on: those of the `pixels` pixels under them.
+void under_voxels(const Shadow& shadow, int moments, int from, int count, int pixels, Spans& out);
+
+} // namespace palpate
