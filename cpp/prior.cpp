@@ -1,5 +1,6 @@
 #include "prior.h"
 #include "dispatch.h"
+#include "elementary.h"
 #include "parallel.h"
 #include <algorithm>
 #include <cmath>
@@ -155,14 +156,16 @@ PALPATE_KERNEL double sum_lange(const Law& law, const float* __restrict a, const
                 sums[i] += s;
                 product[i] *= 1 + s;
             }
-        for (int i = 0; i < lanes; i++) total -= std::log(product[i]);
+        for (int i = 0; i < lanes; i++) sums[i] -= fast_log(product[i]);
     }
     for (int i = 0; i < lanes; i++) total += sums[i];
+    double product = 1;
     for (; x < count; x++) {
         double s = std::abs(double(a[x]) - b[x]) * inverse;
-        total += s - std::log1p(s);
+        total += s;
+        product *= 1 + s;
     }
-    return total;
+    return total - fast_log(product);
 }
 
 // ψ₁(s) of the others, s >= 0.
