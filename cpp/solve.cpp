@@ -113,19 +113,31 @@ PALPATE_INLINE void move(const Line& line, int x, const Lanes& change) {
         }
 }
 
+// ψ'(t)/t of eight pairs. Lange's is written in vectors: the loop over lanes would go through memory, one at a time.
+template <Potential potential> PALPATE_INLINE void curvature_at(const Law& law, const Lanes& t, Lanes& out) {
+    if constexpr (potential == Potential::lange) {
+        Lanes size;
+        choose(t < Lanes{}, -t, t, size);
+        out = law.edge / (law.edge + size);
+    } else {
+        float in[lanes], k[lanes];
+        store(in, t);
+        for (int i = 0; i < lanes; i++) k[i] = potential_curvature<potential>(law, in[i]);
+        load(out, k);
+    }
+}
+
 // A pair of neighbours along x.
 template <Potential potential>
 PALPATE_INLINE void add_pair(const Lanes& old, const float* other, float weight, const Law& law, Lanes& slope,
                              Lanes& bend) {
-    float t[lanes], k[lanes];
-    Lanes v, w;
-    load(v, other);
-    v = old - v;
-    store(t, v);
-    for (int i = 0; i < lanes; i++) k[i] = weight * potential_curvature<potential>(law, t[i]);
-    load(w, k);
-    slope += w * v;
-    bend += w;
+    Lanes t, k;
+    load(t, other);
+    t = old - t;
+    curvature_at<potential>(law, t, k);
+    k *= weight;
+    slope += k * t;
+    bend += k;
 }
 
 // Numerical kernel.
