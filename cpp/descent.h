@@ -1,5 +1,6 @@
 #pragma once
 #include "geometry.h"
+#include "pages.h"
 #include "prior.h"
 #include <vector>
 
@@ -11,16 +12,12 @@ namespace palpate {
 class Paraboloid {
 public:
     Paraboloid(const Geometry& geometry, const float* slope, const float* curvature);
-    float* slope(int view) { return images[view].slope.data(); }
-    const float* curvature(int view) const { return images[view].curvature.data(); }
-    int64_t stride(int view) const { return images[view].stride; }
+    float* slope(int view) { return images.data() + start[2 * view]; }
+    const float* curvature(int view) const { return images.data() + start[2 * view + 1]; }
 
 private:
-    struct Image {
-        int64_t stride;
-        std::vector<float> slope, curvature;
-    };
-    std::vector<Image> images;
+    std::vector<int64_t> start;
+    Pages images;
 };
 
 // beta: weight of the prior. relaxation: 1 moves each voxel to the minimum of its parabola; up to 2 it overshoots and
@@ -33,14 +30,17 @@ struct Sweep {
 
 // One sweep of coordinate descent over f (z, y, x) on the paraboloid + β·prior (PS,P,CD: Erdogan & Fessler, IEEE Trans.
 // Med. Imaging 18:801, 1999): each voxel along its parabola, clipped at 0, the slopes following at once.
-// Order: slices; in a slice, classes of rows y = class, class + stride, ...; in a row, x. Rows of a class share no
-// pixel and no pair of neighbours, so threads over them give exactly the sequential answer.
+// Order: slices; in a slice, blocks of 8·stride rows, the even ones and then the odd ones; in a block, parts of
+// voxels_at_once along x; in a part, classes of rows y = class, class + stride, ...; in a class, rows; in a row, x.
+// Rows of a class share no pixel and no pair of neighbours, nor do blocks of one parity, so lanes over the rows and
+// threads over the blocks give exactly the sequential answer. In a part the images stay in cache.
+constexpr int voxels_at_once = 128;
 void descend(const Geometry& geometry, const Neighbourhood& neighbours, const Sweep& sweep, Paraboloid& data, float* f);
 
 // d_j = Σ_i a_ij² curvature_i: the paraboloid's curvature in each voxel, (z, y, x).
 void diagonal(const Geometry& geometry, Paraboloid& data, float* d);
 
-// Rows this far apart in slice z share no pixel of any view.
+// Rows this far apart in slice z share no pixel of any view, and no pair of neighbours.
 int row_stride(const Geometry& geometry, int z);
 
 } // namespace palpate

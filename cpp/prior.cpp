@@ -1,5 +1,6 @@
 #include "prior.h"
 #include "dispatch.h"
+#include "elementary.h"
 #include "parallel.h"
 #include <algorithm>
 #include <cmath>
@@ -122,7 +123,9 @@ void add_forward(const Neighbourhood& n, const float* f, int64_t z, int64_t y, i
         }
 }
 
-void add_neighbours(const Neighbourhood& n, const float* f, int64_t z, int64_t y, const Sums& sums) {
+// sums: of voxels begin .. end - 1 of the row.
+void add_neighbours(const Neighbourhood& n, const float* f, int64_t z, int64_t y, int64_t begin, int64_t end,
+                    const Sums& sums) {
     const float* row = f + (z * n.ny + y) * n.nx;
     for (int64_t dz = -1; dz <= 1; dz++)
         for (int64_t dy = -1; dy <= 1; dy++) {
@@ -132,8 +135,8 @@ void add_neighbours(const Neighbourhood& n, const float* f, int64_t z, int64_t y
             for (int64_t dx = -1; dx <= 1; dx++) {
                 const float weight = n.weight[dz + 1][dy + 1][dx + 1];
                 if (weight == 0) continue;
-                int64_t first = dx < 0 ? 1 : 0, count = n.nx - (dx != 0);
-                add_step(n.law, row + first, other + first + dx, count, weight, sums.from(first));
+                const int64_t first = std::max<int64_t>(begin, -dx), last = std::min(end, n.nx - dx);
+                add_step(n.law, row + first, other + first + dx, last - first, weight, sums.from(first - begin));
             }
         }
 }
@@ -153,14 +156,16 @@ PALPATE_KERNEL double sum_lange(const Law& law, const float* __restrict a, const
                 sums[i] += s;
                 product[i] *= 1 + s;
             }
-        for (int i = 0; i < lanes; i++) total -= std::log(product[i]);
+        for (int i = 0; i < lanes; i++) sums[i] -= fast_log(product[i]);
     }
     for (int i = 0; i < lanes; i++) total += sums[i];
+    double product = 1;
     for (; x < count; x++) {
         double s = std::abs(double(a[x]) - b[x]) * inverse;
-        total += s - std::log1p(s);
+        total += s;
+        product *= 1 + s;
     }
-    return total;
+    return total - fast_log(product);
 }
 
 // ψ₁(s) of the others, s >= 0.
@@ -274,11 +279,11 @@ void prior_surrogate(const Neighbourhood& n, const float* f, float* gradient, fl
     });
 }
 
-void prior_across_rows(const Neighbourhood& n, const float* f, int64_t z, int64_t y, float* gradient,
-                       float* curvature) {
-    std::fill_n(gradient, n.nx, 0.0f);
-    std::fill_n(curvature, n.nx, 0.0f);
-    add_neighbours(n, f, z, y, {gradient, curvature});
+void prior_across_rows(const Neighbourhood& n, const float* f, int64_t z, int64_t y, int64_t begin, int64_t end,
+                       float* gradient, float* curvature) {
+    std::fill_n(gradient, end - begin, 0.0f);
+    std::fill_n(curvature, end - begin, 0.0f);
+    add_neighbours(n, f, z, y, begin, end, {gradient, curvature});
 }
 
 } // namespace palpate

@@ -22,7 +22,9 @@ double prior_value(const Neighbourhood& n, const float* f);
 // gradient_j = Σ_s ω ψ'(f_j − f_s) and curvature_j = Σ_s ω ψ'(t)/t (of the parabola in f_j alone), both (nz, ny, nx).
 void prior_surrogate(const Neighbourhood& n, const float* f, float* gradient, float* curvature);
 
-// The same sums for the voxels of one row, over the 24 neighbours outside the row. gradient, curvature: (nx).
-void prior_across_rows(const Neighbourhood& n, const float* f, int64_t z, int64_t y, float* gradient, float* curvature);
+// The same sums for voxels begin .. end - 1 of one row, over the 24 neighbours outside the row. gradient, curvature:
+// (end - begin).
+void prior_across_rows(const Neighbourhood& n, const float* f, int64_t z, int64_t y, int64_t begin, int64_t end,
+                       float* gradient, float* curvature);
 
 } // namespace palpate

@@ -81,25 +81,39 @@ def lange(t, edge):
     return edge**2 * (abs(t / edge) - np.log1p(abs(t / edge)))
 
 
-def sweep(matrix, slope, curvature, f, grid, edge, beta, stride):
-    """PS,P,CD voxel by voxel: float64, no footprints, in the order that the kernel promises."""
+PART = 128  # voxels along x that the kernel works on at once
+ROWS = 8  # rows of a class in a block
+
+
+def order(grid, stride, backwards=False):
+    """Voxels in the order that the kernel promises: slices, blocks (even, odd), parts, classes, rows, x."""
+    index = np.arange(grid.size).reshape(grid.shape)
+    voxels = []
+    for z in range(grid.shape[0]):
+        blocks = [index[z, y : y + ROWS * stride[z]] for y in range(0, grid.shape[1], ROWS * stride[z])]
+        for block in blocks[::2] + blocks[1::2]:
+            for x in range(0, grid.shape[2], PART):
+                for first in range(stride[z]):
+                    voxels.extend(block[first :: stride[z], x : x + PART].ravel())
+    return voxels[::-1] if backwards else voxels
+
+
+def sweep(matrix, slope, curvature, f, grid, edge, beta, voxels, relaxation=1.0):
+    """PS,P,CD voxel by voxel: float64, no footprints."""
     around = {}
     for j, s, weight in neighbours(grid):
         around.setdefault(j, []).append((s, weight))
     f, g = f.copy(), slope.copy()
-    index = np.arange(grid.size).reshape(grid.shape)
-    for z in range(grid.shape[0]):
-        for first in range(stride[z]):
-            for j in index[z, first :: stride[z]].ravel():
-                a = matrix[:, j]
-                t = np.array([f[j] - f[s] for s, _ in around[j]])
-                k = np.array([w for _, w in around[j]]) / (1 + abs(t) / edge)
-                curve = (a**2 * curvature).sum() + beta * k.sum()
-                if curve == 0:
-                    continue
-                new = max(0.0, f[j] - ((a * g).sum() + beta * (k * t).sum()) / curve)
-                g += a * curvature * (new - f[j])
-                f[j] = new
+    for j in voxels:
+        a = matrix[:, j]
+        t = np.array([f[j] - f[s] for s, _ in around[j]])
+        k = np.array([w for _, w in around[j]]) / (1 + abs(t) / edge)
+        curve = (a**2 * curvature).sum() + beta * k.sum()
+        if curve == 0:
+            continue
+        new = max(0.0, f[j] - relaxation * ((a * g).sum() + beta * (k * t).sum()) / curve)
+        g += a * curvature * (new - f[j])
+        f[j] = new
     return f
 
 
@@ -110,27 +124,59 @@ def problem(views, grid=GRID):
     return scan, A, f
 
 
-@pytest.mark.parametrize("geometry", GEOMETRIES)
-@pytest.mark.parametrize("beta", [0.0, 3000.0])
-def test_rows_by_class_and_thread_are_the_sequential_sweep(geometry, beta):
-    scan, A, f = problem(geometry())
+def fine_pixels():
+    """Pixels a quarter of a voxel's shadow, seen by a source off both axes."""
+    return pp.Views([(40, 60, 200), (-30, 0, 200)], pp.Panel((48, 60), (0.23, 0.3), (-9.5, -5.5, 0)))
+
+
+def coarse_pixels():
+    """Several voxels a pixel."""
+    return pp.Views([(40, 60, 200), (-30, 0, 200)], pp.Panel((5, 6), (2.7, 3.1), (-8, -6, 0)))
+
+
+def cut_panel():
+    """The shadow runs over three of the panel's edges."""
+    return pp.arc_views(pp.Panel((7, 8), (0.9, 1.3), (-3.5, -3.1, 0)), [-20, 0, 25], radius=200, pivot=(0, 0, 20))
+
+
+def one_after_the_other(views, grid, beta, backwards=False, relaxation=1.0):
+    """(kernel, oracle, start), flat."""
+    scan, A, f = problem(views, grid)
     model = Transmission.of(scan)
     slope, curvature = model.slope(A(f)), model.curvature(A(f), "optimal")
-    stride = [max(2, _core.row_stride(A.geometry, z)) for z in range(GRID.shape[0])]
-    expected = sweep(
-        dense(A),
-        slope.ravel().astype(float),
-        curvature.ravel().astype(float),
-        f.ravel().astype(float),
-        GRID,
-        0.004,
-        beta,
-        stride,
-    )
+    stride = [_core.row_stride(A.geometry, z) for z in range(grid.shape[0])]
+    g, c = slope.ravel().astype(float), curvature.ravel().astype(float)
+    voxels = order(grid, stride, backwards)
+    expected = sweep(dense(A), g, c, f.ravel().astype(float), grid, 0.004, beta, voxels, relaxation)
     made = f.copy()
-    _core.descend(A.geometry, slope, curvature, made, 2, 0.004, beta)
-    assert np.abs(expected - f.ravel()).max() > 0.01  # there was something to do
-    assert np.abs(made.ravel() - expected).max() <= 1e-5 * expected.max()
+    _core.descend(A.geometry, slope, curvature, made, 2, 0.004, beta, relaxation, backwards)
+    return made.ravel(), expected, f.ravel()
+
+
+@pytest.mark.parametrize("geometry", [*GEOMETRIES, fine_pixels, coarse_pixels, cut_panel])
+@pytest.mark.parametrize("beta", [0.0, 3000.0])
+def test_rows_by_class_and_thread_are_the_sequential_sweep(geometry, beta):
+    made, expected, start = one_after_the_other(geometry(), GRID, beta)
+    assert np.abs(expected - start).max() > 0.01  # there was something to do
+    assert np.abs(made - expected).max() <= 1e-6 * expected.max()
+
+
+@pytest.mark.parametrize("geometry", [arc, oblique, turned, tilted])
+@pytest.mark.parametrize(("backwards", "relaxation"), [(True, 1.0), (False, 1.6), (True, 0.7)])
+def test_reversed_and_relaxed_sweeps_are_sequential_too(geometry, backwards, relaxation):
+    made, expected, _ = one_after_the_other(geometry(), GRID, 3000.0, backwards, relaxation)
+    assert np.abs(made - expected).max() <= 1e-6 * expected.max()
+
+
+@pytest.mark.parametrize("geometry", [arc, turned, tilted])
+@pytest.mark.parametrize("backwards", [False, True])
+@pytest.mark.parametrize(("shape", "spacing"), [((2, 53, 3), (2, 0.15, 4)), ((2, 3, 270), (2, 2.5, 0.05))])
+def test_so_are_sweeps_of_several_blocks_and_parts(geometry, backwards, shape, spacing):
+    origin = (-spacing[2] * (shape[2] - 1) / 2, -spacing[1] * (shape[1] - 1) / 2, 20.0)
+    grid = pp.Grid(shape, spacing, origin)
+    made, expected, start = one_after_the_other(geometry(), grid, 3000.0, backwards)
+    assert np.abs(expected - start).max() > 0.01
+    assert np.abs(made - expected).max() <= 1e-6 * expected.max()
 
 
 @pytest.mark.parametrize("geometry", GEOMETRIES)
