@@ -137,7 +137,8 @@ void SliceView::gather(const Strip& strip, const float* slope, const float* curv
     sums.cells.resize(std::max(sums.cells.size(), size_t(sums.end - sums.begin) * cell()));
     sums.rows.resize(std::max(sums.rows.size(), size_t(size) * lanes * chunk));
     if (view->pose == Pose::turned)
-        for (int i = 0; i < strip.rows; i++) sums.turned[i].make(edges, strip.y[i], view->nb, view->na, stride);
+        for (int i = 0; i < strip.rows; i++)
+            sums.turned[i].make(edges, strip.y[i], view->nb, view->na, sums.begin, sums.end);
     float* rows = sums.rows.data();
     for (int a = sums.begin; a < sums.end; a += chunk) {
         const int n = std::min(chunk, sums.end - a);

@@ -73,38 +73,38 @@ PALPATE_INLINE int common_rows(const int32_t* low, const int32_t* high) {
 
 // out = Σ over rows of weight · other · image; other: a second weight, or null. All at one vector of columns.
 PALPATE_INLINE void reduce_columns(const int32_t* low, const int32_t* high, const float* weight, const float* other,
-                                   int64_t stride, const float* image, float* out) {
+                                   int64_t step, const float* image, int64_t stride, float* out) {
     Lanes sum = {}, w, v, u;
     const int rows = common_rows(low, high);
     for (int t = 0; t < rows; t++) {
-        load(w, weight + t * stride);
+        load(w, weight + t * step);
         load(u, image + (low[0] + t) * stride);
-        if (other) load(v, other + t * stride), w *= v;
+        if (other) load(v, other + t * step), w *= v;
         sum += w * u;
     }
     store(out, sum);
     for (int i = 0; i < lanes && rows == 0; i++)
         for (int b = low[i]; b <= high[i]; b++) {
-            const int64_t tap = (b - low[i]) * stride + i;
+            const int64_t tap = (b - low[i]) * step + i;
             out[i] += weight[tap] * (other ? other[tap] : 1) * image[b * stride + i];
         }
 }
 
 PALPATE_KERNEL void reduce(const int32_t* low, const int32_t* high, const float* weight, const float* other,
-                           int64_t stride, const float* image, int n, float* out) {
+                           int64_t step, const float* image, int64_t stride, int n, float* out) {
     for (int a = 0; a < n; a += lanes)
-        reduce_columns(low + a, high + a, weight + a, other ? other + a : nullptr, stride, image + a, out + a);
+        reduce_columns(low + a, high + a, weight + a, other ? other + a : nullptr, step, image + a, stride, out + a);
 }
 
-PALPATE_KERNEL void expand(const int32_t* low, const int32_t* high, const float* weight, int64_t stride,
-                           const float* change, const float* curvature, int n, float* slope) {
+PALPATE_KERNEL void expand(const int32_t* low, const int32_t* high, const float* weight, int64_t step,
+                           const float* change, const float* curvature, int64_t stride, int n, float* slope) {
     for (int a = 0; a < n; a += lanes) {
         const int rows = common_rows(low + a, high + a);
         Lanes w, p, c, g;
         load(p, change + a);
         for (int t = 0; t < rows; t++) {
             const int64_t at = (low[a] + t) * stride + a;
-            load(w, weight + t * stride + a);
+            load(w, weight + t * step + a);
             load(c, curvature + at);
             load(g, slope + at);
             g += c * w * p;
@@ -112,45 +112,50 @@ PALPATE_KERNEL void expand(const int32_t* low, const int32_t* high, const float*
         }
         for (int i = a; i < a + lanes && rows == 0; i++)
             for (int b = low[i]; b <= high[i]; b++)
-                slope[b * stride + i] += curvature[b * stride + i] * weight[(b - low[i]) * stride + i] * change[i];
+                slope[b * stride + i] += curvature[b * stride + i] * weight[(b - low[i]) * step + i] * change[i];
     }
 }
 
 } // namespace
 
-void TurnedRow::make(const std::vector<Rows>& edges, int y, int nb, int na, int64_t stride) {
-    low.assign(stride, 0); // no row beyond the last column
-    high.assign(stride, -1);
-    std::fill_n(low.begin(), na, nb);
+void TurnedRow::make(const std::vector<Rows>& edges, int y, int nb, int na, int first, int last) {
+    begin = first;
+    end = last;
+    const int n = end - begin, held = std::min(end, na) - begin;
+    low.assign(n, 0); // no row beyond the last column
+    high.assign(n, -1);
+    std::fill_n(low.begin(), held, nb);
     for (const Rows& e : edges)
-        column_bounds(e.slope1.data(), e.offset1.data(), e.slope2.data(), e.offset2.data(), y, nb, na, low.data(),
+        column_bounds(&e.slope1[begin], &e.offset1[begin], &e.slope2[begin], &e.offset2[begin], y, nb, held, low.data(),
                       high.data());
     taps = 0;
-    for (int a = 0; a < na; a++) taps = std::max(taps, high[a] - low[a] + 1);
-    weight.resize(edges.size() * taps * stride); // what lies beyond the columns is never read
-    per_move.resize(2 * size_t(na));
+    for (int a = 0; a < held; a++) taps = std::max(taps, high[a] - low[a] + 1);
+    weight.resize(edges.size() * taps * n); // what lies beyond the columns is never read
+    per_move.resize(2 * size_t(held));
     for (size_t i = 0; i < edges.size(); i++)
-        column_taps(edges[i].slope1.data(), edges[i].offset1.data(), edges[i].slope2.data(), edges[i].offset2.data(), y,
-                    taps, na, stride, low.data(), per_move.data(), weight.data() + i * taps * stride);
+        column_taps(&edges[i].slope1[begin], &edges[i].offset1[begin], &edges[i].slope2[begin],
+                    &edges[i].offset2[begin], y, taps, held, n, low.data(), per_move.data(),
+                    weight.data() + i * taps * n);
 }
 
 void turned_reduce(const TurnedRow& row, const float* slope, const float* curvature, int64_t stride, int terms,
-                   int begin, int n, float* out, int64_t pitch) {
-    const int32_t *low = row.low.data() + begin, *high = row.high.data() + begin;
-    const float* weight = row.weight.data() + begin;
-    const int64_t term = row.taps * stride;
+                   int from, int n, float* out, int64_t pitch) {
+    const int64_t at = from - row.begin, step = row.end - row.begin, term = row.taps * step;
+    const int32_t *low = row.low.data() + at, *high = row.high.data() + at;
+    const float* weight = row.weight.data() + at;
     for (int m = 0; m < terms; m++, out += pitch)
-        reduce(low, high, weight + m * term, nullptr, stride, slope + begin, n, out);
+        reduce(low, high, weight + m * term, nullptr, step, slope + from, stride, n, out);
     for (int m = 0; m < terms; m++)
         for (int k = m; k < terms; k++, out += pitch)
-            reduce(low, high, weight + m * term, weight + k * term, stride, curvature + begin, n, out);
+            reduce(low, high, weight + m * term, weight + k * term, step, curvature + from, stride, n, out);
 }
 
 void turned_expand(const TurnedRow& row, const float* change, int64_t pitch, const float* curvature, int64_t stride,
-                   int terms, int begin, int n, float* slope) {
+                   int terms, int from, int n, float* slope) {
+    const int64_t at = from - row.begin, step = row.end - row.begin, term = row.taps * step;
     for (int m = 0; m < terms; m++)
-        expand(row.low.data() + begin, row.high.data() + begin, row.weight.data() + m * row.taps * stride + begin,
-               stride, change + m * pitch, curvature + begin, n, slope + begin);
+        expand(row.low.data() + at, row.high.data() + at, row.weight.data() + m * term + at, step, change + m * pitch,
+               curvature + from, stride, n, slope + from);
 }
 
 // In column a, row y of voxels covers up to max(l1, l2)(y + 1) and row y + apart begins at min(l1, l2)(y + apart): that

@@ -3,21 +3,22 @@
 
 namespace palpate {
 
-// One row of voxels on a panel turned about y, where the weights along y differ by column.
+// One row of voxels on a panel turned about y, where the weights along y differ by column: columns begin .. end - 1.
 struct TurnedRow {
-    int taps = 0;
+    int begin = 0, end = 0, taps = 0;
     std::vector<int32_t> low, high; // first and last row of the image under it, per column
-    std::vector<float> weight;      // along y, (terms, taps, stride), tap 0 in row low
+    std::vector<float> weight;      // along y, (terms, taps, columns), tap 0 in row low
     std::vector<double> per_move;   // scratch
 
-    void make(const std::vector<Rows>& edges, int y, int nb, int na, int64_t stride);
+    // na: columns of the image; there is nothing in those beyond.
+    void make(const std::vector<Rows>& edges, int y, int nb, int na, int begin, int end);
 };
 
-// What SliceView does with a row of voxels: sums over the image's rows in columns begin .. begin + n - 1, and back.
+// What SliceView does with a row of voxels: sums over the image's rows in columns `from` .. from + n - 1, and back.
 void turned_reduce(const TurnedRow& row, const float* slope, const float* curvature, int64_t stride, int terms,
-                   int begin, int n, float* out, int64_t pitch);
+                   int from, int n, float* out, int64_t pitch);
 void turned_expand(const TurnedRow& row, const float* change, int64_t pitch, const float* curvature, int64_t stride,
-                   int terms, int begin, int n, float* slope);
+                   int terms, int from, int n, float* slope);
 
 // Rows of voxels this far apart share no pixel, nor does the work on one touch the other's.
 int turned_rows_apart(const std::vector<Rows>& edges, int ny, int na);
