@@ -8,7 +8,7 @@ runs. F-MAP: coordinate descent on the finest level alone from a uniform volume.
 
 import argparse
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,9 +50,11 @@ class Seen:
     wall: float
 
 
-def timed(steps: Iterator[pp.Step], enough: float) -> list[Seen]:
-    """Steps of a run until the finest level's objective is low enough; the clocks stand still between steps."""
-    cpu = wall = 0.0
+def timed(run: Callable[[], Iterator[pp.Step]], enough: float) -> list[Seen]:
+    """Steps of a run, its preparation included, until the finest level's objective is low enough."""
+    began = time.process_time(), time.perf_counter()
+    steps = run()
+    cpu, wall = time.process_time() - began[0], time.perf_counter() - began[1]
     seen: list[Seen] = []
     while not (seen and seen[-1].level == 0 and seen[-1].objective <= enough):
         before = time.process_time(), time.perf_counter()
@@ -72,34 +74,44 @@ def measure(scan: pp.Scan, grid: pp.Grid, unit: tuple[float, float], most: int) 
     beta = prior.strength * median_curvature(known)
     flat = uniform(A, data)
     top = data.value(A(flat)) + beta * prior.value(flat, grid)
-    common = {"prior": prior, "tolerance": 0.0}
-    to_level = {"prior": prior, "iterations": [most, 50, 50]}
+
+    def run(levels: int, optimiser: str) -> Callable[[], Iterator[pp.Step]]:
+        # Levels stop by their own rule, as a user's would: a gap that the default rule never asks for shows as "-".
+        return lambda: pp.iterates(
+            scan,
+            grid,
+            levels=levels,
+            prior=prior,
+            optimiser=optimiser,
+            start="uniform" if levels == 1 else "backprojection",
+            iterations=[most, 50, 50][:levels],
+            tolerance=1e-5 if levels == 1 else 1e-3,
+        )
 
     star = converged(scan, grid, prior, top)
     runs = {
-        "F-MAP descent": pp.iterates(
-            scan, grid, levels=1, start="uniform", optimiser="descent", iterations=most, **common
-        ),
-        "F-MAP momentum": pp.iterates(
-            scan, grid, levels=1, start="uniform", optimiser="momentum", iterations=most, **common
-        ),
-        "M-MAP-3 descent": pp.iterates(scan, grid, optimiser="descent", **to_level),
-        "M-MAP-3 momentum": pp.iterates(scan, grid, optimiser="momentum", **to_level),
+        "F-MAP descent": run(1, "descent"),
+        "F-MAP momentum": run(1, "momentum"),
+        "M-MAP-3 descent": run(3, "descent"),
+        "M-MAP-3 momentum": run(3, "momentum"),
     }
     yield f"  edge {prior.edge:.3g}/mm, beta {beta:.3g}, objective of the uniform start {top:.6g}, converged {star:.6g}"
-    slowest: dict[float, float] = {}
-    for name, steps in runs.items():
-        seen = timed(steps, star + GAPS[-1] * (top - star))
+    slowest: dict[float, tuple[str, float]] = {}
+    for name, start in runs.items():
+        seen = timed(start, star + GAPS[-1] * (top - star))
         cells = []
         for gap in GAPS:
             first = next((s for s in seen if s.level == 0 and s.objective <= star + gap * (top - star)), None)
+            if name == "F-MAP descent":  # what the others are compared with; a bound where it stopped before
+                slowest[gap] = (" " if first else ">", (first or seen[-1]).cpu)
             if first is None:
                 cells.append(f"{'-':>38}")
                 continue
-            slowest.setdefault(gap, first.cpu)
             count = sum(s.level == 0 for s in seen[: seen.index(first) + 1])
-            ratio = slowest[gap] / first.cpu
-            cells.append(f"{first.wall:7.2f} {first.cpu:7.2f} {first.cpu / unit[1]:7.1f} {count:5} {ratio:7.1f}x ")
+            sign, ratio = slowest[gap][0], slowest[gap][1] / first.cpu
+            cells.append(
+                f"{first.wall:7.2f} {first.cpu:7.2f} {first.cpu / unit[1]:7.1f} {count:5} {sign}{ratio:6.1f}x "
+            )
         yield f"  {name:18}" + "|".join(cells)
 
 
