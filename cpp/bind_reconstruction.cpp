@@ -2,6 +2,7 @@
 #include "descent.h"
 #include "likelihood.h"
 #include "prior.h"
+#include "subspace.h"
 #include <algorithm>
 #include <memory>
 #include <nanobind/stl/array.h>
@@ -166,10 +167,57 @@ void bind_descent(nb::module_& m) {
     m.def("row_stride", &row_stride, "geometry"_a, "z"_a, "Rows of slice z this far apart share no pixel.");
 }
 
+using Three = std::array<double, 3>;
+
+void bind_subspace(nb::module_& m) {
+    m.def(
+        "prior_bends",
+        [](In<float, 3> f, In<float, 3> previous, In<float, 3> u, Spacing spacing, const Bond& bond, double edge) {
+            same_size(f, previous, u);
+            Three bends;
+            nb::gil_scoped_release release;
+            prior_bends(around(f, spacing, bond, edge), f.data(), previous.data(), u.data(), bends.data());
+            return bends;
+        },
+        "f"_a.noconvert(), "previous"_a.noconvert(), "u"_a.noconvert(), "spacing"_a, "potential"_a, "edge"_a);
+    m.def(
+        "data_bends",
+        [](In<float, 3> curvature, In<float, 3> l, In<float, 3> previous, In<float, 3> q) {
+            same_size(curvature, l, previous, q);
+            Three bends;
+            nb::gil_scoped_release release;
+            data_bends(curvature.data(), l.data(), previous.data(), q.data(), int64_t(l.size()), bends.data());
+            return bends;
+        },
+        "curvature"_a.noconvert(), "l"_a.noconvert(), "previous"_a.noconvert(), "q"_a.noconvert());
+    m.def(
+        "steer",
+        [](In<float, 3> gradient, In<float, 3> slope, In<float, 3> bend, In<float, 3> data, double beta, In<float, 3> f,
+           In<float, 3> previous, Array<float, 3> u) {
+            same_size(f, gradient, slope, bend, data, previous, u);
+            std::array<double, 2> slopes;
+            nb::gil_scoped_release release;
+            steer({gradient.data(), slope.data(), bend.data(), data.data(), float(beta)}, f.data(), previous.data(),
+                  int64_t(f.size()), u.data(), slopes.data());
+            return slopes;
+        },
+        "gradient"_a.noconvert(), "slope"_a.noconvert(), "bend"_a.noconvert(), "data"_a.noconvert(), "beta"_a,
+        "f"_a.noconvert(), "previous"_a.noconvert(), "u"_a.noconvert());
+    m.def(
+        "advance",
+        [](In<float, 3> f, In<float, 3> previous, In<float, 3> u, std::array<double, 2> w, Array<float, 3> moved) {
+            same_size(f, previous, u, moved);
+            nb::gil_scoped_release release;
+            advance(f.data(), previous.data(), u.data(), w.data(), int64_t(f.size()), moved.data());
+        },
+        "f"_a.noconvert(), "previous"_a.noconvert(), "u"_a.noconvert(), "w"_a, "moved"_a.noconvert());
+}
+
 } // namespace
 
 void bind_reconstruction(nb::module_& m) {
     bind_likelihood(m);
     bind_prior(m);
     bind_descent(m);
+    bind_subspace(m);
 }

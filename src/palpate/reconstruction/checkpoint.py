@@ -47,6 +47,8 @@ def write_checkpoint(path: str | Path, step: Step, run: Mapping[str, str]) -> No
         for name in ("objective", "level", "iteration", "seconds", "finished"):
             file.attrs[name] = getattr(step, name)
         file["values"] = step.volume.values
+        if step.previous is not None:
+            file["previous"] = step.previous
 
 
 def read_checkpoint(path: str | Path, run: Mapping[str, str]) -> Step:
@@ -63,7 +65,11 @@ def read_checkpoint(path: str | Path, run: Mapping[str, str]) -> Step:
             grid = Grid(values.shape, *(file.attrs[name] for name in ("spacing", "origin", "direction")))
             objective, seconds = float(file.attrs["objective"]), float(file.attrs["seconds"])
             level, iteration = int(file.attrs["level"]), int(file.attrs["iteration"])
-            step = Step(Volume(values, grid), objective, level, iteration, seconds, bool(file.attrs["finished"]))
+            previous = np.asarray(file["previous"]) if "previous" in file else None
+            if previous is not None and previous.shape != values.shape:
+                raise ValueError(f"previous: expected shape {values.shape}, got {previous.shape}")
+            finished = bool(file.attrs["finished"])
+            step = Step(Volume(values, grid), objective, level, iteration, seconds, finished, previous)
     except FileError:
         raise
     except (OSError, KeyError, ValueError, RuntimeError) as problem:

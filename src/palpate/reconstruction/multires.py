@@ -62,9 +62,9 @@ def coarser_scan(scan: Scan, downsample: Downsample = "sum") -> Scan:
     Odd sizes are filled up with unmeasured pixels.
     """
     mask = _quads(scan.mask)
-    measured = np.count_nonzero(mask, axis=-1) * 2 >= mask.shape[-1]
+    measured = np.count_nonzero(mask, axis=0) >= 2
     if downsample == "nearest":
-        measured = mask[..., 0]
+        measured = mask[0]
     if not measured.any():
         raise DataError("levels: no coarse pixel has half of its fine pixels measured; take fewer levels")
     y, b, r = (_merged(_quads(a), mask, downsample) for a in (scan.counts, scan.incident, scan.background))
@@ -73,25 +73,23 @@ def coarser_scan(scan: Scan, downsample: Downsample = "sum") -> Scan:
 
 
 def _quads(a: AnyArray) -> AnyArray:
-    """(views, rows, columns) to (views, rows/2, columns/2, 4), filled up with zeros."""
-    views, rows, columns = a.shape
-    a = np.pad(a, ((0, 0), (0, rows % 2), (0, columns % 2)))
-    quads = a.reshape(views, a.shape[1] // 2, 2, a.shape[2] // 2, 2).transpose(0, 1, 3, 2, 4)
-    return quads.reshape(*quads.shape[:3], 4)
+    """(views, rows, columns) to (4, views, rows/2, columns/2), filled up with zeros."""
+    _, rows, columns = a.shape
+    if rows % 2 or columns % 2:
+        a = np.pad(a, ((0, 0), (0, rows % 2), (0, columns % 2)))
+    return np.stack([a[:, i::2, j::2] for i in (0, 1) for j in (0, 1)])
 
 
 def _merged(quads: AnyArray, mask: AnyArray, downsample: Downsample) -> Float32:
-    count = np.count_nonzero(mask, axis=-1)
     if downsample == "nearest":
-        merged = quads[..., 0]
+        merged: AnyArray = quads[0]
     elif downsample == "median":
-        held = np.sort(np.where(mask, quads, np.inf), axis=-1)
-        low, high = (
-            np.take_along_axis(held, i[..., None], -1)[..., 0] for i in (np.maximum(count - 1, 0) // 2, count // 2 % 4)
-        )
+        count = np.count_nonzero(mask, axis=0)
+        held = np.sort(np.where(mask, quads, np.inf), axis=0)
+        low, high = (np.take_along_axis(held, i[None], 0)[0] for i in (np.maximum(count - 1, 0) // 2, count // 2 % 4))
         merged = np.where(count > 0, (np.where(np.isfinite(low), low, 0) + np.where(np.isfinite(high), high, 0)) / 2, 0)
     else:
-        merged = np.where(mask, quads, 0).sum(axis=-1, dtype=np.float64)
+        merged = np.einsum("q...,q...->...", quads, mask.astype(np.float32))
         if downsample == "linear":
-            merged = merged / np.maximum(count, 1)
+            merged = merged / np.maximum(np.count_nonzero(mask, axis=0), 1)
     return merged.astype(np.float32)

@@ -22,6 +22,7 @@ from palpate.reconstruction.likelihood import (
     Transmission,
     WeightedLeastSquares,
 )
+from palpate.reconstruction.momentum import accelerate
 from palpate.reconstruction.multires import Downsample, pyramid
 from palpate.reconstruction.prior import Prior
 from palpate.reconstruction.projector import Projector
@@ -36,6 +37,7 @@ from palpate.volumes.volume import Volume
 
 Method = Literal["map", "ml", "tv", "sirt", "sart", "fbp", "backprojection"]
 DIRECT = ("backprojection", "fbp")  # done in one step
+Optimiser = Literal["auto", "momentum", "descent"]
 LikelihoodOf = Literal["poisson", "gaussian", "least-squares"] | Callable[[Scan], Likelihood]
 LIKELIHOODS: dict[str, Callable[[Scan], Likelihood]] = {
     "poisson": Transmission.of,
@@ -43,17 +45,22 @@ LIKELIHOODS: dict[str, Callable[[Scan], Likelihood]] = {
     "least-squares": WeightedLeastSquares.of,
 }
 TOLERANCE = 1e-3
+COARSER = 4.0  # times the tolerance a level, see _Rule
 
 
 @dataclass(frozen=True)
 class _Rule:
-    """When a level is finished: after so many iterations, or when one gains less than a share of the objective."""
+    """When a level is finished: after so many iterations, or when one gains less than a share of the objective.
+
+    The share is COARSER times larger a level: a coarse level is but a start, and its own posterior is not wanted.
+    """
 
     iterations: Sequence[int]
     tolerance: float
 
     def finished(self, level: int, iteration: int, objective: float, previous: float | None) -> bool:
-        gained = previous is not None and abs(previous - objective) > self.tolerance * abs(objective)
+        share = self.tolerance * COARSER**level
+        gained = previous is not None and abs(previous - objective) > share * abs(objective)
         return iteration >= self.iterations[level] or (previous is not None and not gained)
 
 
@@ -67,6 +74,7 @@ def iterates(
     likelihood: LikelihoodOf = "poisson",
     start: Literal["backprojection", "uniform"] | Volume = "backprojection",
     curvature: Curvature = "precomputed",
+    optimiser: Optimiser | Sequence[Optimiser] = "auto",
     iterations: int | Sequence[int] = 50,
     tolerance: float = TOLERANCE,
     downsample: Downsample = "sum",
@@ -78,18 +86,21 @@ def iterates(
 ) -> Iterator[Step]:
     """Every iterate of a reconstruction, coarsest level first (M-MAP-L; `levels=1` is F-MAP).
 
-    method: "map" minimises -log likelihood + β R by coordinate descent, "ml" without prior (β = 0); "tv",
-    "sirt", "sart", "fbp" and "backprojection" are baselines on the finest level. prior: `Prior()` if None; what it leaves
-    open the data choose; "tv" takes from it the strength alone (see `tv` for its meaning there).
+    method: "map" minimises -log likelihood + β R, "ml" without prior (β = 0); "tv", "sirt", "sart", "fbp" and
+    "backprojection" are baselines on the finest level. prior: `Prior()` if None; what it leaves open the data choose; "tv"
+    takes from it the strength alone (see `tv` for its meaning there).
     likelihood: "poisson" for counts, "least-squares" for intensities that are none, or a function from a scan to a
-    likelihood. start: on the coarsest level. curvature: see `Transmission.curvature`. iterations: at most so many a
+    likelihood. start: on the coarsest level. curvature: see `Transmission.curvature`. optimiser: of "map" and "ml",
+    one or one a level, finest first: "momentum" (`accelerate`), "descent" (`descend`), or "auto", which is what reached the
+    converged posterior soonest: momentum. iterations: at most so many a
     level, one number or one a level, finest first. tolerance: a level ends when an iteration lowers the objective by less
-    than this share. downsample, interpolation: see `pyramid`, `resample`. window, cutoff: of `fbp`. relaxation: of `sart`.
-    resume: the step after which to go on, exactly as
-    if never stopped. Raises `DataError` and `GeometryError` at once, before any work.
+    than this share, four times as much a coarser level. downsample, interpolation: see `pyramid`, `resample`. window,
+    cutoff: of `fbp`. relaxation: of `sart`. resume: the step after which to go on, exactly as if never stopped. Raises
+    `DataError` and `GeometryError` at once, before any work.
     """
     rule = _Rule(_per_level(iterations, levels), tolerance)
     _choices(method, curvature, interpolation, start, likelihood, tolerance)
+    optimisers = _optimisers(optimiser, levels)
     check_window(window, cutoff)
     check_relaxation(relaxation)
     chosen = LIKELIHOODS[likelihood] if isinstance(likelihood, str) else likelihood
@@ -97,7 +108,7 @@ def iterates(
     Projector(scan.views, grid)  # a geometry that cannot be is refused here
     prior = prior if prior is not None else Prior()
     knobs = (window, cutoff, relaxation)
-    steps = _run(scans, method, prior, chosen, start, curvature, rule, interpolation, resume, knobs)
+    steps = _run(scans, method, prior, chosen, start, curvature, optimisers, rule, interpolation, resume, knobs)
     return steps
 
 
@@ -126,33 +137,42 @@ def _run(
     likelihood: Callable[[Scan], Likelihood],
     start: str | Volume,
     curvature: Curvature,
+    optimisers: Sequence[Optimiser],
     rule: _Rule,
     interpolation: Interpolation,
     resume: Step | None,
     knobs: tuple[Window, float, float],
 ) -> Iterator[Step]:
     began = time.perf_counter() - (resume.seconds if resume else 0)
-    A, data = Projector(scans[0][0].views, scans[0][1]), likelihood(scans[0][0])
+    A, data = finest = Projector(scans[0][0].views, scans[0][1]), likelihood(scans[0][0])
     prior, beta = _weighed(prior, A, data) if method == "map" else (prior, 0.0)
     last = resume
     for level in reversed(range(len(scans))):
         if last is not None and (last.level < level or (last.level == level and last.finished)):
             continue
         level_scan, grid = scans[level]
-        if level > 0 or len(scans) > 1:
-            A, data = Projector(level_scan.views, grid), likelihood(level_scan)
-        done, objective = 0, None
+        A, data = (Projector(level_scan.views, grid), likelihood(level_scan)) if level else finest
+        # Twice the strength a level: a jump between two regions then weighs about the same on every grid. A level has a
+        # quarter of the pairs across it, each of twice the weight in mm (half and once where slices stay as thick).
+        weight = beta * 2**level
         if last is not None and last.level == level:
-            values, done, objective = last.volume.values, last.iteration, last.objective
-        elif last is not None:
-            values = resample(last.volume, grid, interpolation).values
+            values, done, objective, before = last.volume.values, last.iteration, last.objective, last.previous
         else:
-            values = _first(start, A, data, interpolation)
-        solver = _solver(method, A, data, prior, beta, values, curvature, knobs)
+            values = (
+                resample(last.volume, grid, interpolation).values if last else _first(start, A, data, interpolation)
+            )
+            done, objective, before = 0, None, None
+        remembers = method in ("map", "ml") and optimisers[level] != "descent"
+        if remembers:
+            solver = accelerate(A, data, prior, weight, values, curvature, before)
+        else:
+            solver = _solver(method, A, data, prior, weight, values, curvature, knobs)
         for iteration, (f, now) in enumerate(solver, done + 1):
             finished = method in DIRECT or rule.finished(level, iteration, now, objective)
-            last = Step(Volume(f.copy(), grid), now, level, iteration, time.perf_counter() - began, finished)
-            objective = now
+            volume = Volume(f.copy(), grid)
+            previous = values if remembers and not finished else None
+            last = Step(volume, now, level, iteration, time.perf_counter() - began, finished, previous)
+            objective, values = now, volume.values
             yield last
             if finished:
                 break
@@ -199,6 +219,16 @@ def _per_level(iterations: int | Sequence[int], levels: int) -> Sequence[int]:
     each = [iterations] * levels if isinstance(iterations, int) else list(iterations)
     if len(each) != levels or any(n < 1 for n in each):
         raise DataError(f"iterations: expected a number of at least 1, or {levels} (finest first), got {iterations!r}")
+    return each
+
+
+def _optimisers(optimiser: Optimiser | Sequence[Optimiser], levels: int) -> Sequence[Optimiser]:
+    each = [optimiser] * levels if isinstance(optimiser, str) else list(optimiser)
+    for name in each:
+        if name not in get_args(Optimiser):
+            raise DataError(f"optimiser: there is no {name!r}; choose from {', '.join(get_args(Optimiser))}")
+    if len(each) != levels:
+        raise DataError(f"optimiser: expected one, or {levels} (finest first), got {optimiser!r}")
     return each
 
 

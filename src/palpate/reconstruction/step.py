@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from palpate.arrays import Float32
 from palpate.volumes.volume import Volume
 
 
@@ -10,7 +11,8 @@ class Step:
     """volume: a snapshot on its level's grid, 1/mm. level: 0 is the finest. iteration: 1, 2, ... within the level.
 
     objective: compares only within a level. seconds: since the run began, monitoring included. finished: the last of
-    its level.
+    its level. previous: the iterate before (z, y, x), where the optimiser goes on from both; it shares memory with that
+    step's volume.
     """
 
     volume: Volume
@@ -19,3 +21,4 @@ class Step:
     iteration: int
     seconds: float
     finished: bool = False
+    previous: Float32 | None = None

@@ -1,0 +1,166 @@
+#include "subspace.h"
+#include "dispatch.h"
+#include "parallel.h"
+#include <algorithm>
+#include <vector>
+
+namespace palpate {
+namespace {
+
+constexpr int64_t block = 4096; // elements a partial sum: few enough for float lanes
+constexpr int lanes = 8;
+
+// Partial sums of each block or row, added up in order.
+template <int count, class Part> void summed(int64_t parts, double* total, const Part& part) {
+    std::vector<double> sums(parts * count);
+    parallel(parts, [&](int64_t begin, int64_t end, int) {
+        for (int64_t k = begin; k < end; k++) part(k, &sums[k * count]);
+    });
+    std::fill_n(total, count, 0.0);
+    for (int64_t k = 0; k < parts; k++)
+        for (int i = 0; i < count; i++) total[i] += sums[k * count + i];
+}
+
+template <int count> PALPATE_INLINE void add_up(const float (&lane)[count][lanes], double weight, double* sums) {
+    for (int i = 0; i < count; i++) {
+        double sum = 0;
+        for (int k = 0; k < lanes; k++) sum += lane[i][k];
+        sums[i] += weight * sum;
+    }
+}
+
+// A row of f, previous and u.
+struct Row {
+    const float *f, *previous, *u;
+    Row at(int64_t i) const { return {f + i, previous + i, u + i}; }
+};
+
+// One step of the neighbourhood for a whole row: b is the neighbouring row, already shifted.
+template <Potential potential>
+PALPATE_INLINE void bend_row(const Row& a, const Row& b, int64_t count, const Law& law, double weight, double* sums) {
+    float lane[3][lanes] = {};
+    int64_t x = 0;
+    for (; x + lanes <= count; x += lanes)
+        for (int k = 0; k < lanes; k++) {
+            const float t = a.f[x + k] - b.f[x + k], bend = potential_curvature<potential>(law, t);
+            const float du = a.u[x + k] - b.u[x + k], dp = t - (a.previous[x + k] - b.previous[x + k]);
+            const float bu = bend * du;
+            lane[0][k] += bu * du;
+            lane[1][k] += bu * dp;
+            lane[2][k] += bend * dp * dp;
+        }
+    for (; x < count; x++) {
+        const float t = a.f[x] - b.f[x], bend = potential_curvature<potential>(law, t);
+        const float du = a.u[x] - b.u[x], dp = t - (a.previous[x] - b.previous[x]);
+        lane[0][0] += bend * du * du;
+        lane[1][0] += bend * du * dp;
+        lane[2][0] += bend * dp * dp;
+    }
+    add_up(lane, weight, sums);
+}
+
+PALPATE_KERNEL void bend_step(const Law& law, const Row& a, const Row& b, int64_t count, double weight, double* sums) {
+    switch (law.potential) {
+    case Potential::quadratic:
+        return bend_row<Potential::quadratic>(a, b, count, law, weight, sums);
+    case Potential::huber:
+        return bend_row<Potential::huber>(a, b, count, law, weight, sums);
+    case Potential::lange:
+        return bend_row<Potential::lange>(a, b, count, law, weight, sums);
+    case Potential::hyperbola:
+        return bend_row<Potential::hyperbola>(a, b, count, law, weight, sums);
+    case Potential::generalised:
+        return bend_row<Potential::generalised>(a, b, count, law, weight, sums);
+    case Potential::tabulated:
+        return bend_row<Potential::tabulated>(a, b, count, law, weight, sums);
+    }
+}
+
+PALPATE_KERNEL void bend_pixels(const float* __restrict curvature, const float* __restrict l,
+                                const float* __restrict previous, const float* __restrict q, int64_t size,
+                                double* sums) {
+    float lane[3][lanes] = {};
+    int64_t i = 0;
+    for (; i + lanes <= size; i += lanes)
+        for (int k = 0; k < lanes; k++) {
+            const float c = curvature[i + k], dq = q[i + k], ds = l[i + k] - previous[i + k];
+            lane[0][k] += c * dq * dq;
+            lane[1][k] += c * dq * ds;
+            lane[2][k] += c * ds * ds;
+        }
+    for (; i < size; i++) {
+        const float c = curvature[i], dq = q[i], ds = l[i] - previous[i];
+        lane[0][0] += c * dq * dq;
+        lane[1][0] += c * dq * ds;
+        lane[2][0] += c * ds * ds;
+    }
+    add_up(lane, 1, sums);
+}
+
+PALPATE_INLINE void steer_one(const Prediction& at, const float* f, const float* previous, int64_t i, float* u,
+                              float& along, float& back) {
+    const float g = at.gradient[i] + at.beta * at.slope[i], bend = at.data[i] + 2 * at.beta * at.bend[i];
+    const bool held = !(bend > 0) | ((f[i] <= 0) & (g > 0));
+    const float v = held ? 0.0f : -g / (held ? 1.0f : bend);
+    u[i] = v;
+    along += g * v;
+    back += g * (f[i] - previous[i]);
+}
+
+PALPATE_KERNEL void steer_block(const Prediction& at, const float* f, const float* previous, int64_t begin, int64_t end,
+                                float* u, double* sums) {
+    float lane[2][lanes] = {};
+    int64_t i = begin;
+    for (; i + lanes <= end; i += lanes)
+        for (int k = 0; k < lanes; k++) steer_one(at, f, previous, i + k, u, lane[0][k], lane[1][k]);
+    for (; i < end; i++) steer_one(at, f, previous, i, u, lane[0][0], lane[1][0]);
+    add_up(lane, 1, sums);
+}
+
+PALPATE_KERNEL void advance_block(const float* __restrict f, const float* __restrict previous,
+                                  const float* __restrict u, float w0, float w1, int64_t begin, int64_t end,
+                                  float* __restrict moved) {
+    for (int64_t i = begin; i < end; i++) moved[i] = std::max(0.0f, f[i] + (w0 * u[i] + w1 * (f[i] - previous[i])));
+}
+
+int64_t blocks(int64_t size) { return (size + block - 1) / block; }
+
+} // namespace
+
+void prior_bends(const Neighbourhood& n, const float* f, const float* previous, const float* u, double bends[3]) {
+    summed<3>(n.nz * n.ny, bends, [&](int64_t index, double* sums) {
+        const int64_t z = index / n.ny, y = index % n.ny;
+        const Row row = Row{f, previous, u}.at(index * n.nx);
+        for (int64_t dz = 0; dz <= 1; dz++)
+            for (int64_t dy = -1; dy <= 1; dy++)
+                for (int64_t dx = -1; dx <= 1; dx++) { // the 13 steps that lead forward
+                    if (dz * 9 + dy * 3 + dx <= 0) continue;
+                    if (z + dz >= n.nz || y + dy < 0 || y + dy >= n.ny) continue;
+                    const int64_t first = dx < 0 ? 1 : 0, there = (dz * n.ny + dy) * n.nx + first + dx;
+                    const float weight = n.weight[dz + 1][dy + 1][dx + 1];
+                    if (weight != 0) bend_step(n.law, row.at(first), row.at(there), n.nx - (dx != 0), weight, sums);
+                }
+    });
+}
+
+void data_bends(const float* curvature, const float* l, const float* previous, const float* q, int64_t size,
+                double bends[3]) {
+    summed<3>(blocks(size), bends, [&](int64_t k, double* sums) {
+        const int64_t i = k * block;
+        bend_pixels(curvature + i, l + i, previous + i, q + i, std::min(block, size - i), sums);
+    });
+}
+
+void steer(const Prediction& at, const float* f, const float* previous, int64_t size, float* u, double slopes[2]) {
+    summed<2>(blocks(size), slopes, [&](int64_t k, double* sums) {
+        steer_block(at, f, previous, k * block, std::min(size, (k + 1) * block), u, sums);
+    });
+}
+
+void advance(const float* f, const float* previous, const float* u, const double w[2], int64_t size, float* moved) {
+    parallel(size, [&](int64_t begin, int64_t end, int) {
+        advance_block(f, previous, u, float(w[0]), float(w[1]), begin, end, moved);
+    });
+}
+
+} // namespace palpate
