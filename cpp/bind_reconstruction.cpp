@@ -154,16 +154,19 @@ void bind_descent(nb::module_& m) {
         "beta"_a, "relaxation"_a = 1.0, "backwards"_a = false, "One sweep of coordinate descent over f, in place.");
     m.def(
         "diagonal",
-        [](const Geometry& g, In<float, 3> curvature) {
+        [](const Geometry& g, In<float, 3> curvature, int every) {
             same_shape(g, curvature);
-            const size_t shape[3] = {size_t(g.grid.nz), size_t(g.grid.ny), size_t(g.grid.nx)};
+            if (every < 1) throw std::invalid_argument("every: expected 1 or more");
+            const size_t slices = size_t((g.grid.nz - every / 2 + every - 1) / every);
+            const size_t shape[3] = {slices, size_t(g.grid.ny), size_t(g.grid.nx)};
             Made<float> out = made(shape);
             nb::gil_scoped_release release;
             Paraboloid data(g, curvature.data(), curvature.data());
-            diagonal(g, data, out.data());
+            diagonal(g, data, every, out.data());
             return out;
         },
-        "geometry"_a, "curvature"_a.noconvert(), "Σ_i a_ij² curvature_i of each voxel.");
+        "geometry"_a, "curvature"_a.noconvert(), "every"_a = 1,
+        "Σ_i a_ij² curvature_i of each voxel of every so-many-th slice.");
     m.def("row_stride", &row_stride, "geometry"_a, "z"_a, "Rows of slice z this far apart share no pixel.");
 }
 

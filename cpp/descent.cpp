@@ -250,16 +250,16 @@ static void strip_diagonal(const Slice& slice, const Strip& strip, Paraboloid& d
     }
 }
 
-void diagonal(const Geometry& geometry, Paraboloid& data, float* d) {
+void diagonal(const Geometry& geometry, Paraboloid& data, int every, float* d) {
     const Grid& grid = geometry.grid;
     Slice slice(geometry);
     std::vector<Scratch> scratch(threads());
-    for (int z = 0; z < grid.nz; z++) {
+    for (int z = every / 2; z < grid.nz; z += every) {
         slice.make(z);
         parallel((grid.ny + lanes - 1) / lanes, [&](int64_t begin, int64_t end, int thread) {
             for (int64_t k = begin; k < end; k++)
                 strip_diagonal(slice, strip_of(int(k) * lanes, 1, grid.ny), data, scratch[thread],
-                               d + z * grid.slice());
+                               d + z / every * grid.slice());
         });
     }
 }

@@ -38,7 +38,7 @@ constexpr int voxels_at_once = 128;
 void descend(const Geometry& geometry, const Neighbourhood& neighbours, const Sweep& sweep, Paraboloid& data, float* f);
 
 // d_j = Σ_i a_ij² curvature_i: the paraboloid's curvature in each voxel, (z, y, x).
-void diagonal(const Geometry& geometry, Paraboloid& data, float* d);
+void diagonal(const Geometry& geometry, Paraboloid& data, int every, float* d);
 
 // Rows this far apart in slice z share no pixel of any view, and no pair of neighbours.
 int row_stride(const Geometry& geometry, int z);

@@ -105,10 +105,10 @@ def iterates(
     check_relaxation(relaxation)
     chosen = LIKELIHOODS[likelihood] if isinstance(likelihood, str) else likelihood
     scans = pyramid(scan, grid, levels if method in ("map", "ml") else 1, downsample)
-    Projector(scan.views, grid)  # a geometry that cannot be is refused here
+    A = Projector(scan.views, grid)  # a geometry that cannot be is refused here
     prior = prior if prior is not None else Prior()
     knobs = (window, cutoff, relaxation)
-    steps = _run(scans, method, prior, chosen, start, curvature, optimisers, rule, interpolation, resume, knobs)
+    steps = _run(scans, A, method, prior, chosen, start, curvature, optimisers, rule, interpolation, resume, knobs)
     return steps
 
 
@@ -132,6 +132,7 @@ def reconstruct(
 
 def _run(
     scans: Sequence[tuple[Scan, Grid]],
+    A: Projector,
     method: Method,
     prior: Prior,
     likelihood: Callable[[Scan], Likelihood],
@@ -144,7 +145,7 @@ def _run(
     knobs: tuple[Window, float, float],
 ) -> Iterator[Step]:
     began = time.perf_counter() - (resume.seconds if resume else 0)
-    A, data = finest = Projector(scans[0][0].views, scans[0][1]), likelihood(scans[0][0])
+    A, data = finest = A, likelihood(scans[0][0])
     prior, beta = _weighed(prior, A, data) if method == "map" else (prior, 0.0)
     last = resume
     for level in reversed(range(len(scans))):

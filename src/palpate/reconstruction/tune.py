@@ -33,7 +33,8 @@ def tune(prior: Prior, A: Projector, likelihood: Likelihood, curvature: Float32)
         one[1, 1, 1] = edge
         pull = prior.surrogate(one, Grid(one.shape, A.grid.spacing, (0, 0, 0)))[0][1, 1, 1]
         known = median_curvature(curvature)
-        noise = math.sqrt(2 * known * math.log(max(2, int(np.count_nonzero(curvature > 0)))))
+        seen = np.count_nonzero(curvature > 0) * A.grid.size / curvature.size
+        noise = math.sqrt(2 * known * math.log(max(2.0, seen)))
         prior = replace(prior, strength=float(noise / (pull * known)))
     return prior
 
