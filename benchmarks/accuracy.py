@@ -18,7 +18,7 @@ from benchmarks.timing import header, row
 from benchmarks.workloads import WORKLOADS, smooth
 
 sys.path.append(str(Path(__file__).parents[1] / "tests"))
-from oracle_projector import projections  # noqa: E402
+from oracle_projector import projections
 
 NAMES = ("W1 circular-8", "W2 dbt-15", "W5 diagonal-4")
 SIDE = 10  # pixels of a patch

@@ -36,10 +36,13 @@ class Translation:
         reach = [max(abs(low[i]), high[i]) + np.abs(step[:, i]).max() for i in (1, 0)]
         magnified = height / (source[0, 2] - grid.bounds[1, 2])
         rows, columns = (int(2 * np.ceil(r * magnified / d)) + 8 for r, d in zip(reach, (dv, du), strict=True))
-        self.first = np.stack([  # where the real panel's pixel (0, 0) lies on each large one
-            (panel.origin[1] - source[:, 1]) / dv + (rows - 1) / 2,
-            (panel.origin[0] - source[:, 0]) / du + (columns - 1) / 2,
-        ], axis=1)
+        self.first = np.stack(
+            [  # where the real panel's pixel (0, 0) lies on each large one
+                (panel.origin[1] - source[:, 1]) / dv + (rows - 1) / 2,
+                (panel.origin[0] - source[:, 0]) / du + (columns - 1) / 2,
+            ],
+            axis=1,
+        )
         if np.abs(self.first - np.round(self.first)).max() > 1e-6:
             raise ValueError("sources are not on multiples of the pixel pitch")
         self.first = np.round(self.first).astype(int)
@@ -55,7 +58,10 @@ class Translation:
         """(views, rows, columns) of the real panel on the large one, 0 elsewhere."""
         out = np.zeros(self.shape, np.float32)
         for view, (row, column) in enumerate(self.first):
-            here, there = zip(*(_overlap(f, n, m) for f, n, m in zip((row, column), pixels.shape[1:], self.shape[1:], strict=True)), strict=True)
+            here, there = zip(
+                *(_overlap(f, n, m) for f, n, m in zip((row, column), pixels.shape[1:], self.shape[1:], strict=True)),
+                strict=True,
+            )
             out[(view, *there)] = pixels[(view, *here)]
         return out
 
@@ -86,7 +92,14 @@ class Translation:
             sinogram, weights = self.placed(p), self.placed(weights)
             np.random.seed(0)  # noqa: NPY002 (its subsets are drawn from there)
             began = time.perf_counter()
-            self.model.recon(sinogram, weights, max_iterations=count, stop_threshold_change_pct=0, logfile_path=None, print_logs=False)
+            self.model.recon(
+                sinogram,
+                weights,
+                max_iterations=count,
+                stop_threshold_change_pct=0,
+                logfile_path=None,
+                print_logs=False,
+            )
         finally:
             self.model.vcd_partition_iterator = one
 

@@ -8,7 +8,7 @@ import numpy as np
 
 import palpate as pp
 from benchmarks import THREADS
-from benchmarks.timing import header, medians, row
+from benchmarks.timing import medians
 
 FLOATS = 1 << 26  # an array: 256 MB, beyond any cache
 
@@ -50,7 +50,7 @@ def operations(views: pp.Views, grid: pp.Grid) -> float:
     way round, whichever is less). Panels are taken as parallel to the slices, and slices as undivided.
     """
     dz, dy, dx = grid.spacing
-    nz, ny, nx = grid.shape
+    ny, nx = grid.shape[1:]
     total = 0.0
     for (sx, sy, sz), panel in zip(views.source, views.panels, strict=True):
         depth = abs(float(([sx, sy, sz] - panel.origin) @ panel.normal))
@@ -61,7 +61,10 @@ def operations(views: pp.Views, grid: pp.Grid) -> float:
                 (m * d + shear * np.abs(grid.axis(axis) - s).mean()) / pitch + 1
                 for d, axis, s, pitch in ((dx, "x", sx, panel.pitch[1]), (dy, "y", sy, panel.pitch[0]))
             )
-            high, wide = min(panel.shape[0], ny * m * dy / panel.pitch[0]), min(panel.shape[1], nx * m * dx / panel.pitch[1])
+            high, wide = (
+                min(panel.shape[0], ny * m * dy / panel.pitch[0]),
+                min(panel.shape[1], nx * m * dx / panel.pitch[1]),
+            )
             total += 2 * min(nx * ny * u + wide * ny * v, nx * ny * v + nx * high * u)
     return total
 
@@ -73,4 +76,4 @@ def least(views: pp.Views, grid: pp.Grid) -> tuple[float, float]:
 
 def lines() -> Iterator[str]:
     """The machine's two limits."""
-    yield f"Measured with {THREADS} threads: memory {bandwidth() / 1e9:.1f} GB/s, float32 {flops() / 1e9:.0f} GFLOP/s (BLAS).\n"
+    yield f"{THREADS} threads: memory {bandwidth() / 1e9:.1f} GB/s, float32 {flops() / 1e9:.0f} GFLOP/s (BLAS).\n"
