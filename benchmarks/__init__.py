@@ -5,6 +5,7 @@ first imported, so they stand here. BLAS has one thread, because the roofline ru
 """
 
 import os
+from importlib.metadata import PackageNotFoundError, version
 
 THREADS = 2
 
@@ -16,3 +17,11 @@ os.environ["MBIRJAX_NUM_CPU_DEVICES"] = str(THREADS)
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 os.environ["JAX_PLATFORMS"] = "cpu"
 os.environ["MPLBACKEND"] = "agg"
+
+
+def installed(name: str) -> str | None:
+    """The version of a package, None if it is not there."""
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return None

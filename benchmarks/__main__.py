@@ -7,19 +7,14 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from importlib.metadata import PackageNotFoundError, version
+from importlib import import_module
 from itertools import chain
 from pathlib import Path
 
-from benchmarks import THREADS, accuracy, iteration, projector, roofline
+from benchmarks import THREADS, installed
 from palpate import _core
 
-PARTS = {
-    "roofline": roofline.lines,
-    "projector": projector.lines,
-    "accuracy": accuracy.lines,
-    "iteration": iteration.lines,
-}
+PARTS = ("roofline", "projector", "accuracy", "iteration")
 HERE = Path(__file__).parent
 
 
@@ -45,14 +40,14 @@ def measured(parts: list[str]) -> Iterator[str]:
     """The parts, one after the other, each under its name."""
     for part in parts:
         yield f"\n## {part.capitalize()}\n"
-        yield from PARTS[part]()
+        yield from import_module(f"benchmarks.{part}").lines()
 
 
 def machine() -> Iterator[str]:
     """What the figures hang on; no names of machines or people."""
     yield f"# {processor()}, {THREADS} threads, {_core.instruction_set()}\n"
     there = ", ".join(
-        f"{name} {known}" for name in ("palpate", "numpy", "itk-rtk", "mbirjax", "jax") if (known := _version(name))
+        f"{name} {known}" for name in ("palpate", "numpy", "itk-rtk", "mbirjax", "jax") if (known := installed(name))
     )
     yield f"{time.strftime('%Y-%m-%d')}, commit {commit()}, Python {sys.version.split()[0]}, {there}; "
     yield f"load of the machine before: {os.getloadavg()[0]:.1f}. Medians of runs taken in turn.\n"
@@ -79,13 +74,6 @@ def commit() -> str:
 
     changed = git("status", "--porcelain", "--", ":/", ":!results")
     return (git("rev-parse", "--short", "HEAD") or "unknown") + ("+" if changed else "")
-
-
-def _version(name: str) -> str | None:
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return None
 
 
 if __name__ == "__main__":

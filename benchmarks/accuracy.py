@@ -77,8 +77,3 @@ def _corner(views: pp.Views, grid: pp.Grid, view: int) -> np.ndarray:
 def _around(views: pp.Views, view: int, point: np.ndarray) -> np.ndarray:
     landed = np.round(views[view].project(point[None])[0, 0]).astype(int)
     return np.clip(landed - SIDE // 2, 0, np.array(views.shape[1:]) - SIDE)
-
-
-if __name__ == "__main__":
-    for line in lines():
-        print(line, flush=True)

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 import palpate as pp
-from benchmarks import mbir
+from benchmarks import installed, mbir
 from benchmarks.timing import header, row
 from benchmarks.workloads import circular, smooth
 
@@ -32,7 +32,7 @@ def lines() -> Iterator[str]:
     yield f"W1, {PHOTONS} photons, slab phantom. One PS,P,CD iteration with the 26-neighbour Lange prior, objective "
     yield f"watched: {ours_each:.3f} s wall.\n"
     ours = _course_of_ours(scan, grid, truth)
-    if not mbir.available():
+    if not installed("mbirjax"):
         yield "mbirjax is not installed: pip install 'palpate[bench]'.\n"
         return
     peer = mbir.Translation(scan, grid)
@@ -92,8 +92,3 @@ def _table(ours_each: float, ours: Course, theirs: Course, agreed: float) -> Ite
     yield row(f"MAP to an error of {common:.3f}, wall s", *first, first[1] / first[0])
     yield row("lowest error, iterations", *(f"{min(e for _, e in c):.3f}, {len(c)}" for c in (ours, theirs)), "")
     yield ""
-
-
-if __name__ == "__main__":
-    for line in lines():
-        print(line, flush=True)

@@ -13,21 +13,13 @@ import numpy as np
 
 import palpate as pp
 
-try:
-    import mbirjax
-except ImportError:
-    mbirjax = None
-
-
-def available() -> bool:
-    """Whether mbirjax is installed."""
-    return mbirjax is not None
-
 
 class Translation:
     """A scan of ours with one fixed panel parallel to the slices, as mbirjax sees it."""
 
     def __init__(self, scan: pp.Scan, grid: pp.Grid) -> None:
+        import mbirjax  # seconds to load: only when asked for
+
         panel, source = scan.views.panels[0], scan.views.source
         (dv, du), (dz, dy, dx) = panel.pitch, grid.spacing
         height, middle = source[0, 2] - panel.origin[2], grid.bounds.mean(axis=0)

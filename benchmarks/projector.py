@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 import palpate as pp
-from benchmarks import rtk
+from benchmarks import installed, rtk
 from benchmarks.memory import above_arrays
 from benchmarks.roofline import least
 from benchmarks.timing import header, medians, row
@@ -66,7 +66,7 @@ def ours() -> Iterator[str]:
 
 def against_rtk() -> Iterator[str]:
     """The same geometry, the same arrays, taken in turn."""
-    if not rtk.available():
+    if not installed("itk-rtk"):
         yield "RTK is not installed: pip install 'palpate[bench]'.\n"
         return
     yield "RTK's Joseph pair in the same run. NRMSE: RTK's projections against ours, of a smooth volume and of voxels "
@@ -113,8 +113,3 @@ def _gap(p: np.ndarray, x: np.ndarray, f: np.ndarray, y: np.ndarray) -> float:
     """|<Ax, y> - <x, A'y>| over the norms of Ax and y, sums in float64."""
     p, x, f, y = (a.ravel().astype(np.float64) for a in (p, x, f, y))
     return float(abs(p @ y - x @ f) / (np.linalg.norm(p) * np.linalg.norm(y)))
-
-
-if __name__ == "__main__":
-    for line in lines():
-        print(line, flush=True)

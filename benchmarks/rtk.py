@@ -11,23 +11,15 @@ import numpy as np
 
 import palpate as pp
 
-try:
-    import itk
-    from itk import RTK
-except ImportError:
-    itk = None
-
-
-def available() -> bool:
-    """Whether itk-rtk is installed."""
-    return itk is not None
-
 
 class Joseph:
     """Forward and back projector; each call of `forward` or `back` gives a function that does the work anew."""
 
     def __init__(self, views: pp.Views, grid: pp.Grid) -> None:
-        self.views, self.grid = views, grid
+        import itk  # seconds to load: only when asked for
+        from itk import RTK
+
+        self.itk, self.rtk, self.views, self.grid = itk, RTK, views, grid
         self.geometry = RTK.ThreeDCircularProjectionGeometry.New()
         for source, panel in zip(views.source, views.panels, strict=True):
             point, vector = itk.Point[itk.D, 3], itk.Vector[itk.D, 3]
@@ -40,13 +32,13 @@ class Joseph:
                 raise ValueError("RTK refused a view")
 
     def _volume(self, x: np.ndarray) -> Any:
-        image = itk.image_from_array(x)
+        image = self.itk.image_from_array(x)
         image.SetSpacing(self.grid.spacing[::-1])
         image.SetOrigin(np.asarray(self.grid.origin).tolist())
         return image
 
     def _projections(self, p: np.ndarray) -> Any:
-        image = itk.image_from_array(p)
+        image = self.itk.image_from_array(p)
         pitch = self.views.panels[0].pitch
         image.SetSpacing((pitch[1], pitch[0], 1.0))
         image.SetOrigin((0.0, 0.0, 0.0))
@@ -63,8 +55,8 @@ class Joseph:
         return self._runs("JosephBackProjectionImageFilter", blank, self._projections(p))
 
     def _runs(self, name: str, blank: Any, given: Any) -> Callable[[], np.ndarray]:
-        image = itk.Image[itk.F, 3]
-        filter = getattr(RTK, name)[image, image].New()
+        image = self.itk.Image[self.itk.F, 3]
+        filter = getattr(self.rtk, name)[image, image].New()
         filter.SetInput(0, blank)
         filter.SetInput(1, given)
         filter.SetGeometry(self.geometry)
@@ -73,6 +65,6 @@ class Joseph:
         def run() -> np.ndarray:
             filter.Modified()
             filter.Update()
-            return itk.array_view_from_image(filter.GetOutput())
+            return self.itk.array_view_from_image(filter.GetOutput())
 
         return run
