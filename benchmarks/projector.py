@@ -27,7 +27,7 @@ def ours() -> Iterator[str]:
     yield header(
         "workload",
         "kernel",
-        "sub-slices",
+        "products a slice",
         "wall ms",
         "CPU ms",
         "giga voxel-views/CPU-s",
@@ -42,14 +42,14 @@ def ours() -> Iterator[str]:
         f = np.empty_like(x)
         taken = medians({"forward": lambda: A(x, out=p), "back": lambda: A.T(p, out=f)}, 5)  # noqa: B023
         memory, arithmetic = least(views, grid)
-        subs = [A.geometry.subs(view) for view in range(len(views))]
+        products = [A.geometry.products(view) for view in range(len(views))]
         for kernel, time in taken.items():
             rate = grid.size * len(views) / time.cpu / 1e9
             times = time.wall / max(memory, arithmetic)
             yield row(
                 name,
                 kernel,
-                f"{min(subs)}-{max(subs)}",
+                f"{min(products)}-{max(products)}",
                 1e3 * time.wall,
                 1e3 * time.cpu,
                 rate,

@@ -69,9 +69,9 @@ WORKLOADS: dict[str, Callable[[], Workload]] = {
 
 
 def smooth(grid: pp.Grid) -> np.ndarray:
-    """(z, y, x): one broad hump with waves on it, 0 at the grid's faces."""
+    """(z, y, x): one broad hump with waves on it, not its own mirror image, 0 at the grid's faces."""
     t = [(np.arange(n) + 0.5) / n for n in grid.shape]
     hump = [np.sin(np.pi * a) ** 2 for a in t]
-    waves = [1 + 0.3 * np.cos(2 * np.pi * k * a) for k, a in zip((2, 5, 7), t, strict=True)]
+    waves = [1 + 0.3 * np.cos(2 * np.pi * k * a + 1) for k, a in zip((2, 5, 7), t, strict=True)]
     z, y, x = (h * w for h, w in zip(hump, waves, strict=True))
     return (0.05 * z[:, None, None] * y[:, None] * x).astype(np.float32)
