@@ -6,6 +6,7 @@ coordinate descent; 1712x1712 panel that follows the source, outside the real on
 their own direct reconstruction, whose time counts; compilation does not. Sources sit on multiples of the pixel pitch.
 """
 
+import time
 from collections.abc import Iterator
 
 import numpy as np
@@ -17,6 +18,7 @@ from benchmarks.workloads import circular, smooth
 
 PHOTONS = 20_000
 ITERATIONS = 12
+SLICES = (8, 18, 30, 40)  # at the inserts' heights: 38, 48, 60, 70 mm
 PRIOR = pp.Prior("lange")
 
 Course = list[tuple[float, float]]  # seconds, NRMSE in the region
@@ -49,10 +51,11 @@ def _one_iteration(scan: pp.Scan, grid: pp.Grid) -> float:
 
 def _course_of_ours(scan: pp.Scan, grid: pp.Grid, truth: np.ndarray) -> Course:
     """M-MAP-3 with its defaults; iterates of the coarse levels are judged on the fine grid too."""
-    _error(truth, truth)
-    course = []
+    course, apart = [], 0.0
     for step in pp.iterates(scan, grid, prior=PRIOR):
-        course.append((step.seconds, _error(pp.resample(step.volume, grid).values, truth)))
+        now = time.perf_counter()
+        course.append((step.seconds - apart, _error(pp.resample(step.volume, grid).values, truth)))
+        apart += time.perf_counter() - now  # judging is not part of it
     return course
 
 
@@ -67,9 +70,13 @@ def _course_of_mbirjax(peer: mbir.Translation, scan: pp.Scan, truth: np.ndarray)
 
 
 def _error(values: np.ndarray, truth: np.ndarray) -> float:
-    """NRMSE, brought to the truth's mean and contrast, in the middle: all inserts, 8 voxels and 4 slices off any wall."""
-    inside = (slice(6, 42), slice(28, 228), slice(28, 228))
-    return float(np.sqrt(pp.nmse(values[inside], truth[inside], scaled=True)))
+    """Root mean square over the slices through the inserts, 8 voxels off any wall, of each slice's NRMSE.
+
+    Each slice is brought to the truth's mean and contrast first: 8 views within 14° of the vertical cannot tell how a
+    broad slab's attenuation is spread over its depth, whatever the method.
+    """
+    inside = (slice(28, 228), slice(28, 228))
+    return float(np.sqrt(np.mean([pp.nmse(values[k][inside], truth[k][inside], scaled=True) for k in SLICES])))
 
 
 def _agreement(peer: mbir.Translation, views: pp.Views, grid: pp.Grid) -> float:
@@ -86,7 +93,7 @@ def _table(ours_each: float, ours: Course, theirs: Course, agreed: float) -> Ite
     common = 1.01 * max(min(e for _, e in ours), min(e for _, e in theirs))
     first = [next(s for s, e in course if e <= common) for course in (ours, theirs)]
     yield f"mbirjax's projections of a smooth volume differ from ours by {100 * agreed:.2g} %. Error: contrast-normalised "
-    yield "NRMSE in the region of the inserts.\n"
+    yield "NRMSE in the four slices through the inserts.\n"
     yield header("", "ours", "mbirjax", "ratio")
     yield row("one iteration, wall s", ours_each, theirs_each, theirs_each / ours_each)
     yield row(f"MAP to an error of {common:.3f}, wall s", *first, first[1] / first[0])
