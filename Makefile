@@ -9,11 +9,12 @@ export PIP_NO_INPUT := 1
 export PYTHONNOUSERSITE := 1
 unexport PYTHONPATH
 
-.PHONY: help demo test lint wheel tools clean
+.PHONY: help demo test lint bench wheel tools clean
 help:
 	@echo "make demo    set up, then X-ray counts to an organ in the browser"
 	@echo "make test    set up, then the tests against the built wheel"
 	@echo "make lint    ruff, strict mypy and clang-format over the built wheel and the sources"
+	@echo "make bench   set up with the peers, then every benchmark; on an otherwise idle machine"
 	@echo "make wheel   the wheel alone, in dist/"
 	@echo "make clean   remove what the others made"
 
@@ -28,6 +29,9 @@ lint: $(VENV)/linted-with
 	$(BIN)/ruff format --check .
 	$(BIN)/clang-format --dry-run --Werror cpp/*.cpp cpp/*.h
 	$(BIN)/mypy -p palpate
+
+bench: $(VENV)/benched-with
+	$(BIN)/python -m benchmarks $(PARTS)
 
 wheel: dist/built
 
@@ -55,6 +59,10 @@ $(VENV)/tested-with: $(VENV)/installed
 
 $(VENV)/linted-with: $(VENV)/installed
 	$(BIN)/pip install --quiet "$$(ls dist/*.whl)[lint]"
+	touch $@
+
+$(VENV)/benched-with: $(VENV)/installed
+	$(BIN)/pip install --quiet "$$(ls dist/*.whl)[bench]"
 	touch $@
 
 clean:

@@ -1,68 +1,115 @@
-"""Time of a projection and a backprojection: `python benchmarks/projector.py`.
+"""Projection and backprojection: time, distance from the roofline, memory, and RTK on the same geometry."""
 
-W1: 8 sources on a circle over a fixed panel. W2: 15 sources on an arc over a breast panel. W4: 11 views of a
-head by a panel that turns with the source.
-"""
-
-import time
+from collections.abc import Iterator
 
 import numpy as np
 
 import palpate as pp
+from benchmarks import installed, rtk
+from benchmarks.memory import above_arrays
+from benchmarks.roofline import least
+from benchmarks.timing import header, medians, row
+from benchmarks.workloads import WORKLOADS, smooth
+
+AGAINST_RTK = ("W1 circular-8", "W2 dbt-15")
 
 
-def circular() -> tuple[pp.Views, pp.Grid]:
-    a = np.arange(8) * np.pi / 4
-    source = np.stack([250 * np.cos(a), 250 * np.sin(a), 0 * a + 1000], axis=1)
-    panel = pp.Panel((512, 512), (0.4, 0.4), (-102.2, -102.2, 0))
-    return pp.Views(source, panel), pp.Grid((48, 256, 256), (1, 0.5, 0.5), (-63.75, -63.75, 30.5))
+def lines() -> Iterator[str]:
+    """Every table of this file."""
+    yield from ours()
+    yield from against_rtk()
 
 
-def arc() -> tuple[pp.Views, pp.Grid]:
-    a = np.radians(np.linspace(-25, 25, 15))
-    source = np.stack([650 * np.sin(a), 0 * a, 40 + 650 * np.cos(a)], axis=1)
-    panel = pp.Panel((768, 1024), (0.17, 0.17), (-86.955, 0.085, 0))
-    return pp.Views(source, panel), pp.Grid((50, 512, 800), (1, 0.2, 0.2), (-79.9, 0.1, 30.5))
-
-
-def turning() -> tuple[pp.Views, pp.Grid]:
-    a = np.radians(np.arange(-20, 21, 4))
-    source = np.stack([1000 * np.sin(a), 0 * a, 1000 * np.cos(a)], axis=1)
-    panels = []
-    for s, t in zip(source, a, strict=True):
-        column_axis = np.array([np.cos(t), 0, -np.sin(t)])
-        corner = -s / 2 - 255.5 * 0.78125 * (column_axis + [0, 1, 0])
-        panels.append(pp.Panel((512, 512), (0.78125, 0.78125), corner, (0, 1, 0), column_axis))
-    return pp.Views(source, panels), pp.Grid((50, 300, 300), (5, 1, 1), (-149.5, -149.5, -122.5))
-
-
-def best(work, repeats: int = 5) -> tuple[float, float]:
-    """Least wall and CPU seconds of several runs, after one to warm up."""
-    work()
-    wall, cpu = [], []
-    for _ in range(repeats):
-        start = time.perf_counter(), time.process_time()
-        work()
-        wall.append(time.perf_counter() - start[0])
-        cpu.append(time.process_time() - start[1])
-    return min(wall), min(cpu)
-
-
-def main() -> None:
-    print("               products     forward wall/CPU s   back wall/CPU s   giga voxel-views/CPU-s")
-    for name, make in (("W1 circular-8", circular), ("W2 dbt-15", arc), ("W4 turning-11", turning)):
+def ours() -> Iterator[str]:
+    """Times of our kernels beside the least time that memory or arithmetic allows."""
+    yield "Projector, default tolerance. Least time: volume and projections moved once, or the multiply-adds of undivided "
+    yield "slices, whichever takes longer (`roofline.py`); the last column is time over least time.\n"
+    yield header(
+        "workload",
+        "kernel",
+        "products a slice",
+        "wall ms",
+        "CPU ms",
+        "giga voxel-views/CPU-s",
+        "memory ms",
+        "arithmetic ms",
+        "times the least",
+    )
+    for name, make in WORKLOADS.items():
         views, grid = make()
         A = pp.Projector(views, grid)
-        x = np.random.default_rng(0).random(grid.shape, dtype=np.float32)
-        p = A(x)
-        forward, back = best(lambda: A(x, out=p)), best(lambda: A.T(p, out=x))  # noqa: B023
+        x, p = np.random.default_rng(0).random(grid.shape, np.float32), np.empty(views.shape, np.float32)
+        f = np.empty_like(x)
+        taken = medians({"forward": lambda: A(x, out=p), "back": lambda: A.T(p, out=f)}, 5)  # noqa: B023
+        memory, arithmetic = least(views, grid)
         products = [A.geometry.products(view) for view in range(len(views))]
-        rate = grid.size * len(views) / forward[1] / 1e9
-        print(
-            f"{name:14} {min(products):5}-{max(products):<5} {forward[0]:9.3f} {forward[1]:9.3f}"
-            f" {back[0]:9.3f} {back[1]:9.3f} {rate:9.2f}"
-        )
+        for kernel, time in taken.items():
+            rate = grid.size * len(views) / time.cpu / 1e9
+            times = time.wall / max(memory, arithmetic)
+            yield row(
+                name,
+                kernel,
+                f"{min(products)}-{max(products)}",
+                1e3 * time.wall,
+                1e3 * time.cpu,
+                rate,
+                1e3 * memory,
+                1e3 * arithmetic,
+                times,
+            )
+    yield (
+        "\nPeak memory above volume and projections, MB: "
+        + ", ".join(f"{n} {above_arrays(n):.1f}" for n in WORKLOADS)
+        + ".\n"
+    )
 
 
-if __name__ == "__main__":
-    main()
+def against_rtk() -> Iterator[str]:
+    """The same geometry, the same arrays, taken in turn."""
+    if not installed("itk-rtk"):
+        yield "RTK is not installed: pip install 'palpate[bench]'.\n"
+        return
+    yield "RTK's Joseph pair in the same run. NRMSE: RTK's projections against ours, of a smooth volume and of voxels "
+    yield "uniform in [0, 1).\n"
+    yield header(
+        "workload",
+        "kernel",
+        "ours wall s",
+        "RTK wall s",
+        "ratio",
+        "ours CPU s",
+        "RTK CPU s",
+        "ratio",
+        "NRMSE smooth",
+        "NRMSE random",
+        "adjoint ours",
+        "adjoint RTK",
+    )
+    for name in AGAINST_RTK:
+        yield from _compared(name, *WORKLOADS[name]())
+
+
+def _compared(name: str, views: pp.Views, grid: pp.Grid) -> Iterator[str]:
+    A, peer = pp.Projector(views, grid), rtk.Joseph(views, grid)
+    rng = np.random.default_rng(0)
+    x, y = rng.random(grid.shape, np.float32), rng.random(views.shape, np.float32)
+    s = smooth(grid)
+    p, f = A(x), A.T(y)
+    works = {"forward": lambda: A(x, out=p), "back": lambda: A.T(y, out=f)}
+    peers = {"forward": peer.forward(x), "back": peer.back(y)}
+    apart = [_nrmse(peer.forward(s)(), A(s)), _nrmse(peers["forward"](), p)]
+    gaps = [_gap(p, x, f, y), _gap(peers["forward"](), x, peers["back"](), y)]
+    for kernel in works:
+        taken = medians({"ours": works[kernel], "RTK": peers[kernel]}, 3, warm=False)
+        o, r = taken["ours"], taken["RTK"]
+        yield row(name, kernel, o.wall, r.wall, r.wall / o.wall, o.cpu, r.cpu, r.cpu / o.cpu, *apart, *gaps)
+
+
+def _nrmse(p: np.ndarray, truth: np.ndarray) -> float:
+    return float(np.linalg.norm((p - truth).ravel()) / np.linalg.norm(truth.ravel()))
+
+
+def _gap(p: np.ndarray, x: np.ndarray, f: np.ndarray, y: np.ndarray) -> float:
+    """|<Ax, y> - <x, A'y>| over the norms of Ax and y, sums in float64."""
+    p, x, f, y = (a.ravel().astype(np.float64) for a in (p, x, f, y))
+    return float(abs(p @ y - x @ f) / (np.linalg.norm(p) * np.linalg.norm(y)))

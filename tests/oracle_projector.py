@@ -10,10 +10,13 @@ CHUNK = 20_000
 
 
 def line_integrals(values, grid, start, end):
-    """Integrals (N,) of the voxels (z, y, x) along segments from start (N, 3) to end (N, 3), mm, all of one length."""
+    """Integrals (N,) of the voxels (z, y, x) along segments from start (N, 3) to end (N, 3), mm, all of one length.
+
+    Several volumes at once, (z, y, x, volumes), give (N, volumes).
+    """
     low, high = grid.bounds
     n = np.array(grid.shape[::-1])
-    out = np.zeros(len(end))
+    out = np.zeros((len(end), *values.shape[3:]))
     start = np.broadcast_to(start, end.shape)
     for first in range(0, len(end), CHUNK):
         part = slice(first, first + CHUNK)
@@ -28,7 +31,7 @@ def _some(values, low, high, n, start, end):
     enter = np.clip(to_faces.min(axis=0).max(axis=1), 0, 1)
     leave = np.clip(to_faces.max(axis=0).min(axis=1), 0, 1)
     hits = np.flatnonzero(leave > enter)
-    total = np.zeros(len(end))
+    total = np.zeros((len(end), *values.shape[3:]))
     if len(hits) == 0:
         return total
     start, ray, enter, leave = start[hits], ray[hits], enter[hits], leave[hits]
@@ -44,12 +47,15 @@ def _some(values, low, high, n, start, end):
     middle = start[:, None] + 0.5 * (t[:, 1:] + t[:, :-1])[:, :, None] * ray[:, None]
     voxel = np.clip(((middle - low) / ((high - low) / n)).astype(int), 0, n - 1)
     lengths = np.diff(t, axis=1) * np.linalg.norm(ray, axis=1)[:, None]
-    total[hits] = (lengths * values[voxel[..., 2], voxel[..., 1], voxel[..., 0]]).sum(axis=1)
+    total[hits] = np.einsum("rc,rc...->r...", lengths, values[voxel[..., 2], voxel[..., 1], voxel[..., 0]])
     return total
 
 
 def pixel_means(values, views, grid, view, pixels, squares):
-    """Mean line integral (N,) over the area of each of `pixels` (N, 2) in (row, column) order, 4 rays a sub-square."""
+    """Mean line integral (N,) over the area of each of `pixels` (N, 2) in (row, column) order, 4 rays a sub-square.
+
+    Several volumes at once, (z, y, x, volumes), give (N, volumes).
+    """
     gauss = np.array([-1, 1]) / np.sqrt(12)
     steps = (np.arange(squares)[:, None] - (squares - 1) / 2 + gauss).ravel() / squares
     offsets = np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -60,18 +66,19 @@ def pixel_means(values, views, grid, view, pixels, squares):
         + points[:, :1] * panel.pitch[0] * panel.row_axis
         + points[:, 1:] * panel.pitch[1] * panel.column_axis
     )
-    return line_integrals(values, grid, source, ends).reshape(len(pixels), -1).mean(axis=1)
+    rays = line_integrals(values, grid, source, ends)
+    return rays.reshape(len(pixels), -1, *values.shape[3:]).mean(axis=1)
 
 
 def projections(values, views, grid, view, pixels, within=1e-3):
-    """`pixel_means`, refined until another refinement changes them by less than `within` (relative L2)."""
+    """`pixel_means`, refined until another refinement changes each volume's by less than `within` (relative L2)."""
     values = np.asarray(values, dtype=np.float64)
     squares = 2
     coarse = pixel_means(values, views, grid, view, pixels, squares)
     while squares < 33:
         squares = 2 * squares + 1
         fine = pixel_means(values, views, grid, view, pixels, squares)
-        if np.linalg.norm(fine - coarse) <= within * np.linalg.norm(fine):
+        if (np.linalg.norm(fine - coarse, axis=0) <= within * np.linalg.norm(fine, axis=0)).all():
             return fine
         coarse = fine
     raise AssertionError("the oracle did not settle")

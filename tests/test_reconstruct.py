@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import palpate as pp
-from palpate import _core
 from palpate.errors import DataError, FileError, GeometryError
 from palpate.reconstruction.checkpoint import checkpointed, fingerprint, read_checkpoint, write_checkpoint
 from palpate.reconstruction.descent import data_curvature, descend
@@ -227,16 +226,6 @@ def test_checkpoints_of_another_run_or_damaged_are_refused(scan, tmp_path):
     path.write_text("not a checkpoint")
     with pytest.raises(FileError, match=r"run.h5: truncated or damaged"):
         read_checkpoint(path, run)
-
-
-def test_whole_runs_have_the_same_bits_for_any_number_of_threads(scan):
-    volumes = []
-    for n in (1, 2, 3):
-        _core.set_threads(n)
-        volumes.append(pp.reconstruct(scan, GRID, prior=pp.Prior(), iterations=3).values)
-    _core.set_threads(0)
-    assert (volumes[0] == volumes[1]).all()
-    assert (volumes[0] == volumes[2]).all()
 
 
 def test_strength_and_edge_survive_a_change_of_dose():

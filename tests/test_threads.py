@@ -1,0 +1,84 @@
+"""The same bits from one, two and four threads, whole runs of every method on every pose of the panel."""
+
+from typing import get_args
+
+import numpy as np
+import pytest
+
+import palpate as pp
+from palpate import _core
+from palpate.reconstruction.reconstruct import Method
+from palpate.scans.phantom import Ellipsoid, Phantom
+
+BODY = Phantom([(Ellipsoid((0, 0, 24), (13, 9, 8)), 0.02), (Ellipsoid((4, 2, 24), 3), 0.02)])
+GRID = pp.Grid((7, 26, 31), (2, 1, 1), (-15, -12.5, 18))
+SHAPE = (37, 46)
+
+
+def flat():
+    panel = pp.Panel(SHAPE, (1, 1), (-22.5, -18, 0))
+    return pp.arc_views(panel, np.linspace(-25, 25, 5), radius=500, pivot=(0, 0, 24))
+
+
+def turned():
+    """About y, with the source."""
+    return posed([(-0.35, 0), (0, 0), (0.23, 0)])
+
+
+def tilted():
+    """About y and x at once."""
+    return posed([(-0.35, 0.2), (0.12, -0.2), (0.23, 0.1)])
+
+
+def posed(angles):
+    source, panels = [], []
+    for a, b in angles:
+        across = np.array((np.cos(a), 0, -np.sin(a)))
+        up = np.array((np.sin(a) * np.cos(b), np.sin(b), np.cos(a) * np.cos(b)))
+        down = np.cross(up, across)
+        source.append((0, 0, 24) + 400 * up)
+        panels.append(pp.Panel(SHAPE, (1, 1), (0, 0, -4) - 18 * down - 22.5 * across, down, across))
+    return pp.Views(source, panels)
+
+
+POSES = {flat: {"parallel"}, turned: {"turned", "parallel"}, tilted: {"tilted"}}
+
+
+@pytest.fixture(params=POSES, ids=lambda views: views.__name__)
+def views(request):
+    made = request.param()
+    geometry = pp.Projector(made, GRID).geometry
+    assert {geometry.pose(view) for view in range(len(made))} == POSES[request.param]
+    return made
+
+
+@pytest.fixture
+def each_number():
+    """Runs a function once for each number of threads and compares what comes back, bit by bit."""
+
+    def compare(work):
+        answers = []
+        for n in (1, 2, 4):
+            _core.set_threads(n)
+            answers.append(work())
+        for answer in answers[1:]:
+            np.testing.assert_array_equal(answer, answers[0])
+        return answers[0]
+
+    yield compare
+    _core.set_threads(0)
+
+
+def test_projections(views, each_number):
+    x = np.random.default_rng(1).random(GRID.shape, dtype=np.float32)
+    p = each_number(lambda: pp.Projector(views, GRID)(x))
+    f = each_number(lambda: pp.Projector(views, GRID).T(p))
+    assert p.any()
+    assert f.any()
+
+
+@pytest.mark.parametrize("method", get_args(Method))
+def test_reconstructions(views, method, each_number):
+    scan = pp.simulate_scan(BODY, views, incident=5000, seed=2, background=30)
+    made = each_number(lambda: pp.reconstruct(scan, GRID, method=method, levels=2, iterations=2).values)
+    assert made.std() > 0
