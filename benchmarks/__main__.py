@@ -14,7 +14,7 @@ from pathlib import Path
 from benchmarks import THREADS, installed
 from palpate import _core
 
-PARTS = ("roofline", "projector", "accuracy", "iteration")
+PARTS = ("roofline", "projector", "accuracy", "iteration", "convergence")
 HERE = Path(__file__).parent
 
 

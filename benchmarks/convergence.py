@@ -1,4 +1,4 @@
-"""Time to the converged posterior on W1: `python benchmarks/convergence.py` (a part: `--phantoms slab --doses 20000`).
+"""Time to the converged posterior on W1: `python -m benchmarks.convergence` (a part: `--phantoms slab --doses 20000`).
 
 Gap: (Φ − Φ*) / (Φ of the uniform start − Φ*), on the finest level. Φ* comes from M-MAP with momentum gone on with for ten
 times the iterations that it takes to the smallest gap shown. One pass is a projection and a backprojection, timed beside the
@@ -12,9 +12,10 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from projector import best, circular
 
 import palpate as pp
+from benchmarks.timing import medians
+from benchmarks.workloads import circular
 from palpate.reconstruction.baselines import uniform
 from palpate.reconstruction.descent import data_curvature
 from palpate.reconstruction.likelihood import Transmission
@@ -130,6 +131,30 @@ def converged(scan: pp.Scan, grid: pp.Grid, prior: pp.Prior, top: float) -> floa
     raise AssertionError("the run does not end")
 
 
+def lines(
+    phantoms: list[str] | None = None,
+    doses: tuple[float, ...] = (2e3, 2e4, 2e5),
+    seeds: tuple[int, ...] = (1, 2),
+    most: int = 60,
+) -> Iterator[str]:
+    """The table of all scans."""
+    views, grid = circular()
+    A, f = pp.Projector(views, grid), np.full(grid.shape, 0.02, np.float32)
+    p = A(f)
+    unit = medians({"pass": lambda: A.T(A(f, out=p), out=f)})["pass"]
+    yield "```"
+    yield f"one pass: {unit.wall:.3f} s wall, {unit.cpu:.3f} s CPU"
+    yield f"{'to a gap of':20}" + "|".join(f"{gap:^38.0e}" for gap in GAPS)
+    yield f"{'':20}" + "|".join(f"{'wall s':>7} {'CPU s':>7} {'passes':>7} {'iter.':>5} {'sooner':>7}  " for _ in GAPS)
+    for name in phantoms or PHANTOMS:
+        for dose in doses:
+            for seed in seeds:
+                yield f"{name}, {dose:g} photons, seed {seed}"
+                scan = pp.simulate_scan(PHANTOMS[name](), views, dose, seed=seed)
+                yield from measure(scan, grid, (unit.wall, unit.cpu), most)
+    yield "```"
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--phantoms", nargs="+", choices=PHANTOMS, default=list(PHANTOMS))
@@ -137,20 +162,8 @@ def main() -> None:
     parser.add_argument("--seeds", nargs="+", type=int, default=[1, 2])
     parser.add_argument("--most", type=int, default=60, help="iterations of a run on the finest level")
     given = parser.parse_args()
-    views, grid = circular()
-    A, f = pp.Projector(views, grid), np.full(grid.shape, 0.02, np.float32)
-    p = A(f)
-    unit = best(lambda: A.T(A(f, out=p), out=f))
-    print(f"one pass: {unit[0]:.3f} s wall, {unit[1]:.3f} s CPU")
-    print(f"{'to a gap of':20}" + "|".join(f"{gap:^38.0e}" for gap in GAPS))
-    print(f"{'':20}" + "|".join(f"{'wall s':>7} {'CPU s':>7} {'passes':>7} {'iter.':>5} {'sooner':>7}  " for _ in GAPS))
-    for name in given.phantoms:
-        for dose in given.doses:
-            for seed in given.seeds:
-                print(f"{name}, {dose:g} photons, seed {seed}", flush=True)
-                scan = pp.simulate_scan(PHANTOMS[name](), views, dose, seed=seed)
-                for line in measure(scan, grid, unit, given.most):
-                    print(line, flush=True)
+    for line in lines(given.phantoms, tuple(given.doses), tuple(given.seeds), given.most):
+        print(line, flush=True)
 
 
 if __name__ == "__main__":

@@ -6,16 +6,24 @@
 namespace palpate {
 
 // weight[i] = moment of the part of pixel first[i] + tap between edges i and i + 1, which move from `from` to `to`.
-PALPATE_KERNEL void trapezoids(const double* __restrict from, const double* __restrict to, int begin, int end, int tap,
-                               int moment, const int32_t* __restrict first, float* __restrict weight) {
+template <int moment>
+PALPATE_INLINE void trapezoids_by(const double* __restrict from, const double* __restrict to, int begin, int end,
+                                  int tap, const int32_t* __restrict first, float* __restrict weight) {
     for (int i = begin; i < end; i++) {
         const double q = first[i] + tap;
-        double left[most_moments] = {}, right[most_moments] = {};
-        cover(from[i] - q, to[i] - q, most_moments, left);
-        cover(from[i + 1] - q, to[i + 1] - q, most_moments, right);
+        double left[moment + 1], right[moment + 1];
+        cover(from[i] - q, to[i] - q, moment + 1, left);
+        cover(from[i + 1] - q, to[i + 1] - q, moment + 1, right);
         const double w = right[moment] - left[moment];
         weight[i] = std::fabs(w) > 1e-7 ? float(w) : 0.0f; // rounding must not tie a voxel to pixels it does not reach
     }
+}
+
+PALPATE_KERNEL void trapezoids(const double* from, const double* to, int begin, int end, int tap, int moment,
+                               const int32_t* first, float* weight) {
+    if (moment == 0) return trapezoids_by<0>(from, to, begin, end, tap, first, weight);
+    if (moment == 1) return trapezoids_by<1>(from, to, begin, end, tap, first, weight);
+    trapezoids_by<2>(from, to, begin, end, tap, first, weight);
 }
 
 Shadow shadow(const Geometry& geometry, const View& view, int z, int sub, Axis axis) {

@@ -56,6 +56,14 @@ class LikelihoodName(StrEnum):
     least_squares = "least-squares"
 
 
+class OptimiserName(StrEnum):
+    """How map and ml descend."""
+
+    auto = "auto"
+    momentum = "momentum"
+    descent = "descent"
+
+
 class Start(StrEnum):
     """Where the coarsest level starts."""
 
@@ -94,6 +102,9 @@ def reconstruct_command(
     neighbours: Annotated[int, typer.Option(help="6, 18 or 26 voxels around each.")] = 26,
     exponent: Annotated[float, typer.Option(help="Of the generalised prior, 1 to 2: it grows so for jumps.")] = 1.2,
     start: Annotated[Start, typer.Option(help="Of the coarsest level.")] = Start.backprojection,
+    optimiser: Annotated[
+        OptimiserName, typer.Option(help="Of map and ml: all voxels at once, or one by one.")
+    ] = OptimiserName.auto,
     iterations: Annotated[int, typer.Option(help="At most so many a level.")] = 50,
     tolerance: Annotated[float, typer.Option(help="A level ends when an iteration gains less than this share.")] = 1e-3,
     window: Annotated[WindowName, typer.Option(help="Of fbp's ramp.")] = WindowName.hann,
@@ -128,6 +139,7 @@ def reconstruct_command(
         "likelihood": likelihood.value,
         "prior": pp.Prior(prior.value, strength, edge, neighbours, exponent),
         "start": start.value,
+        "optimiser": optimiser.value,
         "tolerance": tolerance,
         "window": window.value,
         "cutoff": cutoff,
