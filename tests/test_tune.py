@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
+from palpate import _core
 from palpate.reconstruction.descent import data_curvature
 from palpate.reconstruction.likelihood import Transmission
 from palpate.reconstruction.tune import median_curvature, tune
@@ -40,7 +41,7 @@ def tuned(s, grid=GRID, prior=None, likelihood=Transmission.of):
 def error(incident, prior, strength, edge=1.0):
     """RMS error in the body's middle."""
     p = pp.Prior(prior.potential, prior.strength * strength, prior.edge * edge)
-    made = pp.reconstruct(scan(incident), GRID, prior=p, levels=2, iterations=25, tolerance=5e-4).values
+    made = pp.reconstruct(scan(incident), GRID, prior=p, levels=2, iterations=60, tolerance=0).values
     return np.sqrt(np.mean((made - BODY.volume(GRID).values)[ROI] ** 2))
 
 
@@ -65,19 +66,20 @@ def test_the_weight_of_the_prior_follows_the_root_of_the_dose_and_the_edge_the_t
         assert again.edge == pytest.approx(prior.edge, rel=0.02)
 
 
-def test_noise_alone_pushes_no_voxel_an_edge_away():
+def test_at_one_edge_the_neighbours_pull_as_hard_as_noise():
     """The promise itself, on another grid and with other potentials: the data's slopes at the truth, over seeds, against the
-    pull of a voxel's neighbours when it is one edge off."""
+    pull of a voxel's neighbours when it is one edge off; where the data's curvature is the median, a third are beyond."""
     truth = pp.Projector(VIEWS, GRID)(BODY.volume(GRID).values)
     mean = 5000 * np.exp(-truth.astype(np.float64))
     scans = [pp.Scan(np.random.default_rng(k).poisson(mean), 5000, VIEWS) for k in range(3)]
     A = pp.Projector(VIEWS, GRID)
-    slopes = [A.T(Transmission.of(s).slope(truth)) for s in scans]
+    slopes = np.stack([A.T(Transmission.of(s).slope(truth)) for s in scans])
+    known = _core.diagonal(A.geometry, mean.astype(np.float32))
+    usual = np.abs(known / np.median(known[known > 0]) - 1) < 0.15
+    assert usual.sum() > 500
     for given in (pp.Prior("lange"), pp.Prior("generalised", neighbours=6), pp.Prior("hyperbola", neighbours=18)):
         prior, beta = tuned(scans[0], prior=given)
         f = np.zeros(GRID.shape, np.float32)
         f[7, 14, 17] = prior.edge
         pull = beta * prior.surrogate(f, GRID)[0][7, 14, 17]
-        pushed = [np.mean(np.abs(s) > pull) for s in slopes]
-        assert max(pushed) < 1e-3
-        assert min(np.mean(np.abs(s) > pull / 5) for s in slopes) > 0.1  # the pull is no larger than it must be
+        assert np.mean(np.abs(slopes[:, usual]) > pull) == pytest.approx(0.317, abs=0.06)  # of a normal variable

@@ -18,12 +18,12 @@ def tune(prior: Prior, A: Projector, likelihood: Likelihood, curvature: Float32)
     """The prior with its open knobs chosen, from nothing but the scan and the grid.
 
     edge: a twentieth of the object's mean attenuation (mean of line integral / length in the box over the measured rays,
-    each weighted by its line integral, so that air has no say). strength: noise alone shall push no voxel further than
-    one edge from its neighbours. The noise in the data's pull on a voxel, the slope of the likelihood, has the variance
-    d, the data's curvature there (Fisher); the largest of n voxels is about √(2 d log n) (the universal threshold:
-    Donoho & Johnstone, Biometrika 81:425, 1994). β is such that the neighbours of a voxel one edge away from all of them
-    pull back as strongly, d the median and n the number of the voxels that some ray sees. So β grows as the root of the
-    dose: slower than the data's own weight, so that a scan of more photons is smoothed less. For a quadratic prior
+    each weighted by its line integral, so that air has no say). strength: at one edge, neighbours pull as hard as noise
+    does. The noise in the data's pull on a voxel, the slope of the likelihood, has the variance d, the data's curvature
+    there (Fisher's information); β is such that the neighbours of a voxel one edge away from all of them pull back with √d,
+    d the median over the voxels that some ray sees. Smaller differences are noise's as likely as not, larger ones the
+    object's. So β grows as the root of the dose: slower than the data's own weight, so that a scan of more photons is
+    smoothed less. For a quadratic prior
     the edge serves to choose the strength only. curvature: see `data_curvature`.
     """
     edge = prior.edge if prior.edge is not None else SHARE * mean_attenuation(A, likelihood)
@@ -33,9 +33,7 @@ def tune(prior: Prior, A: Projector, likelihood: Likelihood, curvature: Float32)
         one[1, 1, 1] = edge
         pull = prior.surrogate(one, Grid(one.shape, A.grid.spacing, (0, 0, 0)))[0][1, 1, 1]
         known = median_curvature(curvature)
-        seen = np.count_nonzero(curvature > 0) * A.grid.size / curvature.size
-        noise = math.sqrt(2 * known * math.log(max(2.0, seen)))
-        prior = replace(prior, strength=float(noise / (pull * known)))
+        prior = replace(prior, strength=float(math.sqrt(known) / (pull * known)))
     return prior
 
 
