@@ -37,7 +37,8 @@ struct Sweep {
 constexpr int voxels_at_once = 128;
 void descend(const Geometry& geometry, const Neighbourhood& neighbours, const Sweep& sweep, Paraboloid& data, float* f);
 
-// d_j = Σ_i a_ij² curvature_i: the paraboloid's curvature in each voxel, (z, y, x).
+// d_j = Σ_i a_ij² curvature_i, the paraboloid's curvature in each voxel of the slices every/2, every/2 + every, ...: d
+// (those slices, y, x).
 void diagonal(const Geometry& geometry, Paraboloid& data, int every, float* d);
 
 // Rows this far apart in slice z share no pixel of any view, and no pair of neighbours.

@@ -1,8 +1,6 @@
 #pragma once
-#include "dispatch.h"
+#include "elementary.h"
 #include <cmath>
-#include <cstdint>
-#include <cstring>
 
 namespace palpate {
 
@@ -28,35 +26,6 @@ struct Law {
     float edge = 1, exponent = 2;
     const Table* table = nullptr;
 };
-
-PALPATE_INLINE int32_t bits_of(float x) {
-    int32_t i;
-    std::memcpy(&i, &x, 4);
-    return i;
-}
-PALPATE_INLINE float float_of(int32_t i) {
-    float x;
-    std::memcpy(&x, &i, 4);
-    return x;
-}
-
-// x^power for x > 0, to about 2e-7 · (1 + |power|): polynomials of least maximum error for log2(1 + z)/z from √½ to √2
-// and for 2^y from −½ to ½. No branch and no call, so a loop over it becomes vector code; powf costs four times as
-// much.
-PALPATE_INLINE float fast_power(float x, float power) {
-    int32_t exponent = (bits_of(x) - 0x3f3504f3) >> 23; // of x/√½
-    float z = float_of(bits_of(x) - (exponent << 23)) - 1;
-    float log2 = -0.14973146f;
-    constexpr float of_log[] = {0.23570909f, -0.24832314f, 0.28686896f, -0.36026344f,
-                                0.48093116f, -0.72135246f, 1.4426949f};
-    for (float c : of_log) log2 = log2 * z + c;
-    float y = power * (float(exponent) + z * log2);
-    y = y < -126 ? -126 : y > 126 ? 126 : y;
-    float whole = (y + 12582912.0f) - 12582912.0f, r = y - whole, e = 0.00132765f; // to the nearest whole number
-    constexpr float of_exp[] = {0.00967554f, 0.05550713f, 0.2402212f, 0.69314694f, 1.0f};
-    for (float c : of_exp) e = e * r + c;
-    return float_of(bits_of(e) + (int32_t(whole) << 23));
-}
 
 struct Place {
     int32_t index;

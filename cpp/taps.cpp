@@ -1,12 +1,8 @@
-// The two inner loops of the separable projector.
+// The inner loop along x of turned panels.
 #include "taps.h"
 #include "dispatch.h"
 
 namespace palpate {
-
-PALPATE_KERNEL void add_row(int n, float w, const float* __restrict x, float* __restrict y) {
-    for (int i = 0; i < n; i++) y[i] += w * x[i];
-}
 
 PALPATE_KERNEL void add_taps(int n, int taps, const int32_t* __restrict first, const float* __restrict weight,
                              const float* __restrict x, float* __restrict y) {

@@ -3,9 +3,6 @@
 
 namespace palpate {
 
-// y[i] += w * x[i].
-void add_row(int n, float w, const float* x, float* y);
-
 // y[i] += sum over t of weight[t * n + i] * x[first[i] + t].
 void add_taps(int n, int taps, const int32_t* first, const float* weight, const float* x, float* y);
 

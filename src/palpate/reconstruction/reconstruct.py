@@ -89,11 +89,12 @@ def iterates(
     method: "map" minimises -log likelihood + β R, "ml" without prior (β = 0); "tv", "sirt", "sart", "fbp" and
     "backprojection" are baselines on the finest level. prior: `Prior()` if None; what it leaves open the data choose; "tv"
     takes from it the strength alone (see `tv` for its meaning there).
-    likelihood: "poisson" for counts, "least-squares" for intensities that are none, or a function from a scan to a
-    likelihood. start: on the coarsest level. curvature: see `Transmission.curvature`. optimiser: of "map" and "ml",
-    one or one a level, finest first: "momentum" (`accelerate`), "descent" (`descend`), or "auto", which is what reached the
-    converged posterior soonest: momentum. iterations: at most so many a
-    level, one number or one a level, finest first. tolerance: a level ends when an iteration lowers the objective by less
+    likelihood: "poisson" for counts, "gaussian" for counts with a variance that follows the mean (`Gaussian`),
+    "least-squares" for intensities that are none, or a function from a scan to a likelihood. start: on the coarsest level.
+    curvature: see `Transmission.curvature`. optimiser: of "map" and "ml", one or one a level, finest first: "momentum"
+    (`accelerate`), "descent" (`descend`), or "auto", which is momentum: it reached the converged posterior soonest.
+    iterations: at most so many a level, one number or one a level, finest first. tolerance: a level ends when an iteration
+    lowers the objective by less
     than this share, four times as much a coarser level. downsample, interpolation: see `pyramid`, `resample`. window,
     cutoff: of `fbp`. relaxation: of `sart`. resume: the step after which to go on, exactly as if never stopped. Raises
     `DataError` and `GeometryError` at once, before any work.
