@@ -1,28 +1,38 @@
-// The two passes of the separable projector.
+// The two passes of the separable projector. The first resamples the rows of the source, `group` at a time and all
+// moments at once; neighbouring results have neighbouring sources, so that a tap is one load and one shuffle of a
+// vector, not a gather. The second adds whole rows, each as soon as the rows it needs are there: they stay in the
+// first-level cache, and so does the tile.
 #include "passes.h"
 
 namespace palpate {
-// out[moment][row][0..8] = sum over taps of weight * source[row][first + tap], for `rows` rows. Numerical kernel.
-template <int moments, int vectors, int rows>
-PALPATE_INLINE void resample_eight(const float* source, int64_t stride, const Reach& reach, const float* weight,
+namespace {
+
+constexpr int soon = 2 * group; // rows to call for in advance: as long as memory takes
+
+// out[moment][row][0..8] = sum over taps of weight * source[row][first + tap], for `rows` rows. `fixed` is the number of
+// taps, or 0 where only `taps` knows it. Numerical kernel.
+template <int moments, int vectors, int rows, int fixed>
+PALPATE_INLINE void resample_eight(const float* source, int64_t stride, const int32_t* places, const float* weight,
                                    int taps, int64_t moment_size, float* out) {
+    LaneMask order;
+    std::memcpy(&order, places, sizeof order);
     Lanes sum[moments][rows];
+    const int count = fixed ? fixed : taps;
 #pragma GCC unroll 4
     for (int m = 0; m < moments; m++)
 #pragma GCC unroll 4
         for (int r = 0; r < rows; r++) sum[m][r] = Lanes{};
-    const Order order = reach.order;
-    source += reach.first;
-    for (int t = 0; t < taps; t++, source++, weight += run) {
+#pragma GCC unroll 8
+    for (int t = 0; t < count; t++) {
         Lanes w[moments];
 #pragma GCC unroll 4
-        for (int m = 0; m < moments; m++) load(w[m], weight + m * taps * run);
+        for (int m = 0; m < moments; m++) load(w[m], weight + (m * taps + t) * run);
 #pragma GCC unroll 4
         for (int r = 0; r < rows; r++) {
             Lanes x, y;
-            load(x, source + r * stride);
+            load(x, source + r * stride + t);
             if (vectors == 2) {
-                load(y, source + r * stride + lanes);
+                load(y, source + r * stride + t + lanes);
                 x = __builtin_shuffle(x, y, order);
             } else {
                 x = __builtin_shuffle(x, order);
@@ -37,38 +47,10 @@ PALPATE_INLINE void resample_eight(const float* source, int64_t stride, const Re
         for (int r = 0; r < rows; r++) store(out + m * moment_size + r * width, sum[m][r]);
 }
 
-template <int moments, int vectors>
-PALPATE_INLINE void resample_rows_by(const float* source, int64_t stride, int rows, const Reach& reach,
-                                     const float* weight, int taps, int64_t moment_size, float* out) {
-    int r = 0;
-    for (; r + 4 <= rows; r += 4)
-        resample_eight<moments, vectors, 4>(source + r * stride, stride, reach, weight, taps, moment_size,
-                                            out + r * width);
-    for (; r < rows; r++)
-        resample_eight<moments, vectors, 1>(source + r * stride, stride, reach, weight, taps, moment_size,
-                                            out + r * width);
-}
-
-PALPATE_KERNEL void resample_rows(const float* source, int64_t stride, int rows, const Reach& reach, int moments,
-                                  const float* weight, int taps, int64_t moment_size, float* out) {
-    const bool one = reach.vectors == Reach::one;
-    if (moments == 1 && one)
-        resample_rows_by<1, 1>(source, stride, rows, reach, weight, taps, moment_size, out);
-    else if (moments == 1)
-        resample_rows_by<1, 2>(source, stride, rows, reach, weight, taps, moment_size, out);
-    else if (moments == 2 && one)
-        resample_rows_by<2, 1>(source, stride, rows, reach, weight, taps, moment_size, out);
-    else if (moments == 2)
-        resample_rows_by<2, 2>(source, stride, rows, reach, weight, taps, moment_size, out);
-    else if (one)
-        resample_rows_by<3, 1>(source, stride, rows, reach, weight, taps, moment_size, out);
-    else
-        resample_rows_by<3, 2>(source, stride, rows, reach, weight, taps, moment_size, out);
-}
-
 // The same, one by one: for any reach.
-PALPATE_KERNEL void gather_rows(const float* source, int64_t stride, int rows, const int32_t* first, int moments,
-                                const float* weight, int taps, int64_t moment_size, float* out) {
+template <int moments>
+PALPATE_INLINE void gather_eight(const float* source, int64_t stride, int rows, const int32_t* first,
+                                 const float* weight, int taps, int64_t moment_size, float* out) {
     for (int m = 0; m < moments; m++, weight += taps * run, out += moment_size)
         for (int r = 0; r < rows; r++) {
             float sum[lanes] = {};
@@ -78,53 +60,140 @@ PALPATE_KERNEL void gather_rows(const float* source, int64_t stride, int rows, c
         }
 }
 
-// sum[row] += sum over moments and taps of weight * rows[moment][first[row] + tap]. Numerical kernels.
-template <int moments, int taps>
-PALPATE_INLINE void add_row_by(const float* x, int64_t moment_size, const float* w, int weight_size, float* sum) {
-    Lanes s0, s1, s2, s3;
-    load(s0, sum), load(s1, sum + lanes), load(s2, sum + 2 * lanes), load(s3, sum + 3 * lanes);
+// `rows` rows of the source, resampled. plain: see Columns.
+template <int moments, int rows, int fixed, bool plain>
+PALPATE_INLINE void resample_rows(const float* source, int64_t stride, const Columns& columns, int64_t moment_size,
+                                  float* out) {
+    const Spans& c = columns.spans;
+    for (int j = 0; j < c.count; j += lanes) {
+        const Reach& reach = columns.reach[j / lanes];
+        const float *from = source + reach.first, *weight = c.weight.data() + j;
+        if (rows > 1 && j % (2 * lanes) == 0)
 #pragma GCC unroll 4
-    for (int m = 0; m < moments; m++)
-#pragma GCC unroll 4
-        for (int t = 0; t < taps; t++) {
-            const float* from = x + m * moment_size + t * width;
-            const float v = w[m * weight_size + t * run];
-            Lanes x0, x1, x2, x3;
-            load(x0, from), load(x1, from + lanes), load(x2, from + 2 * lanes), load(x3, from + 3 * lanes);
-            s0 += x0 * v, s1 += x1 * v, s2 += x2 * v, s3 += x3 * v;
-        }
-    store(sum, s0), store(sum + lanes, s1), store(sum + 2 * lanes, s2), store(sum + 3 * lanes, s3);
-}
-template <int moments>
-PALPATE_INLINE void add_rows_by(const float* rows, int64_t moment_size, const int32_t* first, const int32_t* own,
-                                int begin, const float* weight, int taps, int count, float* sum) {
-    for (int r = 0; r < count; r++, sum += width) {
-        const float* x = rows + (first[r] - begin) * width;
-        const float* w = weight + r;
-        int left = own[r];
-        for (; left > 4; left -= 4, x += 4 * width, w += 4 * run)
-            add_row_by<moments, 4>(x, moment_size, w, taps * run, sum);
-        switch (left) {
-        case 4:
-            add_row_by<moments, 4>(x, moment_size, w, taps * run, sum);
-            break;
-        case 3:
-            add_row_by<moments, 3>(x, moment_size, w, taps * run, sum);
-            break;
-        case 2:
-            add_row_by<moments, 2>(x, moment_size, w, taps * run, sum);
-            break;
-        case 1:
-            add_row_by<moments, 1>(x, moment_size, w, taps * run, sum);
-            break;
-        }
+            for (int r = 0; r < rows; r++) __builtin_prefetch(from + (r + soon) * stride, 0, 3);
+        if (plain || reach.vectors == Reach::one)
+            resample_eight<moments, 1, rows, fixed>(from, stride, reach.order, weight, c.taps, moment_size, out + j);
+        else if (reach.vectors == Reach::two)
+            resample_eight<moments, 2, rows, 0>(from, stride, reach.order, weight, c.taps, moment_size, out + j);
+        else
+            gather_eight<moments>(source, stride, rows, c.first + j, weight, c.taps, moment_size, out + j);
     }
 }
-PALPATE_KERNEL void add_rows(const float* rows, int64_t moment_size, const int32_t* first, const int32_t* own,
-                             int begin, const float* weight, int moments, int taps, int count, float* sum) {
-    if (moments == 1) return add_rows_by<1>(rows, moment_size, first, own, begin, weight, taps, count, sum);
-    if (moments == 2) return add_rows_by<2>(rows, moment_size, first, own, begin, weight, taps, count, sum);
-    add_rows_by<3>(rows, moment_size, first, own, begin, weight, taps, count, sum);
+
+// sum[0..width] += sum over moments and taps of weight * ring[moment][row + tap]. Numerical kernel.
+template <int moments, int taps>
+PALPATE_INLINE void add_row(const float* ring, int row, int mask, int64_t moment_size, const float* weight,
+                            int weight_size, float* sum) {
+    Lanes s[width / lanes];
+    load_each(s, sum, lanes);
+#pragma GCC unroll 4
+    for (int t = 0; t < taps; t++) {
+        const float* from = ring + ((row + t) & mask) * width;
+#pragma GCC unroll 4
+        for (int m = 0; m < moments; m++) {
+            const float w = weight[m * weight_size + t * run];
+            Lanes x[width / lanes];
+            load_each(x, from + m * moment_size, lanes);
+            PALPATE_UNROLL
+            for (int i = 0; i < width / lanes; i++) s[i] += x[i] * w;
+        }
+    }
+    store_each(sum, lanes, s);
+}
+
+template <int moments>
+PALPATE_INLINE void add_row_of(const float* ring, int row, int mask, int64_t moment_size, const float* weight,
+                               int weight_size, int taps, float* sum) {
+    for (; taps > 4; taps -= 4, row += 4, weight += 4 * run)
+        add_row<moments, 4>(ring, row, mask, moment_size, weight, weight_size, sum);
+    switch (taps) {
+    case 4:
+        return add_row<moments, 4>(ring, row, mask, moment_size, weight, weight_size, sum);
+    case 3:
+        return add_row<moments, 3>(ring, row, mask, moment_size, weight, weight_size, sum);
+    case 2:
+        return add_row<moments, 2>(ring, row, mask, moment_size, weight, weight_size, sum);
+    case 1:
+        return add_row<moments, 1>(ring, row, mask, moment_size, weight, weight_size, sum);
+    }
+}
+
+// Numerical kernel.
+template <int moments, int fixed, bool plain>
+PALPATE_INLINE void add_slice_by(const Source& source, const Spans& rows, const Columns& columns, Ring& ring,
+                                 float* sum) {
+    const int count = rows.end - rows.begin, mask = ring.size - 1;
+    const int64_t moment_size = int64_t(ring.size) * width, stride = source.stride;
+    const float* from = source.values + rows.begin * stride;
+    float* to = ring.values.data();
+    int done = 0;
+    for (int r = 0; r < rows.count; r++, sum += width) {
+        if (rows.own[r] == 0) continue;
+        const int first = rows.first[r] - rows.begin, last = first + rows.own[r];
+        while (done < last) {
+            float* out = to + (done & mask) * width;
+            if (done + group <= count) {
+                resample_rows<moments, group, fixed, plain>(from + done * stride, stride, columns, moment_size, out);
+                done += group;
+            } else {
+                resample_rows<moments, 1, fixed, plain>(from + done * stride, stride, columns, moment_size, out);
+                done++;
+            }
+        }
+        add_row_of<moments>(to, first, mask, moment_size, rows.weight.data() + r, rows.taps * run, rows.own[r], sum);
+    }
+}
+
+template <int moments>
+PALPATE_INLINE void add_slice_of(const Source& source, const Spans& rows, const Columns& columns, Ring& ring,
+                                 float* sum) {
+    if (!columns.plain) return add_slice_by<moments, 0, false>(source, rows, columns, ring, sum);
+    switch (columns.spans.taps) {
+    case 2:
+        return add_slice_by<moments, 2, true>(source, rows, columns, ring, sum);
+    case 3:
+        return add_slice_by<moments, 3, true>(source, rows, columns, ring, sum);
+    case 4:
+        return add_slice_by<moments, 4, true>(source, rows, columns, ring, sum);
+    }
+    add_slice_by<moments, 0, true>(source, rows, columns, ring, sum);
+}
+
+} // namespace
+
+PALPATE_KERNEL void add_slice_1(const Source& source, const Spans& rows, const Columns& columns, Ring& ring,
+                                float* sum) {
+    add_slice_of<1>(source, rows, columns, ring, sum);
+}
+PALPATE_KERNEL void add_slice_2(const Source& source, const Spans& rows, const Columns& columns, Ring& ring,
+                                float* sum) {
+    add_slice_of<2>(source, rows, columns, ring, sum);
+}
+PALPATE_KERNEL void add_slice_3(const Source& source, const Spans& rows, const Columns& columns, Ring& ring,
+                                float* sum) {
+    add_slice_of<3>(source, rows, columns, ring, sum);
+}
+
+void add_slice(const Source& source, const Spans& rows, const Columns& columns, Ring& ring, float* sum) {
+    ring.prepare(rows.taps, rows.moments);
+    if (rows.moments == 1) return add_slice_1(source, rows, columns, ring, sum);
+    if (rows.moments == 2) return add_slice_2(source, rows, columns, ring, sum);
+    add_slice_3(source, rows, columns, ring, sum);
+}
+
+void Columns::prepare(int columns_of_source) {
+    plain = true;
+    for (int j = 0; j < spans.count; j += lanes) {
+        reach[j / lanes] = Reach(spans.first + j, spans.taps, columns_of_source);
+        plain = plain && reach[j / lanes].vectors == Reach::one;
+    }
+}
+
+void Ring::prepare(int taps, int moments) {
+    int needed = group;
+    while (needed < taps + group) needed *= 2;
+    if (needed > size) size = needed;
+    if (values.size() < size_t(moments) * size * width) values.resize(size_t(moments) * size * width);
 }
 
 } // namespace palpate

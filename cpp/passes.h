@@ -4,16 +4,24 @@
 
 namespace palpate {
 
-constexpr int height = run, width = 32; // rows and columns of a tile
-typedef int32_t Order __attribute__((vector_size(32)));
+constexpr int height = run, width = run; // rows and columns of a tile
+constexpr int group = 4;                 // rows that the first pass resamples together
+
+// Rows of numbers.
+struct Source {
+    const float* values;
+    int64_t stride;
+    int columns;
+};
 
 // How eight neighbouring results read the source: vector `first` (and the one after it) + tap, in `order`; or, where
 // they reach further or the source ends, one by one.
 struct Reach {
     enum { one, two, each } vectors;
     int first;
-    Order order;
+    int32_t order[lanes];
 
+    Reach() = default;
     Reach(const int32_t* from, int taps, int columns) {
         for (int n : {1, 2}) {
             first = std::min(from[0], columns - n * lanes - (taps - 1));
@@ -25,15 +33,23 @@ struct Reach {
     }
 };
 
-// The first pass: out[moment][row][result] = sum over taps of weight * source[row][first + tap], for `rows` rows of the
-// source and eight results (of rows `width` long); weights as in Spans. gather_rows does any reach, one by one.
-void resample_rows(const float* source, int64_t stride, int rows, const Reach& reach, int moments, const float* weight,
-                   int taps, int64_t moment_size, float* out);
-void gather_rows(const float* source, int64_t stride, int rows, const int32_t* first, int moments, const float* weight,
-                 int taps, int64_t moment_size, float* out);
+// The columns of a tile, ready for the first pass.
+struct Columns {
+    Spans spans;
+    Reach reach[width / lanes];
+    bool plain; // every eight are within one vector's reach
+    void prepare(int columns_of_source);
+};
 
-// The second pass: sum[row] += sum over moments and taps of weight * rows[moment][first[row] - begin + tap].
-void add_rows(const float* rows, int64_t moment_size, const int32_t* first, const int32_t* own, int begin,
-              const float* weight, int moments, int taps, int count, float* sum);
+// Rows that the second pass may ask for at once, of all moments: `size` of them, a power of two, turn by turn.
+struct Ring {
+    Buffer values;
+    int size = 0;
+    void prepare(int taps, int moments);
+};
+
+// Both passes of a sub-slice: sum[row][column] += sum over moments and taps of rows' weight x columns' weight x source.
+// Of as many moments as the rows have.
+void add_slice(const Source& source, const Spans& rows, const Columns& columns, Ring& ring, float* sum);
 
 } // namespace palpate

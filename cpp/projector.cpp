@@ -16,45 +16,19 @@ namespace palpate {
 
 namespace {
 
-constexpr int stack = 2;  // tiles of a panel, one above the other, that share their weights along x
-constexpr int across = 2; // and side by side: each slice gives longer pieces of its rows
-constexpr int line = 16;  // floats of a cache line
-
-// Rows of numbers.
-struct Source {
-    const float* values;
-    int64_t stride;
-    int columns;
-};
+constexpr int stack = 4; // tiles of a panel, one above the other, that share their weights along x
+constexpr int line = 16; // floats of a cache line
+constexpr int soon = 8;  // rows of a panel to call for in advance
 
 // What a thread needs, kept between its tasks.
 struct Scratch {
     std::vector<Spans> rows;     // of the tile's rows: one a sub-slice and slice (of a view, or of all)
     std::vector<Shadow> shadows; // along x, likewise
-    Spans columns;
-    Buffer resampled, sum{Buffer(stack * across * height * width)};
+    Columns columns;
+    Ring ring;
+    Buffer sum{Buffer(stack * height * width)};
     Buffer window, path; // backprojection: the parts of all panels under a tile
 };
-
-// Adds one sub-slice to the tile.
-void add_slice(const Source& source, const Spans& rows, const Spans& columns, Scratch& s, float* sum) {
-    const int count = rows.end - rows.begin;
-    const int64_t moment_size = int64_t(count) * width;
-    if (int64_t(s.resampled.size()) < columns.moments * moment_size) s.resampled.resize(columns.moments * moment_size);
-    const float* from = source.values + rows.begin * source.stride;
-    for (int j = 0; j < columns.count; j += lanes) {
-        const Reach reach(columns.first + j, columns.taps, source.columns);
-        const float* weight = columns.weight.data() + j;
-        float* out = s.resampled.data() + j;
-        if (reach.vectors == Reach::each)
-            gather_rows(from, source.stride, count, columns.first + j, columns.moments, weight, columns.taps,
-                        moment_size, out);
-        else
-            resample_rows(from, source.stride, count, reach, columns.moments, weight, columns.taps, moment_size, out);
-    }
-    add_rows(s.resampled.data(), moment_size, rows.first, rows.own, rows.begin, rows.weight.data(), rows.moments,
-             rows.taps, rows.count, sum);
-}
 
 // Calls for rows of the slice to come, columns that pixels a0 to a1 will ask for: they lie too far apart for the
 // hardware to foresee.
@@ -97,32 +71,30 @@ void project_strip(const Geometry& g, const View& v, const float* f, int b0, int
         for (int t = 0; t < tiles; t++) {
             const int b = b0 + t * height;
             over_pixels(y, v.moments, b, std::min(height, b1 - b), grid.ny, s.rows[i * stack + t]);
+            calm_pixels(v, s.rows[i * stack + t]);
         }
     }
-    for (int begin = 0; begin < v.na; begin += across * width) {
-        const int end = std::min(v.na, begin + across * width);
+    for (int a0 = 0; a0 < v.na; a0 += width) {
+        const int a1 = std::min(v.na, a0 + width);
         std::fill(s.sum.begin(), s.sum.end(), 0.0f);
         for (int i = 0; i < slices; i++) {
             const float* slice = f + i / v.subs * grid.slice();
             if (i + 1 < slices && (i + 1) % v.subs == 0)
                 for (int t = 0; t < tiles; t++)
                     if (s.rows[i * stack + t].reached)
-                        await(slice + grid.slice(), grid, s.rows[i * stack + t], s.shadows[i + 1], begin, end);
-            for (int a0 = begin, k = 0; a0 < end; a0 += width, k++) {
-                over_pixels(s.shadows[i], v.moments, a0, std::min(width, end - a0), grid.nx, s.columns);
-                if (!s.columns.reached) continue;
-                for (int t = 0; t < tiles; t++)
-                    if (s.rows[i * stack + t].reached)
-                        add_slice({slice, grid.nx, grid.nx}, s.rows[i * stack + t], s.columns, s,
-                                  &s.sum[(k * stack + t) * height * width]);
-            }
+                        await(slice + grid.slice(), grid, s.rows[i * stack + t], s.shadows[i + 1], a0, a1);
+            over_pixels(s.shadows[i], v.moments, a0, a1 - a0, grid.nx, s.columns.spans);
+            if (!s.columns.spans.reached) continue;
+            s.columns.prepare(grid.nx);
+            for (int t = 0; t < tiles; t++)
+                if (s.rows[i * stack + t].reached)
+                    add_slice({slice, grid.nx, grid.nx}, s.rows[i * stack + t], s.columns, s.ring,
+                              &s.sum[t * height * width]);
         }
-        for (int a0 = begin, k = 0; a0 < end; a0 += width, k++)
-            for (int t = 0; t < tiles; t++) {
-                const int b = b0 + t * height;
-                write_tile(v, &s.sum[(k * stack + t) * height * width], b, std::min(b1, b + height), a0,
-                           std::min(width, end - a0), image);
-            }
+        for (int t = 0; t < tiles; t++) {
+            const int b = b0 + t * height;
+            write_tile(v, &s.sum[t * height * width], b, std::min(b1, b + height), a0, a1 - a0, image);
+        }
     }
 }
 
@@ -193,6 +165,8 @@ void copy_window(const View& v, const float* p, const float* fine, const Window&
         } else {
             const int64_t first = v.start + b * v.step_b + w.a0 * v.step_a;
             v.path(first, v.step_a, columns, s.path.data());
+            for (int a = 0; a < columns + line - 1; a += line)
+                __builtin_prefetch(p + first + soon * v.step_b + a * v.step_a, 0, 3);
             if (v.step_a == 1)
                 for (int a = 0; a < columns; a++) to[a] = p[first + a] * s.path[a];
             else
@@ -223,11 +197,12 @@ struct Backprojection {
                 const int sub = int(i - rows_of[k]);
                 under_voxels(shadow(g, v, z0 + sub / v.subs, sub % v.subs, Axis::y), v.moments, y0, y1 - y0, v.nb,
                              s.rows[i]);
+                calm_voxels(v, y0, s.rows[i]);
             }
         }
         std::vector<Window> windows(g.views.size());
-        for (int begin = 0; begin < grid.nx; begin += 2 * width) { // a window for two tiles: they overlap widely
-            const int end = std::min(grid.nx, begin + 2 * width);
+        for (int begin = 0; begin < grid.nx; begin += width) {
+            const int end = std::min(grid.nx, begin + width);
             open_windows(z0, z1, begin, end, rows_of, windows, s);
             for (int x0 = begin; x0 < end; x0 += width)
                 for (int z = z0; z < z1; z++) {
@@ -277,11 +252,13 @@ struct Backprojection {
         for (int sub = 0; sub < v.subs; sub++) {
             const Spans& y = s.rows[rows + size_t(dz) * v.subs + sub];
             if (!y.reached) continue;
-            under_voxels(shadow(g, v, z, sub, Axis::x), v.moments, x0, x1 - x0, v.na, s.columns);
-            if (!s.columns.reached) continue;
+            under_voxels(shadow(g, v, z, sub, Axis::x), v.moments, x0, x1 - x0, v.na, s.columns.spans);
+            if (!s.columns.spans.reached) continue;
             // Pixel (0, 0) of the image, were the window all of it.
             const float* image = s.window.data() + w.at - w.b0 * w.stride - w.a0;
-            add_slice({image, w.stride, int(w.a0 + w.stride)}, y, s.columns, s, s.sum.data());
+            const Source source{image, w.stride, int(w.a0 + w.stride)};
+            s.columns.prepare(source.columns);
+            add_slice(source, y, s.columns, s.ring, s.sum.data());
         }
     }
 };

@@ -148,4 +148,28 @@ void under_voxels(const Shadow& s, int moments, int from, int count, int pixels,
     clear_beyond(count, out);
 }
 
+void calm_pixels(const View& view, Spans& out) {
+    if (out.moments == 1 || !out.reached) return;
+    bool all = true;
+    for (int row = out.begin; row < out.end; row++) all = all && view.calm(row);
+    if (all) out.moments = 1;
+    if (all || view.band == 0) return;
+    for (int m = 1; m < out.moments; m++)
+        for (int t = 0; t < out.taps; t++)
+            for (int i = 0; i < out.count; i++)
+                if (view.calm(out.first[i] + t)) out.weight[(m * out.taps + t) * run + i] = 0;
+}
+
+void calm_voxels(const View& view, int from, Spans& out) {
+    if (out.moments == 1 || !out.reached) return;
+    bool all = true;
+    for (int i = 0; i < out.count; i++) all = all && view.calm(from + i);
+    if (all) out.moments = 1;
+    if (all || view.band == 0) return;
+    for (int m = 1; m < out.moments; m++)
+        for (int t = 0; t < out.taps; t++)
+            for (int i = 0; i < out.count; i++)
+                if (view.calm(from + i)) out.weight[(m * out.taps + t) * run + i] = 0;
+}
+
 } // namespace palpate

@@ -20,6 +20,11 @@ struct Spans {
     Buffer weight;
 };
 
+// Along y, the higher moments of the view's calm rows weigh nothing: takes them out, and lowers `moments` where none is
+// left. The elements of out are rows of pixels, or from `from` on of voxels.
+void calm_pixels(const View& view, Spans& out);
+void calm_voxels(const View& view, int from, Spans& out);
+
 // For `count` <= run pixels from `from` on: the `voxels` voxels above them.
 void over_pixels(const Shadow& shadow, int moments, int from, int count, int voxels, Spans& out);
 

@@ -26,6 +26,8 @@ struct Cut {
     }
 };
 
+int sample(int i, int n) { return int((i + 0.5) * n / samples); }
+
 struct Window {
     int low, size;
 };
@@ -61,18 +63,17 @@ Footprint footprint(const Cut& cut, Window wy, Window wx, int y, int x) {
 struct Tally {
     double error = 0, square = 0, value = 0;
 
-    void add(const Cut& cut, const Cut& reference, const Grid& g) {
-        for (int j = 0; j < samples; j++)
-            for (int i = 0; i < samples; i++) {
-                const int y = int((j + 0.5) * g.ny / samples), x = int((i + 0.5) * g.nx / samples);
-                const Window wy = window(reference.y, y), wx = window(reference.x, x);
-                const Footprint exact = footprint(reference, wy, wx, y, x), rough = footprint(cut, wy, wx, y, x);
-                for (size_t p = 0; p < exact.size(); p++) {
-                    error += (rough[p] - exact[p]) * (rough[p] - exact[p]);
-                    square += exact[p] * exact[p];
-                    value += exact[p];
-                }
+    void add(const Cut& cut, const Cut& reference, const Grid& g, int y) {
+        for (int i = 0; i < samples; i++) {
+            const int x = sample(i, g.nx);
+            const Window wy = window(reference.y, y), wx = window(reference.x, x);
+            const Footprint exact = footprint(reference, wy, wx, y, x), rough = footprint(cut, wy, wx, y, x);
+            for (size_t p = 0; p < exact.size(); p++) {
+                error += (rough[p] - exact[p]) * (rough[p] - exact[p]);
+                square += exact[p] * exact[p];
+                value += exact[p];
             }
+        }
     }
     // A ray sums nz slices of mean 1/2 and variance 1/12; a voxel's footprint adds up to its share of a pixel column.
     double relative(int nz) const {
@@ -83,24 +84,60 @@ struct Tally {
 
 } // namespace
 
+namespace {
+
+constexpr int slices = 3; // first, middle and last
+
+// The middle and half width of the rows whose shadows move so little that moment 0 alone is within the tolerance. Its
+// error grows with how far the row's shadow moves, that is with the distance from the row under the source.
+void find_calm_rows(const Geometry& g, View wide, const Grid& grid, const int (&z)[slices], View& v) {
+    const int margin = 1 << 16; // pixels: whatever the panel sees of the volume, the rows are the same
+    wide.left -= margin * v.pa;
+    wide.low -= margin * v.pb;
+    wide.na += 2 * margin;
+    wide.nb += 2 * margin;
+    v.still = (v.source[1] - grid.y0) / grid.dy;
+    std::vector<Cut> plain, reference;
+    for (int i = 0; i < slices; i++) {
+        plain.emplace_back(g, wide, z[i], v.subs, 1);
+        reference.emplace_back(g, wide, z[i], v.subs, v.moments);
+    }
+    double steepest = 0;
+    for (int j = 0; j < samples; j++) {
+        const int y = sample(j, grid.ny);
+        Tally tally;
+        for (int i = 0; i < slices; i++) tally.add(plain[i], reference[i], grid, y);
+        steepest = std::max(steepest, tally.relative(g.grid.nz) / std::max(std::fabs(y - v.still), 1.0));
+    }
+    v.band = steepest > 0 ? g.tolerance / steepest : 0;
+}
+
+} // namespace
+
 void cut(const Geometry& g, View& v) {
     const Grid grid = g.seen_by(v);
     Resampling kept = std::move(v.resampling);
+    v.still = v.band = 0;
     const View bare =
         v; // without the resampling, which the weights do not read; rows as on a turned panel's first column
     v.resampling = std::move(kept);
     const int moments = v.pose == Pose::turned ? 1 : most_moments;
-    const int slices[3] = {0, g.grid.nz / 2, g.grid.nz - 1};
+    const int z[slices] = {0, g.grid.nz / 2, g.grid.nz - 1};
     std::vector<Cut> reference;
-    for (int z : slices) reference.emplace_back(g, bare, z, most, most_moments);
+    for (int i = 0; i < slices; i++) reference.emplace_back(g, bare, z[i], most, most_moments);
     for (int count = 1; count <= most * moments; count++)
         for (v.moments = moments; v.moments >= 1; v.moments--) { // more moments err less than as many sub-slices
             if (count % v.moments != 0) continue;
             v.subs = count / v.moments;
             if (v.subs > most) continue;
             Tally tally;
-            for (int i = 0; i < 3; i++) tally.add(Cut(g, bare, slices[i], v.subs, v.moments), reference[i], grid);
-            if (tally.relative(g.grid.nz) <= g.tolerance) return;
+            for (int i = 0; i < slices; i++) {
+                const Cut tried(g, bare, z[i], v.subs, v.moments);
+                for (int j = 0; j < samples; j++) tally.add(tried, reference[i], grid, sample(j, grid.ny));
+            }
+            if (tally.relative(g.grid.nz) > g.tolerance) continue;
+            if (v.moments > 1) find_calm_rows(g, bare, grid, z, v);
+            return;
         }
     v.subs = most;
     v.moments = moments;

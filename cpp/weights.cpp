@@ -79,6 +79,10 @@ void by_voxel(const Geometry& geometry, const View& view, int z, int product, Ax
     for (int i = 0; i < n; i++) out.first[i] = std::min(out.first[i], count - taps);
     for (int t = 0; t < taps; t++)
         trapezoids(from, to, begin, end, t, moment, out.first.data(), &out.weight[size_t(t) * n]);
+    if (!x && moment > 0)
+        for (int t = 0; t < taps; t++)
+            for (int i = 0; i < n; i++)
+                if (view.calm(i)) out.weight[size_t(t) * n + i] = 0;
 }
 
 void by_pixel(const AxisWeights& voxels, int count, AxisWeights& out) {
