@@ -4,7 +4,6 @@
 #include "projector.h"
 #include <map>
 #include <nanobind/stl/pair.h>
-#include <nanobind/stl/pair.h>
 #include <nanobind/stl/vector.h>
 
 using namespace nb::literals;
@@ -50,7 +49,6 @@ void bind_projection(nb::module_& m) {
         .def(
             "products", [](const Geometry& g, int view) { return products(g.views.at(view)); }, "view"_a,
             "Products of 1-D weights a slice in a view: sub-slices times moments.")
-        .def("calm", [](const Geometry& g, int view) { return std::pair<double,double>(g.views.at(view).still, g.views.at(view).band); }, "view"_a)
         .def(
             "pose",
             [](const Geometry& g, int view) {

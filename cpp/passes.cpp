@@ -7,10 +7,11 @@
 namespace palpate {
 namespace {
 
+constexpr int pair = 2;         // rows that fit into registers with two vectors each
 constexpr int soon = 2 * group; // rows to call for in advance: as long as memory takes
 
-// out[moment][row][0..8] = sum over taps of weight * source[row][first + tap], for `rows` rows. `fixed` is the number of
-// taps, or 0 where only `taps` knows it. Numerical kernel.
+// out[moment][row][0..8] = sum over taps of weight * source[row][first + tap], for `rows` rows. `fixed` is the number
+// of taps, or 0 where only `taps` knows it. Numerical kernel.
 template <int moments, int vectors, int rows, int fixed>
 PALPATE_INLINE void resample_eight(const float* source, int64_t stride, const int32_t* places, const float* weight,
                                    int taps, int64_t moment_size, float* out) {
@@ -47,6 +48,39 @@ PALPATE_INLINE void resample_eight(const float* source, int64_t stride, const in
         for (int r = 0; r < rows; r++) store(out + m * moment_size + r * width, sum[m][r]);
 }
 
+// Likewise, where eight results reach beyond one vector: both vectors stay in registers, and each tap picks from them.
+// Up to `most_taps(order)` taps. Numerical kernel.
+template <int moments, int rows>
+PALPATE_INLINE void resample_wide(const float* source, int64_t stride, const int32_t* places, const float* weight,
+                                  int taps, int64_t moment_size, float* out) {
+    Lanes sum[moments][rows], low[rows], high[rows];
+    LaneMask order;
+    std::memcpy(&order, places, sizeof order);
+#pragma GCC unroll 4
+    for (int r = 0; r < rows; r++) load(low[r], source + r * stride), load(high[r], source + r * stride + lanes);
+#pragma GCC unroll 4
+    for (int m = 0; m < moments; m++)
+#pragma GCC unroll 4
+        for (int r = 0; r < rows; r++) sum[m][r] = Lanes{};
+    for (int t = 0; t < taps; t++, order += 1) {
+        Lanes w[moments];
+        const LaneMask beyond = order > 7;
+#pragma GCC unroll 4
+        for (int m = 0; m < moments; m++) load(w[m], weight + (m * taps + t) * run);
+#pragma GCC unroll 4
+        for (int r = 0; r < rows; r++) {
+            const Lanes x = __builtin_shuffle(low[r], order), y = __builtin_shuffle(high[r], order);
+            const Lanes picked = beyond ? y : x;
+#pragma GCC unroll 4
+            for (int m = 0; m < moments; m++) sum[m][r] += picked * w[m];
+        }
+    }
+#pragma GCC unroll 4
+    for (int m = 0; m < moments; m++)
+#pragma GCC unroll 4
+        for (int r = 0; r < rows; r++) store(out + m * moment_size + r * width, sum[m][r]);
+}
+
 // The same, one by one: for any reach.
 template <int moments>
 PALPATE_INLINE void gather_eight(const float* source, int64_t stride, int rows, const int32_t* first,
@@ -73,6 +107,10 @@ PALPATE_INLINE void resample_rows(const float* source, int64_t stride, const Col
             for (int r = 0; r < rows; r++) __builtin_prefetch(from + (r + soon) * stride, 0, 3);
         if (plain || reach.vectors == Reach::one)
             resample_eight<moments, 1, rows, fixed>(from, stride, reach.order, weight, c.taps, moment_size, out + j);
+        else if (reach.vectors == Reach::two && reach.order[lanes - 1] + c.taps <= 2 * lanes)
+            for (int r = 0; r < rows; r += pair)
+                resample_wide < moments, rows<pair ? rows : pair>(from + r * stride, stride, reach.order, weight,
+                                                                  c.taps, moment_size, out + j + r * width);
         else if (reach.vectors == Reach::two)
             resample_eight<moments, 2, rows, 0>(from, stride, reach.order, weight, c.taps, moment_size, out + j);
         else
