@@ -10,7 +10,8 @@ import pytest
 
 from palpate import _core
 
-PROJECTOR = ["add_slice_1", "add_slice_2", "add_slice_3", "weigh_voxels", "weigh_pixels", "rows_to_pixels", "pixels_to_row", "add_taps"]
+PASSES = ["add_slice_1", "add_slice_2", "add_slice_3"]
+PROJECTOR = [*PASSES, "weigh_voxels", "weigh_pixels", "rows_to_pixels", "pixels_to_row", "add_taps"]
 
 pytestmark = [
     pytest.mark.skipif(platform.machine() != "x86_64" or platform.system() != "Linux", reason="x86-64 Linux only"),
@@ -61,6 +62,6 @@ def test_each_hot_kernel_has_its_avx2_and_avx512_version(versions, kernel):
     assert any("%ymm" not in body and not wide.search(body) for body in versions[kernel]), "no baseline"
 
 
-@pytest.mark.parametrize("kernel", ["add_slice_1", "add_slice_2", "add_slice_3"])
+@pytest.mark.parametrize("kernel", PASSES)
 def test_the_passes_of_the_projector_work_on_whole_vectors(versions, kernel):
     assert any(re.search(r"vfmadd\w+ps .*%ymm", body) for body in versions[kernel])
