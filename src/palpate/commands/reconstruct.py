@@ -62,6 +62,7 @@ class OptimiserName(StrEnum):
     auto = "auto"
     momentum = "momentum"
     descent = "descent"
+    subsets = "subsets"
 
 
 class Start(StrEnum):
@@ -103,7 +104,7 @@ def reconstruct_command(
     exponent: Annotated[float, typer.Option(help="Of the generalised prior, 1 to 2: it grows so for jumps.")] = 1.2,
     start: Annotated[Start, typer.Option(help="Of the coarsest level.")] = Start.backprojection,
     optimiser: Annotated[
-        OptimiserName, typer.Option(help="Of map and ml: all voxels at once, or one by one.")
+        OptimiserName, typer.Option(help="Of map and ml: all voxels at once, one by one, or some views at a time.")
     ] = OptimiserName.auto,
     iterations: Annotated[int, typer.Option(help="At most so many a level.")] = 50,
     tolerance: Annotated[float, typer.Option(help="A level ends when an iteration gains less than this share.")] = 1e-3,

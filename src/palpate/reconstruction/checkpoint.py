@@ -16,7 +16,7 @@ from palpate.scans.scan import Scan
 from palpate.volumes.grid import Grid
 from palpate.volumes.volume import Volume
 
-KIND = "palpate checkpoint 1"
+KIND = "palpate checkpoint 2"
 
 
 def checkpoint_beside(output: str | Path) -> Path:
@@ -49,6 +49,7 @@ def write_checkpoint(path: str | Path, step: Step, run: Mapping[str, str]) -> No
         file["values"] = step.volume.values
         if step.previous is not None:
             file["previous"] = step.previous
+        file.attrs["pace"] = np.array(step.pace, np.float64)
 
 
 def read_checkpoint(path: str | Path, run: Mapping[str, str]) -> Step:
@@ -68,8 +69,8 @@ def read_checkpoint(path: str | Path, run: Mapping[str, str]) -> Step:
             previous = np.asarray(file["previous"]) if "previous" in file else None
             if previous is not None and previous.shape != values.shape:
                 raise ValueError(f"previous: expected shape {values.shape}, got {previous.shape}")
-            finished = bool(file.attrs["finished"])
-            step = Step(Volume(values, grid), objective, level, iteration, seconds, finished, previous)
+            finished, pace = bool(file.attrs["finished"]), tuple(map(float, file.attrs["pace"]))
+            step = Step(Volume(values, grid), objective, level, iteration, seconds, finished, previous, pace)
     except FileError:
         raise
     except (OSError, KeyError, ValueError, RuntimeError) as problem:

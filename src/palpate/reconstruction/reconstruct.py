@@ -28,6 +28,7 @@ from palpate.reconstruction.prior import Prior
 from palpate.reconstruction.projector import Projector
 from palpate.reconstruction.sart import check_relaxation, sart
 from palpate.reconstruction.step import Step
+from palpate.reconstruction.subsets import Pace, default_subsets, ordered_subsets
 from palpate.reconstruction.tune import median_curvature, tune
 from palpate.reconstruction.tv import tv
 from palpate.scans.scan import Scan
@@ -37,7 +38,7 @@ from palpate.volumes.volume import Volume
 
 Method = Literal["map", "ml", "tv", "sirt", "sart", "fbp", "backprojection"]
 DIRECT = ("backprojection", "fbp")  # done in one step
-Optimiser = Literal["auto", "momentum", "descent"]
+Optimiser = Literal["auto", "momentum", "descent", "subsets"]
 LikelihoodOf = Literal["poisson", "gaussian", "least-squares"] | Callable[[Scan], Likelihood]
 LIKELIHOODS: dict[str, Callable[[Scan], Likelihood]] = {
     "poisson": Transmission.of,
@@ -92,7 +93,8 @@ def iterates(
     likelihood: "poisson" for counts, "gaussian" for counts with a variance that follows the mean (`Gaussian`),
     "least-squares" for intensities that are none, or a function from a scan to a likelihood. start: on the coarsest level.
     curvature: see `Transmission.curvature`. optimiser: of "map" and "ml", one or one a level, finest first: "momentum"
-    (`accelerate`), "descent" (`descend`), or "auto", which is momentum: it reached the converged posterior soonest.
+    (`accelerate`), "descent" (`descend`), "subsets" (`ordered_subsets`), or "auto", which is momentum: it reached the
+    converged posterior soonest.
     iterations: at most so many a level, one number or one a level, finest first. tolerance: a level ends when an iteration
     lowers the objective by less
     than this share, four times as much a coarser level. downsample, interpolation: see `pyramid`, `resample`. window,
@@ -165,15 +167,22 @@ def _run(
             )
             done, objective, before = 0, None, None
         remembers = method in ("map", "ml") and optimisers[level] != "descent"
-        if remembers:
+        pace = None
+        if remembers and optimisers[level] == "subsets":
+            pace = Pace.of(before, last.pace) if last and before is not None else Pace(default_subsets(len(A.views)))
+            solver = ordered_subsets(
+                A, data, prior, weight, values, lambda k, s=level_scan: likelihood(s[k]), pace, curvature
+            )
+        elif remembers:
             solver = accelerate(A, data, prior, weight, values, curvature, before)
         else:
             solver = _solver(method, A, data, prior, weight, values, curvature, knobs)
         for iteration, (f, now) in enumerate(solver, done + 1):
             finished = method in DIRECT or rule.finished(level, iteration, now, objective)
             volume = Volume(f.copy(), grid)
-            previous = values if remembers and not finished else None
-            last = Step(volume, now, level, iteration, time.perf_counter() - began, finished, previous)
+            previous = (values if pace is None else pace.previous.copy()) if remembers and not finished else None
+            told = pace.told if pace is not None and not finished else ()
+            last = Step(volume, now, level, iteration, time.perf_counter() - began, finished, previous, told)
             objective, values = now, volume.values
             yield last
             if finished:

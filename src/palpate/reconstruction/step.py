@@ -11,8 +11,8 @@ class Step:
     """volume: a snapshot on its level's grid, 1/mm. level: 0 is the finest. iteration: 1, 2, ... within the level.
 
     objective: compares only within a level. seconds: since the run began, monitoring included. finished: the last of
-    its level. previous: the iterate before (z, y, x), where the optimiser goes on from both; it shares memory with that
-    step's volume.
+    its level. previous: the iterate before (z, y, x), where the optimiser goes on from both; it may share memory with
+    that step's volume. pace: numbers that it goes on from besides (see `Pace`).
     """
 
     volume: Volume
@@ -22,3 +22,4 @@ class Step:
     seconds: float
     finished: bool = False
     previous: Float32 | None = None
+    pace: tuple[float, ...] = ()
