@@ -6,6 +6,7 @@ then sit on multiples of the pixel pitch (`workloads.circular(snap=)`). Its voxe
 """
 
 import time
+import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -61,37 +62,71 @@ class Translation:
         """Projections on the large panel of a volume (z, y, x)."""
         return np.asarray(self.model.forward_project(np.ascontiguousarray(values.transpose(0, 2, 1))))
 
-    def iterates(self, p: np.ndarray, weights: np.ndarray, count: int, see: Callable[[float, np.ndarray], Any]) -> None:
-        """Runs `count` iterations from its own direct reconstruction; see(seconds so far, volume) after each.
+    def same_prior(self, prior: pp.Prior, beta: float) -> None:
+        """Sets its prior to β R of ours and no weight beside those of the pixels, f >= 0.
 
-        p, weights: line integrals and counts on the real panel. What `see` takes is not counted.
+        Its prior sums ρ(Δ) = Δ²/2σ² / (1 + |Δ/Tσ|^(p−q)) over the pairs of 6 neighbours, each a sixth: with p = 2 that is
+        "generalised", if all pairs weigh alike (cubic voxels, ω = d): β ω = 1/6σ², edge = Tσ.
+        """
+        d = self.grid.spacing
+        if prior.potential != "generalised" or prior.neighbours != 6 or min(d) != max(d) or prior.edge is None:
+            raise ValueError("its prior is the generalised one over 6 neighbours at cubic voxels")
+        sigma = float(1 / np.sqrt(6 * beta * d[0]))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # that its own choice is given up is what is wanted
+            self.model.set_params(
+                auto_regularize_flag=False, sigma_y=1.0, sigma_x=sigma, T=prior.edge / sigma, p=2.0, q=prior.exponent,
+                qggmrf_nbr_wts=[1.0, 1.0, 1.0], positivity_flag=True,
+            )  # fmt: skip
+
+    def iterates(
+        self,
+        p: np.ndarray,
+        weights: np.ndarray,
+        start: np.ndarray,
+        count: int,
+        see: Callable[[float, float, np.ndarray], bool],
+    ) -> None:
+        """Runs at most `count` iterations from a volume (z, y, x); see(wall seconds so far, CPU seconds, volume) after each.
+
+        p, weights: line integrals and their weights on the real panel. What `see` takes is not counted; it answers whether
+        to go on.
         """
         one = self.model.vcd_partition_iterator
-        apart = 0.0
+        apart, apart_cpu = 0.0, 0.0
+
+        class EnoughError(Exception):
+            pass
 
         def watched(*given: Any) -> Any:
-            nonlocal apart
+            nonlocal apart, apart_cpu
             made = one(*given)
             made[0].block_until_ready()
-            now = time.perf_counter()
+            now, cpu = time.perf_counter(), time.process_time()
             flat = np.asarray(made[0]).reshape(self.grid.shape[0], self.grid.shape[2], -1)
-            see(now - began - apart, flat.transpose(0, 2, 1)[:, : self.grid.shape[1]])
-            apart += time.perf_counter() - now
+            if not see(
+                now - began - apart, cpu - began_cpu - apart_cpu, flat.transpose(0, 2, 1)[:, : self.grid.shape[1]]
+            ):
+                raise EnoughError
+            apart, apart_cpu = apart + time.perf_counter() - now, apart_cpu + time.process_time() - cpu
             return made
 
         self.model.vcd_partition_iterator = watched
         try:
             sinogram, weights = self.placed(p), self.placed(weights)
             np.random.seed(0)  # noqa: NPY002 (its subsets are drawn from there)
-            began = time.perf_counter()
+            began, began_cpu = time.perf_counter(), time.process_time()
             self.model.recon(
                 sinogram,
                 weights,
+                init_recon=np.ascontiguousarray(start.transpose(0, 2, 1)),
                 max_iterations=count,
                 stop_threshold_change_pct=0,
                 logfile_path=None,
                 print_logs=False,
             )
+        except EnoughError:
+            pass
         finally:
             self.model.vcd_partition_iterator = one
 

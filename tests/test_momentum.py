@@ -175,11 +175,13 @@ def test_threads_do_not_change_a_bit():
 def test_optimisers_a_level_and_their_refusals():
     scan, A = small()
     both = {}
-    for name in ("descent", "momentum", ["momentum", "descent"]):
+    for name in ("descent", "momentum", "subsets", ["momentum", "descent"]):
         *_, step = pp.iterates(scan, A.grid, levels=2, prior=PRIOR, optimiser=name, tolerance=1e-7, iterations=200)
         both[str(name)] = step.objective
     assert max(both.values()) < (1 + 1e-4) * min(both.values())
-    with pytest.raises(DataError, match=r"optimiser: there is no 'newton'; choose from auto, momentum, descent"):
+    with pytest.raises(
+        DataError, match=r"optimiser: there is no 'newton'; choose from auto, momentum, descent, subsets"
+    ):
         pp.iterates(scan, A.grid, levels=2, optimiser="newton")
     with pytest.raises(DataError, match=r"optimiser: expected one, or 2 \(finest first\), got \['descent'\]"):
         pp.iterates(scan, A.grid, levels=2, optimiser=["descent"])

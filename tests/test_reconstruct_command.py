@@ -70,6 +70,24 @@ def test_other_likelihoods_priors_and_a_hardening_beam_are_taken(folder, whole):
         assert least <= np.linalg.norm(other - plain) / np.linalg.norm(plain) <= most
 
 
+def test_a_spectrum_file_hardens_by_one_material_or_two(folder):
+    """Where all is soft tissue the bones change nothing; where all is bone it is bone's curve that counts."""
+    spectrum = folder / "tube.csv"
+    spectrum.write_text("# weight,soft,bone\n3,1.6,2.2\n5,1,1\n2,0.8,0.5\n")
+    few = ["--iterations", "8", "--hardening", str(spectrum)]
+    first = folder / "soft.nii.gz"
+    assert run(folder, *few, output=first.name).returncode == 0
+    soft = pp.read_volume(first).values
+    for limits, least, most in (("0.5,0.6", 0, 1e-3), ("0,0.0001", 0.02, 0.5)):
+        done = run(folder, *few, "--bones", str(first), "--bone-range", limits, output="bones.nii.gz")
+        assert done.returncode == 0, done.stderr
+        made = pp.read_volume(folder / "bones.nii.gz").values
+        assert least <= np.linalg.norm(made - soft) / np.linalg.norm(soft) <= most
+    done = run(folder, *few, "--bones", str(first), "--bone-range", "0.1", output="bones.nii.gz")
+    assert done.returncode == 2
+    assert "--bone-range with two numbers" in done.stderr
+
+
 def test_killed_at_ten_random_moments_it_resumes_to_the_same_volume(folder, whole):
     """SIGKILL: what has the final name is whole; --resume ends with the bits of the uninterrupted run."""
     output, beside = folder / "killed.nii.gz", folder / "killed.nii.gz.checkpoint.h5"
@@ -145,6 +163,9 @@ def test_ctrl_c_keeps_the_last_iterate_and_says_how_to_go_on(folder, whole):
         ({"--tolerance": "--likelihood gaussian --tolerance"}, ("gaussian likelihood", "--electronic")),
         ({"--tolerance": "--hardening 1,x --tolerance"}, ("hardening", "1,x")),
         ({"--tolerance": "--hardening 1,-0.1 --tolerance"}, ("hardening", "falls")),
+        ({"--tolerance": "--bones first.nii.gz --tolerance"}, ("bones", "weight,soft,bone")),
+        ({"--tolerance": "--hardening 1 --bones first.nii.gz --tolerance"}, ("bones", "weight,soft,bone")),
+        ({"--tolerance": "--region=-6,6,-5,5,0,30 --halvings -1 --tolerance"}, ("halvings", "at least 0", "-1")),
     ],
 )
 def test_what_cannot_be_is_refused_before_work(folder, change, told):
@@ -179,3 +200,7 @@ def test_the_baselines_and_a_region_are_a_word_away(folder):
     assert part.values.shape[1:] == (10, 12)
     np.testing.assert_allclose(np.ptp(part.grid.bounds, axis=0), [12, 10, 30], atol=1e-3)
     assert 0.008 < part.values.mean() < 0.016
+    done = run(folder, "--region", "-6,6,-5,5,0,30", "--halvings", "0", output="finer.nii.gz")
+    assert done.returncode == 0, done.stderr
+    finer = pp.read_volume(folder / "finer.nii.gz").values
+    assert 1e-4 < np.linalg.norm(finer - part.values) / np.linalg.norm(finer) < 0.2

@@ -34,6 +34,10 @@ if TYPE_CHECKING:
     from palpate.reconstruction.sart import sart as sart
     from palpate.reconstruction.step import Step as Step
     from palpate.reconstruction.tv import tv as tv
+    from palpate.reconstruction.two_materials import TwoMaterials as TwoMaterials
+    from palpate.reconstruction.two_materials import read_spectrum as read_spectrum
+    from palpate.reconstruction.two_materials import two_material as two_material
+    from palpate.reconstruction.two_materials import two_material_likelihood as two_material_likelihood
     from palpate.scans.correct import equal_contrast as equal_contrast
     from palpate.scans.correct import open_beam as open_beam
     from palpate.scans.files import read_scan as read_scan
@@ -130,6 +134,10 @@ _HOME = {
     "Polynomial": "reconstruction.hardening",
     "Spectrum": "reconstruction.hardening",
     "precorrected": "reconstruction.hardening",
+    "TwoMaterials": "reconstruction.two_materials",
+    "two_material": "reconstruction.two_materials",
+    "two_material_likelihood": "reconstruction.two_materials",
+    "read_spectrum": "reconstruction.two_materials",
     "Prior": "reconstruction.prior",
     "Step": "reconstruction.step",
     "backproject": "reconstruction.baselines",

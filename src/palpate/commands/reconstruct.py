@@ -84,6 +84,7 @@ def reconstruct_command(
     spacing: Annotated[float | None, typer.Option(help="Voxel in the slice, mm. Default: the pixel's shadow.")] = None,
     like: Annotated[Path | None, typer.Option(help="Volume file whose grid is taken instead.")] = None,
     region: Annotated[str | None, typer.Option(help="Only x0,x1,y0,y1,z0,z1 mm; around it is coarse.")] = None,
+    halvings: Annotated[int, typer.Option(help="How often what lies around the region is halved in resolution.")] = 1,
     levels: Annotated[int, typer.Option(help="Resolutions, coarse to fine; 1 is the finest alone.")] = 3,
     method: Annotated[Method, typer.Option(help="map has a prior, ml none.")] = Method.map,
     likelihood: Annotated[
@@ -93,8 +94,16 @@ def reconstruct_command(
     electronic: Annotated[float, typer.Option(help="Read-out noise, standard deviation in the scan's values.")] = 0.0,
     hardening: Annotated[
         str | None,
-        typer.Option(help="Beam hardening, c1,c2,...: line integral l shows as c1 l + c2 l² + ...", show_default=False),
+        typer.Option(
+            help="Beam hardening: l shows as c1 l + c2 l² + ... of c1,c2,..., or a file of weight,ratio lines."
+        ),
     ] = None,
+    bones: Annotated[
+        Path | None, typer.Option(help="A first volume, whose bones harden too: the file's third column.")
+    ] = None,
+    bone_range: Annotated[
+        str, typer.Option(help="Soft tissue up to here, bone from there, 1/mm; a mixture between.")
+    ] = "0.03,0.08",
     prior: Annotated[PriorName, typer.Option(help="How neighbours are held together.")] = PriorName.lange,
     strength: Annotated[
         float | None, typer.Option(help="Of the prior, 1/mm, or of tv. Default: from the data.")
@@ -147,19 +156,24 @@ def reconstruct_command(
         "relaxation": relaxation,
     }
     part = pp.region_grid(grid, *corners(region)) if region else None
-    run = fingerprint(measured, {"grid": grid, "region": part, **options, "hardening": hardening})
+    stages = {"region": part, "halvings": halvings, "hardening": hardening, "bones": bones, "bone range": bone_range}
+    run = fingerprint(measured, {"grid": grid, **options, **stages})
+    if hardening is None and bones is not None:
+        raise DataError("bones: they need --hardening with a file of weight,soft,bone lines")
     if hardening is not None:
         if part is not None:
             raise DataError(
                 "hardening: not together with --region yet; reconstruct the whole, or correct the scan first"
             )
-        options["likelihood"] = _hardened(likelihood.value, hardening)
+        options["likelihood"] = _hardened(likelihood.value, hardening, bones, bone_range)
     last = read_checkpoint(beside, run) if resume else None
     try:
         if part is not None:
             pp.iterates(cropped(measured, part), part, **options)  # what cannot be is refused here, before work
             coarse = {**options, "method": "map" if method in ("fbp", "backprojection") else method.value}
-            *_, field = _shown(around(measured, grid, **coarse, iterations=iterations), iterations, levels)
+            *_, field = _shown(
+                around(measured, grid, halvings=halvings, **coarse, iterations=iterations), iterations, levels
+            )
             measured, grid = pp.local_scan(measured, grid, part, field.volume), part
         steps = pp.iterates(measured, grid, **options, iterations=iterations, resume=last)
         for step in _shown(checkpointed(steps, beside, run, checkpoint_every), iterations, levels):
@@ -176,26 +190,47 @@ def reconstruct_command(
 
 def corners(words: str) -> tuple[list[float], list[float]]:
     """Lowest and highest (x, y, z) of "x0,x1,y0,y1,z0,z1"."""
-    try:
-        numbers = [float(word) for word in words.split(",")]
-    except ValueError:
-        numbers = []
+    numbers = _numbers(words)
     if len(numbers) != 6:
         raise DataError(f"region: expected six numbers x0,x1,y0,y1,z0,z1 in mm, got {words!r}")
     return numbers[::2], numbers[1::2]
 
 
-def _hardened(name: str, coefficients: str) -> "Callable[[pp.Scan], Likelihood]":
-    """The named likelihood behind a hardening polynomial; refuses one that cannot be."""
+def _hardened(name: str, words: str, bones: Path | None, between: str) -> "Callable[[pp.Scan], Likelihood]":
+    """The named likelihood behind a hardening polynomial or the spectrum in a file; refuses one that cannot be."""
     from palpate.reconstruction.hardening import Tabulated
     from palpate.reconstruction.reconstruct import LIKELIHOODS
 
-    try:
-        curve = pp.Polynomial(tuple(float(c) for c in coefficients.split(",")))
-    except ValueError:
-        raise DataError(f"hardening: expected numbers c1,c2,... such as 1.08,-0.011, got {coefficients!r}") from None
+    curve: pp.Polynomial | pp.Spectrum
+    numbers = _numbers(words)
+    if numbers:
+        curve = pp.Polynomial(tuple(numbers))
+    elif not Path(words).is_file():
+        raise DataError(f"hardening: expected numbers c1,c2,... such as 1.08,-0.011, or a file, got {words!r}")
+    else:
+        columns = pp.read_spectrum(words).T
+        if bones is not None:
+            limits = _numbers(between)
+            if len(columns) != 3 or len(limits) != 2:
+                raise DataError(
+                    f"bones: expected weight,soft,bone on the lines of {words} and --bone-range with two numbers, got "
+                    f"{len(columns)} columns and {between!r}"
+                )
+            materials = pp.TwoMaterials(*columns, *limits)
+            return pp.two_material_likelihood(materials, pp.read_volume(bones), LIKELIHOODS[name])
+        curve = pp.Spectrum(*columns[:2])
+    if bones is not None:
+        raise DataError("bones: they need --hardening with a file of weight,soft,bone lines")
     Tabulated(curve)(0.0)
     return lambda scan: pp.Hardened(LIKELIHOODS[name](scan), curve)
+
+
+def _numbers(words: str) -> list[float]:
+    """Of "1.08,-0.011"; none if something else is there."""
+    try:
+        return [float(word) for word in words.split(",")]
+    except ValueError:
+        return []
 
 
 def _shown(steps: "Iterator[pp.Step]", iterations: int, levels: int) -> "Iterator[pp.Step]":

@@ -6,7 +6,7 @@ reference energy is l. Used inside the likelihood the counts stay what was measu
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -83,7 +83,7 @@ class Tabulated:
 
     def __call__(self, l: ArrayLike) -> tuple[Float64, Float64, Float64]:
         """g, g', g'' at l >= 0 or a little below."""
-        g, slope = self._table
+        g, slope = self.points
         l, step = np.asarray(l, np.float64), REACH / STEPS
         at = np.clip((l / step).astype(np.int64), 0, STEPS - 1)
         bend = np.where((l >= 0) & (l < REACH), (slope[at + 1] - slope[at]) / step, 0)
@@ -94,7 +94,7 @@ class Tabulated:
 
     def inverse(self, p: ArrayLike) -> Float64:
         """l with g(l) = p; straight below 0 and beyond the end."""
-        g, slope = self._table
+        g, slope = self.points
         p = np.asarray(p, np.float64)
         l = np.interp(p, g, np.linspace(0, REACH, STEPS + 1))
         l = np.where(p < 0, p / slope[0], np.where(p > g[-1], REACH + (p - g[-1]) / slope[-1], l))
@@ -105,15 +105,16 @@ class Tabulated:
     @property
     def steepest(self) -> float:
         """Largest g'."""
-        return float(self._table[1][0])
+        return float(self.points[1][0])
 
     @property
     def sharpest(self) -> float:
         """Largest −g''."""
-        return float(-np.diff(self._table[1]).min() * STEPS / REACH)
+        return float(-np.diff(self.points[1]).min() * STEPS / REACH)
 
     @cached_property
-    def _table(self) -> tuple[Float64, Float64]:
+    def points(self) -> tuple[Float64, Float64]:
+        """g and g' at `STEPS` + 1 line integrals from 0 to `REACH`."""
         l = np.linspace(0, REACH, STEPS + 1)
         g, slope, _ = (np.asarray(a, np.float64) for a in self.curve(l))
         if not np.isfinite([g, slope]).all() or abs(g[0]) > 1e-9:
@@ -133,17 +134,37 @@ class Tabulated:
         return integral, slope
 
 
+@runtime_checkable
+class Table(Protocol):
+    """A curve that is quick for millions of pixels, or one for each of them."""
+
+    def __call__(self, l: ArrayLike) -> tuple[Float64, Float64, Float64]:
+        """g, g', g''."""
+
+    def inverse(self, p: ArrayLike) -> Float64:
+        """l with g(l) = p."""
+
+    @property
+    def steepest(self) -> float | Float64:
+        """Largest g', of all or of each pixel."""
+
+    @property
+    def sharpest(self) -> float | Float64:
+        """Largest −g'', or a bound on it."""
+
+
 class Hardened:
     """A likelihood of what a polychromatic beam shows, h(g(l)), for line integrals l at the reference energy.
 
     likelihood: of the same pixels as if the beam were monochromatic: `Transmission`, `Gaussian` or
     `WeightedLeastSquares`, or one of your own whose slope h' is nowhere below min(0, h'(0)). curve: g, a `Polynomial`, a
-    `Spectrum` or one of your own. Raises `DataError` for a curve that does not rise or bends up.
+    `Spectrum`, one of your own, or one for each ray (`TwoMaterials.behind`). Raises `DataError` for a curve that does not
+    rise or bends up.
     """
 
-    def __init__(self, likelihood: Likelihood, curve: Curve) -> None:
+    def __init__(self, likelihood: Likelihood, curve: Curve | Table) -> None:
         self.likelihood = likelihood
-        self.curve = Tabulated(curve)
+        self.curve = _table(curve)
         self.curve(0.0)  # refuses here what cannot be
 
     @property
@@ -179,7 +200,7 @@ class Hardened:
         return (most + np.maximum(0, -self.likelihood.slope(nothing)) * self.curve.sharpest).astype(np.float32)
 
 
-def precorrected(scan: Scan, curve: Curve) -> Scan:
+def precorrected(scan: Scan, curve: Curve | Table) -> Scan:
     """The scan as a monochromatic beam of the reference energy would have shown it: quick, for methods without statistics.
 
     Each line integral p above the background becomes g⁻¹(p). The counts' noise is no longer that of counts, and a pixel
@@ -188,5 +209,9 @@ def precorrected(scan: Scan, curve: Curve) -> Scan:
     signal = scan.counts.astype(np.float64) - scan.background
     lit = scan.mask & (signal > 0)
     p = np.log(np.where(lit, scan.incident, 1) / np.where(lit, signal, 1))
-    corrected = np.where(lit, scan.incident * np.exp(-Tabulated(curve).inverse(p)) + scan.background, scan.counts)
+    corrected = np.where(lit, scan.incident * np.exp(-_table(curve).inverse(p)) + scan.background, scan.counts)
     return Scan(corrected, scan.incident, scan.views, scan.background, scan.mask)
+
+
+def _table(curve: Curve | Table) -> Table:
+    return curve if isinstance(curve, Table) else Tabulated(curve)

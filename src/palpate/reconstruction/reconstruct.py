@@ -170,9 +170,8 @@ def _run(
         pace = None
         if remembers and optimisers[level] == "subsets":
             pace = Pace.of(before, last.pace) if last and before is not None else Pace(default_subsets(len(A.views)))
-            solver = ordered_subsets(
-                A, data, prior, weight, values, lambda k, s=level_scan: likelihood(s[k]), pace, curvature
-            )
+            part = _parts(level_scan, likelihood)
+            solver = ordered_subsets(A, data, prior, weight, values, part, pace, curvature)
         elif remembers:
             solver = accelerate(A, data, prior, weight, values, curvature, before)
         else:
@@ -180,13 +179,19 @@ def _run(
         for iteration, (f, now) in enumerate(solver, done + 1):
             finished = method in DIRECT or rule.finished(level, iteration, now, objective)
             volume = Volume(f.copy(), grid)
-            previous = (values if pace is None else pace.previous.copy()) if remembers and not finished else None
-            told = pace.told if pace is not None and not finished else ()
+            previous, told = (values, ()) if pace is None else pace.state()
+            if finished or not remembers:
+                previous, told = None, ()
             last = Step(volume, now, level, iteration, time.perf_counter() - began, finished, previous, told)
             objective, values = now, volume.values
             yield last
             if finished:
                 break
+
+
+def _parts(scan: Scan, likelihood: Callable[[Scan], Likelihood]) -> Callable[[list[int]], Likelihood]:
+    """The likelihood of some of the views."""
+    return lambda views: likelihood(scan[views])
 
 
 def _weighed(prior: Prior, A: Projector, data: Likelihood) -> tuple[Prior, float]:

@@ -34,14 +34,14 @@ class Pace:
 
     @classmethod
     def of(cls, previous: Float32, told: tuple[float, ...]) -> Self:
-        """What `told` and `previous` were taken from."""
+        """The pace whose `state` that was."""
         subsets, accelerated, t, share = told
         return cls(int(subsets), bool(accelerated), t, previous, share)
 
-    @property
-    def told(self) -> tuple[float, ...]:
-        """All but `previous`."""
-        return (self.subsets, self.accelerated, self.t, self.share)
+    def state(self) -> tuple[Float32 | None, tuple[float, ...]]:
+        """A copy of `previous`, and the rest, for `of`."""
+        previous = None if self.previous is None else self.previous.copy()
+        return previous, (self.subsets, self.accelerated, self.t, self.share)
 
 
 def ordered_subsets(
@@ -130,7 +130,7 @@ class _Subsets:
         for A, likelihood in self.groups:
             following = (1 + np.sqrt(1 + 4 * t * t)) / 2 if pace.accelerated else 1.0
             _core.advance(x, previous, x, (0.0, (t - 1) / following), self.z)
-            _core.backproject(A.geometry, likelihood.slope(A(self.z)), self.gradient)
+            _core.backproject(A.geometry, np.ascontiguousarray(likelihood.slope(A(self.z))), self.gradient)
             slope, bend = self.prior.surrogate(self.z, self.A.grid) if beta > 0 else (self.gradient, self.gradient)
             _core.steer(self.gradient, slope, bend, self.bound, beta, self.z, self.z, self.u)
             _core.advance(self.z, self.z, self.u, (pace.share, 0.0), previous)
@@ -149,7 +149,11 @@ class _Subsets:
         self.bound[:] = 0
         for first in order:
             chosen = views[first::count]
-            A = self.A if len(chosen) == len(self.A.views) else Projector(self.A.views[chosen], self.A.grid, self.A.tolerance)
+            A = (
+                self.A
+                if len(chosen) == len(self.A.views)
+                else Projector(self.A.views[chosen], self.A.grid, self.A.tolerance)
+            )
             likelihood = self.part(chosen)
             bend = likelihood.curvature(np.zeros(A.range_shape, np.float32), self.kind)
             np.maximum(self.bound, majoriser(A, np.ascontiguousarray(bend)), out=self.bound)
