@@ -164,7 +164,7 @@ def test_ctrl_c_keeps_the_last_iterate_and_says_how_to_go_on(folder, whole):
         ({"--tolerance": "--hardening 1,x --tolerance"}, ("hardening", "1,x")),
         ({"--tolerance": "--hardening 1,-0.1 --tolerance"}, ("hardening", "falls")),
         ({"--tolerance": "--bones first.nii.gz --tolerance"}, ("bones", "weight,soft,bone")),
-        ({"--tolerance": "--hardening 1 --bones first.nii.gz --tolerance"}, ("bones", "weight,soft,bone")),
+        ({"--tolerance": "--hardening 1 --bones first.nii.gz --tolerance"}, ("first.nii.gz",)),
         ({"--tolerance": "--region=-6,6,-5,5,0,30 --halvings -1 --tolerance"}, ("halvings", "at least 0", "-1")),
     ],
 )

@@ -156,16 +156,18 @@ def reconstruct_command(
         "relaxation": relaxation,
     }
     part = pp.region_grid(grid, *corners(region)) if region else None
-    stages = {"region": part, "halvings": halvings, "hardening": hardening, "bones": bones, "bone range": bone_range}
-    run = fingerprint(measured, {"grid": grid, **options, **stages})
     if hardening is None and bones is not None:
         raise DataError("bones: they need --hardening with a file of weight,soft,bone lines")
+    first = pp.read_volume(bones) if bones else None
+    spectrum = Path(hardening).read_text() if hardening is not None and Path(hardening).is_file() else hardening
+    stages = {"region": part, "halvings": halvings, "hardening": spectrum, "bones": first, "bone range": bone_range}
+    run = fingerprint(measured, {"grid": grid, **options, **stages})
     if hardening is not None:
         if part is not None:
             raise DataError(
                 "hardening: not together with --region yet; reconstruct the whole, or correct the scan first"
             )
-        options["likelihood"] = _hardened(likelihood.value, hardening, bones, bone_range)
+        options["likelihood"] = _hardened(likelihood.value, hardening, first, bone_range)
     last = read_checkpoint(beside, run) if resume else None
     try:
         if part is not None:
@@ -196,7 +198,7 @@ def corners(words: str) -> tuple[list[float], list[float]]:
     return numbers[::2], numbers[1::2]
 
 
-def _hardened(name: str, words: str, bones: Path | None, between: str) -> "Callable[[pp.Scan], Likelihood]":
+def _hardened(name: str, words: str, first: pp.Volume | None, between: str) -> "Callable[[pp.Scan], Likelihood]":
     """The named likelihood behind a hardening polynomial or the spectrum in a file; refuses one that cannot be."""
     from palpate.reconstruction.hardening import Tabulated
     from palpate.reconstruction.reconstruct import LIKELIHOODS
@@ -209,7 +211,7 @@ def _hardened(name: str, words: str, bones: Path | None, between: str) -> "Calla
         raise DataError(f"hardening: expected numbers c1,c2,... such as 1.08,-0.011, or a file, got {words!r}")
     else:
         columns = pp.read_spectrum(words).T
-        if bones is not None:
+        if first is not None:
             limits = _numbers(between)
             if len(columns) != 3 or len(limits) != 2:
                 raise DataError(
@@ -217,9 +219,9 @@ def _hardened(name: str, words: str, bones: Path | None, between: str) -> "Calla
                     f"{len(columns)} columns and {between!r}"
                 )
             materials = pp.TwoMaterials(*columns, *limits)
-            return pp.two_material_likelihood(materials, pp.read_volume(bones), LIKELIHOODS[name])
+            return pp.two_material_likelihood(materials, first, LIKELIHOODS[name])
         curve = pp.Spectrum(*columns[:2])
-    if bones is not None:
+    if first is not None:
         raise DataError("bones: they need --hardening with a file of weight,soft,bone lines")
     Tabulated(curve)(0.0)
     return lambda scan: pp.Hardened(LIKELIHOODS[name](scan), curve)

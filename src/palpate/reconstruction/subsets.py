@@ -14,7 +14,7 @@ from palpate.reconstruction.prior import Prior
 from palpate.reconstruction.projector import Projector
 from palpate.reconstruction.sart import spread_order
 
-VIEWS = 4  # a subset, by default: fewer see too little of the whole
+VIEWS = 3  # a subset, by default: fewer see too little of the whole
 HALVINGS = 12  # of a step that does not lower the objective, before the iterate is taken for the minimiser
 
 
@@ -65,7 +65,7 @@ def ordered_subsets(
     objective is watched. A pass that raised it is made again: without the momentum gathered before; if there was none,
     with half the subsets; with one subset, with steps half as long. So the objective never rises, and the end is the
     minimum. Yields the iterate after each pass and its objective, without end. part: the likelihood of some of the views.
-    pace: with how many subsets to begin, or where to go on; by default a quarter of the views. It changes as the run goes
+    pace: with how many subsets to begin, or where to go on; by default a third of the views. It changes as the run goes
     on. The yielded volume and `pace.previous` are working arrays: copy them to keep them.
     """
     pace = pace if pace is not None else Pace(default_subsets(len(A.views)))

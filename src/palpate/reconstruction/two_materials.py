@@ -58,13 +58,15 @@ class TwoMaterials:
     def boned(self, values: Float32) -> Float32:
         """What of each voxel's attenuation is bone's, 1/mm; the shape of values."""
         filled = np.clip((values - self.tissue) / (self.full - self.tissue), 0, 1)
-        return (filled * np.maximum(values, self.full) * (values > self.tissue)).astype(np.float32)
+        boned: Float32 = (filled * np.maximum(values, self.full)).astype(np.float32)
+        return boned
 
     def shares(self, volume: Volume, views: Views) -> Float32:
         """Bone's share of each ray's line integral, from 0 to 1 (views, rows, columns)."""
         A = Projector(views, volume.grid)
         whole, bone = A(volume.values), A(self.boned(volume.values))
-        share: Float32 = np.clip(np.divide(bone, whole, out=np.zeros_like(bone), where=whole > 0), 0, 1)
+        share: Float32 = np.divide(bone, whole, out=np.zeros_like(bone), where=whole > 0)
+        np.clip(share, 0, 1, out=share)
         return share
 
     def behind(self, share: ArrayLike) -> "Mixture":
