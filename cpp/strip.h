@@ -38,8 +38,8 @@ private:
     const View* view = nullptr;
     int64_t stride = 0;
     int ny = 0;
-    AxisTerms along_x, along_y; // x, y of the volume; along_y is unused on turned panels
-    std::vector<Rows> edges;    // turned panels: per sub-slice
+    AxisTerms along_x, along_y;       // x, y of the volume; along_y is unused on turned panels
+    std::vector<Edges> along_columns; // turned panels: per term
 };
 
 } // namespace palpate
