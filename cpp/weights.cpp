@@ -104,32 +104,6 @@ void by_voxel(const Geometry& geometry, const View& view, int z, int product, Ax
                 if (view.calm(i)) out.weight[size_t(t) * n + i] = 0;
 }
 
-void by_pixel(const AxisWeights& voxels, int count, AxisWeights& out) {
-    const int n = voxels.n;
-    std::vector<int32_t> last(count, -1);
-    out.n = count;
-    out.first.assign(count, INT32_MAX);
-    for (int t = 0; t < voxels.taps; t++)
-        for (int i = 0; i < n; i++) {
-            if (voxels.weight[size_t(t) * n + i] == 0) continue;
-            const int a = voxels.first[i] + t;
-            out.first[a] = std::min(out.first[a], i);
-            last[a] = std::max(last[a], i);
-        }
-    out.taps = 1;
-    for (int a = 0; a < count; a++)
-        if (last[a] >= 0) out.taps = std::max(out.taps, last[a] - out.first[a] + 1);
-    for (int32_t& i : out.first) i = std::min(i, n - out.taps);
-    out.weight.assign(size_t(out.taps) * count, 0);
-    for (int t = 0; t < voxels.taps; t++)
-        for (int i = 0; i < n; i++) {
-            const float w = voxels.weight[size_t(t) * n + i];
-            if (w == 0) continue;
-            const int a = voxels.first[i] + t;
-            out.weight[size_t(i - out.first[a]) * count + a] = w;
-        }
-}
-
 Edges edges(const Geometry& geometry, const View& view, int z, int product) {
     const Grid grid = geometry.seen_by(view);
     const double at = product / view.moments + gauss(view.moments, product % view.moments).at;

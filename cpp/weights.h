@@ -65,9 +65,6 @@ inline int products(const View& view) { return view.subs * view.moments; }
 // turned panel: those of column 0.
 void by_voxel(const Geometry& geometry, const View& view, int z, int product, Axis axis, AxisWeights& out);
 
-// The same numbers per pixel: `count` is the number of pixels along the axis.
-void by_pixel(const AxisWeights& voxels, int count, AxisWeights& out);
-
 // Along y on a turned panel: when the ray is at the product's Gauss point, the edge below voxel y lands on row
 // at(y, a) of column a, counted so that pixel b is [b, b + 1]; the voxel's weight there is the part of the pixel
 // between two edges.
