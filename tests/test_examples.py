@@ -110,7 +110,7 @@ def test_doctor_tells_the_truth(folder):
     from importlib.metadata import version
 
     from palpate import _core
-    from palpate.server.app import STATIC
+    from palpate.server.guard import STATIC
 
     said = done("doctor", folder)
     project = Path(__file__).parents[1] / "pyproject.toml"
@@ -130,7 +130,7 @@ def test_doctor_names_what_is_missing_and_fails(monkeypatch, capsys, tmp_path):
     from typer.testing import CliRunner
 
     from palpate.commands import app, doctor
-    from palpate.server import app as served
+    from palpate.server import guard as served
 
     def version(name):
         if name == "meshio":

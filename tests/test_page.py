@@ -9,7 +9,8 @@ import pytest
 from organs import organ
 
 import palpate as pp
-from palpate.server.serve import loopback_socket, serving
+from palpate.server.listen import loopback_socket
+from palpate.server.serve import serving
 
 pytestmark = pytest.mark.browser
 

@@ -19,7 +19,8 @@ from websockets.sync.client import connect
 
 import palpate as pp
 from palpate.server import messages
-from palpate.server.serve import loopback_socket, serving
+from palpate.server.listen import loopback_socket
+from palpate.server.serve import serving
 
 HERE = Path(__file__).parent
 TOP = (0.0, 0.0, 25.0)

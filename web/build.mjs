@@ -1,11 +1,9 @@
-// Bundles the page into dist/: two scripts, the page, its style, and the licences of what is bundled.
+// Bundles the pages into dist/: the organ's and the viewer's scripts, the pages, their style, and the licences of what
+// is bundled. The rendering of the viewer is a part of its own, fetched when it is asked for.
 import { build } from "esbuild";
-import { copyFile, mkdir, readFile, rm, writeFile } from "node:fs/promises";
+import { copyFile, mkdir, readdir, readFile, rm, writeFile } from "node:fs/promises";
 
-await rm("dist", { recursive: true, force: true });
-await mkdir("dist");
-await build({
-  entryPoints: ["src/main.ts", "src/worker.ts"],
+const how = {
   outdir: "dist",
   bundle: true,
   minify: true,
@@ -13,8 +11,30 @@ await build({
   target: "es2022",
   legalComments: "linked",
   logLevel: "warning",
+  metafile: true,
+};
+await rm("dist", { recursive: true, force: true });
+await mkdir("dist");
+const touch = await build({ ...how, entryPoints: ["src/main.ts", "src/worker.ts"] });
+const view = await build({
+  ...how,
+  entryPoints: [{ in: "src/slices/main.ts", out: "view" }],
+  splitting: true,
+  chunkNames: "view-[hash]",
+  external: ["numcodecs/*"], // Niivue's decoders of Zarr files, which the page never opens
 });
-for (const file of ["index.html", "style.css"]) await copyFile(file, `dist/${file}`);
-const three = JSON.parse(await readFile("node_modules/three/package.json", "utf8"));
-const licence = await readFile("node_modules/three/LICENSE", "utf8");
-await writeFile("dist/LICENSES.txt", `This page contains three.js ${three.version}, under this licence:\n\n${licence}`);
+for (const file of ["index.html", "view.html", "style.css", "view.css"]) await copyFile(file, `dist/${file}`);
+
+// Every package that a bundle contains a part of, and the licence that came with it.
+const inputs = [touch, view].flatMap(({ metafile }) => Object.keys(metafile.inputs));
+const packages = new Set(inputs.map((path) => /node_modules\/((?:@[^/]+\/)?[^/]+)/.exec(path)?.[1]).filter(Boolean));
+const texts = [];
+for (const name of [...packages].sort()) {
+  const folder = `node_modules/${name}`;
+  const { version, license } = JSON.parse(await readFile(`${folder}/package.json`, "utf8"));
+  const file = (await readdir(folder)).find((each) => /^licen[cs]e/i.test(each));
+  // A package that ships without its licence has it here.
+  const text = await readFile(file ? `${folder}/${file}` : `licences/${name.replace("/", "-")}.txt`, "utf8");
+  texts.push(`${name === "three" ? "three.js" : name} ${version}, ${license}\n\n${text}`);
+}
+await writeFile("dist/LICENSES.txt", `These pages contain parts of the following, under these licences.\n\n${texts.join("\n\n----\n\n")}`);

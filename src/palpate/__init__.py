@@ -61,6 +61,7 @@ if TYPE_CHECKING:
     from palpate.scans.views import Panel as Panel
     from palpate.scans.views import Views as Views
     from palpate.server.serve import touch as touch
+    from palpate.server.viewing import view as view
     from palpate.simulation.devices.pointer import Command as Command
     from palpate.simulation.devices.pointer import Pointer as Pointer
     from palpate.simulation.devices.replay import Replay as Replay
@@ -172,6 +173,7 @@ _HOME = {
     "read_record": "simulation.record",
     "write_record": "simulation.record",
     "touch": "server.serve",
+    "view": "server.viewing",
     "demonstrate": "studies.demo",
 }
 __all__ = sorted(_HOME)

@@ -113,3 +113,40 @@ export interface Scene {
   replay: boolean;
   front: number;
 }
+
+/** Values from low (black) to high (white), and what the choice rests on. */
+export interface Window {
+  name: string;
+  low: number;
+  high: number;
+  hint: string;
+}
+
+/** Values of one kind, (z, y, x) or (view, row, column), little-endian, fetched on their own; NaN is not measured. */
+export interface Stack {
+  name: string;
+  unit: string;
+  kind: string;
+  windows: Window[];
+}
+
+/** A volume or a scan for `palpate view`. spacing: (z, y, x) mm, of a scan (1, row, column). origin: (x, y, z) mm. */
+export interface Image {
+  title: string;
+  scan: boolean;
+  shape: number[];
+  spacing: number[];
+  origin: number[];
+  direction: number[];
+  patient: boolean;
+  file: number[];
+  water: number;
+  note: string;
+  captions: string[];
+  stacks: Stack[];
+}
+
+/** Server to page, once, as JSON: what is viewed, one image or two to compare. */
+export interface Album {
+  images: Image[];
+}

@@ -91,7 +91,7 @@ def _page() -> bool:
     from palpate.errors import FileError
 
     try:
-        from palpate.server.app import check_page
+        from palpate.server.guard import check_page
 
         check_page()
     except (FileError, ImportError) as problem:
@@ -103,7 +103,7 @@ def _page() -> bool:
 
 def _browser() -> bool:
     """No browser here is no fault: the page can be opened from another machine."""
-    from palpate.server.serve import has_display
+    from palpate.server.listen import has_display
 
     found = next((b for b in BROWSERS if shutil.which(b)), None)
     if found is None:

@@ -1,37 +1,26 @@
-"""The web application: the page, the scene, and one socket a page. Loopback, a token, an origin, bounded messages."""
+"""The web application of `touch`: the page, the scene, and one socket a page with bounded messages."""
 
 import asyncio
 import contextlib
 import logging
-import secrets
 from collections.abc import AsyncIterator
 from dataclasses import dataclass, field
-from pathlib import Path
-from urllib.parse import urlsplit
 
 from starlette.applications import Starlette
-from starlette.middleware import Middleware
-from starlette.middleware.base import BaseHTTPMiddleware, RequestResponseEndpoint
-from starlette.requests import HTTPConnection, Request
-from starlette.responses import HTMLResponse, Response
-from starlette.routing import Mount, Route, WebSocketRoute
-from starlette.staticfiles import StaticFiles
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from palpate.errors import DataError, FileError
+from palpate.errors import DataError
+from palpate.server.guard import guarded, stranger
 from palpate.server.messages import Tool, decode_tool, frame_bytes
 from palpate.server.scene import reach, scene_bytes
 from palpate.simulation.devices.pointer import Command, Pointer, within
 from palpate.simulation.session import Session
 
-STATIC = Path(__file__).parent / "static"
 FRAMES_PER_SECOND = 60
 MESSAGE_BYTES = 1024  # a tool's message has 32
-LOOPBACK = {"localhost", "127.0.0.1", "::1"}
-POLICY = (
-    "default-src 'none'; script-src 'self'; worker-src 'self'; style-src 'self'; img-src 'self' data:; "
-    "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
-)
 REFUSED = 1008  # WebSocket's code for a broken policy
 
 
@@ -41,25 +30,17 @@ class Room:
 
     session: Session
     pointer: Pointer
-    token: str
     scene: bytes
     newest: bytes = b""
     pages: set[asyncio.Event] = field(default_factory=set)
     holder: WebSocket | None = None
 
 
-def check_page() -> None:
-    """Raises `FileError` if the page was not bundled."""
-    if not (STATIC / "index.html").is_file():
-        raise FileError(f"{STATIC}: the page is not bundled here; install the wheel, or: python web/build.py {STATIC}")
-
-
 def application(
     session: Session, pointer: Pointer, token: str, title: str = "organ", replay: bool = False
 ) -> Starlette:
     """The app around a running session. Raises `FileError` if the page was not bundled."""
-    check_page()
-    room = Room(session, pointer, token, scene_bytes(session, title, replay))
+    room = Room(session, pointer, scene_bytes(session, title, replay))
 
     @contextlib.asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:
@@ -68,16 +49,8 @@ def application(
         yield
         pump.cancel()
 
-    app = Starlette(
-        routes=[
-            Route("/", page),
-            Route("/scene", scene),
-            WebSocketRoute("/socket", socket),
-            Mount("/static", StaticFiles(directory=STATIC)),
-        ],
-        middleware=[Middleware(BaseHTTPMiddleware, dispatch=headers)],
-        lifespan=lifespan,
-    )
+    routes = [Route("/scene", scene), WebSocketRoute("/socket", socket)]
+    app = guarded("index.html", routes, token, lifespan)
     app.state.room = room
     return app
 
@@ -86,37 +59,6 @@ def complain(task: "asyncio.Task[None]") -> None:
     """A task that dies would leave the pages without frames and nobody told."""
     if not task.cancelled() and (problem := task.exception()):
         logging.getLogger("palpate").error("the server cannot publish frames", exc_info=problem)
-
-
-async def headers(request: Request, answer: RequestResponseEndpoint) -> Response:
-    """Nothing from elsewhere runs in the page, and its address (the token) leaves with no request."""
-    response = await answer(request)
-    response.headers["Content-Security-Policy"] = POLICY
-    response.headers["Referrer-Policy"] = "no-referrer"
-    response.headers["X-Content-Type-Options"] = "nosniff"
-    response.headers["Cache-Control"] = "no-store"
-    return response
-
-
-def stranger(connection: HTTPConnection) -> str | None:
-    """Why a request is refused, or None. A browser sends Host and Origin itself: a foreign page cannot choose them."""
-    room: Room = connection.app.state.room
-    host = connection.headers.get("host", "")
-    if urlsplit(f"//{host}").hostname not in LOOPBACK:
-        return f"host {host!r} is not this machine's loopback"
-    origin = connection.headers.get("origin")
-    if origin is not None and urlsplit(origin).netloc != host:
-        return f"origin {origin!r} is not this server"
-    if not secrets.compare_digest(connection.query_params.get("token", "").encode(), room.token.encode()):
-        return "the token is wrong; open the address that palpate printed when it started"
-    return None
-
-
-async def page(request: Request) -> Response:
-    """The page, for who has the token."""
-    if reason := stranger(request):
-        return HTMLResponse(f"<!doctype html><title>palpate</title><p>Refused: {reason}</p>", status_code=403)
-    return HTMLResponse((STATIC / "index.html").read_bytes())
 
 
 async def scene(request: Request) -> Response:

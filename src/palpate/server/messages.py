@@ -87,8 +87,59 @@ class Scene:
     front: float
 
 
+@dataclass(frozen=True)
+class Window:
+    """Values from low (black) to high (white), and what the choice rests on."""
+
+    name: str
+    low: float
+    high: float
+    hint: str
+
+
+@dataclass(frozen=True)
+class Stack:
+    """Values of one kind, (z, y, x) or (view, row, column), little-endian, fetched on their own; NaN is not measured."""
+
+    name: str
+    unit: str
+    kind: str
+    windows: list[Window]
+
+
+@dataclass(frozen=True)
+class Image:
+    """A volume or a scan for `palpate view`. spacing: (z, y, x) mm, of a scan (1, row, column). origin: (x, y, z) mm.
+
+    direction: 3x3 row by row, columns are the axes x, y, z. patient: they are left, posterior, superior; else the axes
+    of a reconstruction. file: 3x4 row by row, from an index here, with a 1 after it, to that of the array which was
+    given. water: its attenuation, 1/mm, or 0 if unknown. note: what the page must say about the data. captions: of
+    each view of a scan.
+    """
+
+    title: str
+    scan: bool
+    shape: list[int]
+    spacing: list[float]
+    origin: list[float]
+    direction: list[float]
+    patient: bool
+    file: list[float]
+    water: float
+    note: str
+    captions: list[str]
+    stacks: list[Stack]
+
+
+@dataclass(frozen=True)
+class Album:
+    """Server to page, once, as JSON: what is viewed, one image or two to compare."""
+
+    images: list[Image]
+
+
 BINARY: list[type] = [Tool, Frame]
-JSON: list[type] = [Part, Scene]
+JSON: list[type] = [Part, Scene, Window, Stack, Image, Album]
 
 
 def code(message: type) -> str:
