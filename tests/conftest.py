@@ -1,7 +1,11 @@
 """What every test starts from."""
 
+import os
 import signal
+from pathlib import Path
 
+import pytest
+from chromium import launched
 from hypothesis import settings
 
 # A runner started in the background may ignore Ctrl-C, and what it starts would too: tests that interrupt need it heard.
@@ -10,3 +14,18 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 # No test is judged by its time: a busy machine and the sanitizers are slow.
 settings.register_profile("untimed", deadline=None)
 settings.load_profile("untimed")
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """Chromium, or a skip that says what is missing; a failure where a browser is required."""
+    with launched() as chromium:
+        yield chromium
+
+
+@pytest.fixture(scope="session")
+def album(tmp_path_factory):
+    """Where screenshots go: PALPATE_SCREENSHOTS, or a temporary folder."""
+    folder = Path(os.environ.get("PALPATE_SCREENSHOTS") or tmp_path_factory.mktemp("screenshots"))
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder

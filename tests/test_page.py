@@ -1,11 +1,8 @@
 """The page in a real Chromium, driven by real pointer events."""
 
-import os
-import shutil
-from pathlib import Path
-
 import numpy as np
 import pytest
+from chromium import LAPTOP, PHONE, Seen
 from organs import organ
 
 import palpate as pp
@@ -14,66 +11,16 @@ from palpate.server.serve import serving
 
 pytestmark = pytest.mark.browser
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-ARGUMENTS = [
-    "--no-sandbox",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--ignore-gpu-blocklist",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--disable-default-apps",
-]
-LAPTOP, PHONE = {"width": 1280, "height": 800}, {"width": 390, "height": 844}
 
-
-@pytest.fixture(scope="module")
-def browser():
-    """Chromium, or a skip that says what is missing; a failure where a browser is required."""
-    try:
-        from playwright.sync_api import sync_playwright
-    except ImportError:
-        missing = "the Python package playwright is missing: pip install playwright"
-    else:
-        found = next(filter(None, map(shutil.which, BROWSERS)), None)
-        missing = None if found else "no Chromium on the PATH: apt-get install chromium"
-    if missing:
-        (pytest.fail if os.environ.get("PALPATE_REQUIRE_BROWSER") == "1" else pytest.skip)(missing)
-    with sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=found, args=ARGUMENTS)
-        yield chromium
-        chromium.close()
-
-
-@pytest.fixture(scope="session")
-def album(tmp_path_factory):
-    """Where screenshots go: PALPATE_SCREENSHOTS, or a temporary folder."""
-    folder = Path(os.environ.get("PALPATE_SCREENSHOTS") or tmp_path_factory.mktemp("screenshots"))
-    folder.mkdir(parents=True, exist_ok=True)
-    return folder
-
-
-class Touched:
+class Touched(Seen):
     """A served session and the page that shows it."""
 
     def __init__(self, session, page):
-        self.session, self.page = session, page
-        self.problems = []
-        page.on("pageerror", lambda error: self.problems.append(str(error)))
-        page.on("console", lambda line: line.type == "error" and self.problems.append(line.text))
-
-    def see(self, expression):
-        return self.page.evaluate(expression)
+        super().__init__(page)
+        self.session = session
 
     def wait(self, expression, seconds=20):
-        """Until the page finds `expression` true; not by wait_for_function, whose eval the page's policy forbids."""
-        for _ in range(seconds * 20):
-            if self.see(expression):
-                return
-            self.page.wait_for_timeout(50)
-        pytest.fail(f"after {seconds} s still not: {expression}; frame {self.see('palpate.frame')}")
+        super().wait(expression, seconds, told="palpate.frame")
 
     def open(self, address):
         self.page.goto(address)
@@ -101,15 +48,6 @@ class Touched:
         for i in range(1, steps + 1):
             self.page.mouse.move(*(start + way * i / steps))
             self.page.wait_for_timeout(15)
-
-    def pixels(self):
-        """The organ's picture, (rows, columns, 3)."""
-        import io
-
-        from skimage.io import imread
-
-        shot = self.page.locator("#view").screenshot()
-        return imread(io.BytesIO(shot))[..., :3].astype(float)
 
 
 @pytest.fixture(params=[LAPTOP], ids=["laptop"])
@@ -202,14 +140,14 @@ def test_stroking_over_the_lump_feels_it(touched):
 
 
 def test_wireframe_and_see_inside_change_the_picture(touched, album):
-    smooth = touched.pixels()
+    smooth = touched.pixels("#view")
     touched.page.click("text=Wireframe")
     touched.page.wait_for_timeout(300)
-    wire = touched.pixels()
+    wire = touched.pixels("#view")
     touched.page.screenshot(path=album / "wireframe.png")
     touched.page.click("text=See inside")
     touched.page.wait_for_timeout(300)
-    inside = touched.pixels()
+    inside = touched.pixels("#view")
     touched.page.screenshot(path=album / "inside.png")
     for one, other in ((smooth, wire), (wire, inside)):
         assert (np.abs(one - other).max(axis=2) > 20).mean() > 0.01

@@ -55,6 +55,7 @@ if TYPE_CHECKING:
     from palpate.scans.phantom import Phantom as Phantom
     from palpate.scans.phantom import breast_phantom as breast_phantom
     from palpate.scans.phantom import slab_phantom as slab_phantom
+    from palpate.scans.plots import plot_scan as plot_scan
     from palpate.scans.readout import integrating_scan as integrating_scan
     from palpate.scans.scan import Scan as Scan
     from palpate.scans.simulate import simulate_scan as simulate_scan
@@ -87,6 +88,8 @@ if TYPE_CHECKING:
     from palpate.volumes.grid import Grid as Grid
     from palpate.volumes.metrics import contrast_to_noise as contrast_to_noise
     from palpate.volumes.metrics import nmse as nmse
+    from palpate.volumes.plots import plot_profile as plot_profile
+    from palpate.volumes.plots import plot_volume as plot_volume
     from palpate.volumes.resample import resample as resample
     from palpate.volumes.segment import segment as segment
     from palpate.volumes.volume import Labels as Labels
@@ -102,6 +105,8 @@ _HOME = {
     "write_volume": "volumes.files",
     "read_labels": "volumes.files",
     "write_labels": "volumes.files",
+    "plot_volume": "volumes.plots",
+    "plot_profile": "volumes.plots",
     "resample": "volumes.resample",
     "segment": "volumes.segment",
     "Panel": "scans.views",
@@ -114,6 +119,7 @@ _HOME = {
     "Scan": "scans.scan",
     "read_scan": "scans.files",
     "write_scan": "scans.files",
+    "plot_scan": "scans.plots",
     "integrating_scan": "scans.readout",
     "import_scan": "scans.importers",
     "read_geometry": "scans.geometry_file",

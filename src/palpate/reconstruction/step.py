@@ -23,3 +23,7 @@ class Step:
     finished: bool = False
     previous: Float32 | None = None
     pace: tuple[float, ...] = ()
+
+    def _repr_html_(self) -> str:
+        where = f"level {self.level}, iteration {self.iteration}{', finished' if self.finished else ''}"
+        return f"<p>Step: {where}, objective {self.objective:.8g}, {self.seconds:.2f} s</p>{self.volume._repr_html_()}"

@@ -65,6 +65,11 @@ class Scan:
         """(views, rows, columns)."""
         return self.views.shape
 
+    def _repr_html_(self) -> str:
+        from palpate.scans.plots import scan_html  # only a notebook asks
+
+        return scan_html(self)
+
 
 def _where_measured(values: ArrayLike, measured: Bool) -> ArrayLike:
     """The values with 0 for what is not finite and was not measured."""

@@ -1,7 +1,6 @@
 """Volumes and scans as `palpate view` sends them to its page."""
 
 from dataclasses import dataclass
-from itertools import permutations
 
 import numpy as np
 
@@ -9,7 +8,7 @@ from palpate.arrays import AnyArray, Float32
 from palpate.reconstruction.likelihood import Transmission
 from palpate.scans.scan import Scan
 from palpate.server.messages import Image, Stack, Window
-from palpate.volumes.grid import Grid
+from palpate.volumes.orient import along_patient, knows_patient
 from palpate.volumes.volume import Volume
 from palpate.volumes.windows import windows
 
@@ -26,14 +25,13 @@ class Shown:
 
 def shown_volume(volume: Volume, title: str, water: float | None = None, most: int = VOXELS) -> Shown:
     """A volume with its axes along the patient's, of at most `most` voxels. water: its attenuation, 1/mm, if known."""
-    whole = along_patient(volume)
-    values, factors = thinned(whole.values, whole.grid.spacing, most)
-    grid = whole.grid
+    whole, grid = along_patient(volume)
+    values, factors = thinned(whole, grid.spacing, most)
+    values = np.ascontiguousarray(values)
     spacing = np.array(grid.spacing) * factors
     first = (np.minimum(factors, grid.shape) - 1) / 2
     start = volume.grid.indices(grid.points(first))[0]
     steps = volume.grid.indices(grid.points(first + np.diag(factors))) - start
-    patient = volume.unit == "HU" or not np.allclose(volume.grid.direction, np.eye(3), atol=1e-6)
     image = Image(
         title=title,
         scan=False,
@@ -41,7 +39,7 @@ def shown_volume(volume: Volume, title: str, water: float | None = None, most: i
         spacing=spacing.tolist(),
         origin=grid.points(first)[0].tolist(),
         direction=grid.direction.ravel().tolist(),
-        patient=patient,
+        patient=knows_patient(volume),
         file=np.column_stack([steps.T, start]).ravel().tolist(),
         water=water or 0.0,
         note=_note(factors, grid.shape, spacing.tolist(), "voxels"),
@@ -73,25 +71,6 @@ def shown_scan(scan: Scan, title: str, most: int = VOXELS) -> Shown:
         stacks=[_stack("line integrals", "", lines), _stack("counts", "photons", counts)],
     )
     return Shown(image, [_compact(lines), _compact(counts)])
-
-
-def along_patient(volume: Volume) -> Volume:
-    """The same voxels, axes swapped and reversed so that x, y, z are nearest to left, posterior, superior."""
-    turn = volume.grid.direction
-    order = max(permutations(range(3)), key=lambda o: sum(abs(turn[p, o[p]]) for p in range(3)))
-    signs = [1.0 if turn[p, order[p]] > 0 else -1.0 for p in range(3)]
-    new = turn[:, order] * signs
-    if np.linalg.det(new) < 0:  # so oblique that no order is nearest
-        return volume
-    flips = tuple(slice(None, None, int(signs[2 - a])) for a in range(3))
-    axes = [2 - order[2 - a] for a in range(3)]
-    values = volume.values.transpose(axes)[flips]
-    corner = np.zeros(3)
-    for a in range(3):
-        if signs[2 - a] < 0:
-            corner[axes[a]] = volume.grid.shape[axes[a]] - 1
-    spacing = [volume.grid.spacing[i] for i in axes]
-    return Volume(values, Grid(values.shape, spacing, volume.grid.points(corner)[0], new), volume.unit)
 
 
 def thinned(values: Float32, spacing: tuple[float, ...], most: int) -> tuple[Float32, list[int]]:

@@ -1,5 +1,6 @@
 """How far a tissue's springs are from finite elements."""
 
+import html
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -52,6 +53,9 @@ class FitReport:
             lines.append("  the springs are far off: hold more of the organ (--depth), or touch it with `blocks` only")
         lines.append("  the model `blocks` solves the P1 equations themselves; its error is that of its answers")
         return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{html.escape(self.text())}</pre>"
 
     def plain(self) -> dict[str, Any]:
         """For JSON, without the map, which is a field of its own."""

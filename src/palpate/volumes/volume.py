@@ -28,6 +28,11 @@ class Volume:
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> AnyArray:
         return np.array(self.values, dtype=dtype) if copy else np.asarray(self.values, dtype=dtype)
 
+    def _repr_html_(self) -> str:
+        from palpate.volumes.plots import volume_html  # only a notebook asks
+
+        return volume_html(self)
+
 
 @dataclass(frozen=True, eq=False)
 class Labels:

@@ -74,8 +74,8 @@ export class State {
   }
 
   toSlice(side: Side, name: PlaneName, k: number): void {
-    const by: Index = [0, 0, 0];
-    by[PLANES[name].cut] = k - this.slice(side, name);
+    const by: Index = [0, 0, 0], { cut } = PLANES[name];
+    by[cut] = Math.max(0, Math.min(side.stored.shape[cut] - 1, k)) - this.slice(side, name);
     this.step(side, by);
   }
 

@@ -1,0 +1,67 @@
+"""A real Chromium for the tests of the pages."""
+
+import io
+import os
+import shutil
+from contextlib import contextmanager
+
+import pytest
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+ARGUMENTS = [
+    "--no-sandbox",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--ignore-gpu-blocklist",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--disable-default-apps",
+]
+LAPTOP, PHONE = {"width": 1280, "height": 800}, {"width": 390, "height": 844}
+
+
+@contextmanager
+def launched():
+    """Chromium, or a skip that says what is missing; a failure where a browser is required."""
+    try:
+        from playwright.sync_api import sync_playwright
+    except ImportError:
+        missing = "the Python package playwright is missing: pip install playwright"
+    else:
+        found = next(filter(None, map(shutil.which, BROWSERS)), None)
+        missing = None if found else "no Chromium on the PATH: apt-get install chromium"
+    if missing:
+        (pytest.fail if os.environ.get("PALPATE_REQUIRE_BROWSER") == "1" else pytest.skip)(missing)
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=found, args=ARGUMENTS)
+        yield chromium
+        chromium.close()
+
+
+class Seen:
+    """A page, what went wrong in it, and waiting without an eval, which the page's policy forbids."""
+
+    def __init__(self, page):
+        self.page = page
+        self.problems = []
+        page.on("pageerror", lambda error: self.problems.append(str(error)))
+        page.on("console", lambda line: line.type == "error" and self.problems.append(line.text))
+
+    def see(self, expression):
+        return self.page.evaluate(expression)
+
+    def wait(self, expression, seconds=20, told="null"):
+        """Until the page finds `expression` true; `told`: what a failure shows of the page."""
+        for _ in range(seconds * 20):
+            if self.see(expression):
+                return
+            self.page.wait_for_timeout(50)
+        pytest.fail(f"after {seconds} s still not: {expression}; {told} is {self.see(told)}")
+
+    def pixels(self, what):
+        """The picture of an element, (rows, columns, 3)."""
+        from skimage.io import imread
+
+        return imread(io.BytesIO(self.page.locator(what).screenshot()))[..., :3].astype(float)
