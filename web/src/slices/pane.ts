@@ -183,9 +183,10 @@ export class Pane {
       for (let i = 0; i < 2; i++) pen.fillText(text, x, y); // twice: a shadow dark enough on white
     };
     const [first, last] = this.slices, k = this.state.slice(side, plane.name);
-    const deep = last > first ? `  ${this.state.mode} of ${mm((last - first + 1) * stored.spacing[plane.cut])}` : "";
-    put(image.scan ? `View ${k + 1} of ${stored.shape[0]}  ${stored.stack.name}` : `${title(image, plane)}  ${"zyx"[plane.cut]} ${mm(side.cross[2 - plane.cut])}${deep}`, 10, 20, "left");
-    if (this.state.sides.length > 1) put(image.title, 10, 37, "left");
+    const lines = [image.scan ? `View ${k + 1} of ${stored.shape[0]}  ${stored.stack.name}` : `${title(image, plane)}  ${"zyx"[plane.cut]} ${mm(side.cross[2 - plane.cut])}`];
+    if (last > first) lines.push(`${this.state.mode} of ${mm((last - first + 1) * stored.spacing[plane.cut])}`);
+    if (this.state.sides.length > 1) lines.push(image.title);
+    lines.forEach((text, i) => put(text, 10, 20 + 17 * i, "left"));
     if (image.scan) put(image.captions[k], w - 10, 20, "right");
     pen.font = `600 ${pen.font}`;
     const [left, right, top, bottom] = letters(image, plane);

@@ -39,7 +39,7 @@ export function title(image: Image, plane: Plane): string {
   return image.patient ? plane.name[0].toUpperCase() + plane.name.slice(1) : `${"zyx"[plane.cut]} plane`;
 }
 
-/** First and last slice of a slab of at most `mm`, but at least one slice, about slice k. */
+/** First and last slice of a slab of about `mm`: an odd number of slices, so that slice k is the middle one. */
 export function slab(stored: Stored, cut: number, k: number, mm: number): [number, number] {
   const half = Math.floor(mm / 2 / stored.spacing[cut] + 1e-6);
   return [Math.max(0, k - half), Math.min(stored.shape[cut] - 1, k + half)];

@@ -5,19 +5,30 @@ import type { Stored } from "./stored";
 
 const MOST = 8_000_000; // voxels: the graphics card of a laptop, or software, must turn them smoothly
 const FLOAT32 = 16; // NIfTI's code
+const BONES = { colormap: "ct_bones", low: 100, high: 500 }; // Niivue's colours of bone, HU
 
 export class Render {
   readonly element = document.createElement("figure");
   readonly canvas = document.createElement("canvas");
+  private readonly only = document.createElement("button");
   private niivue: Niivue | null = null;
-  private window = "";
+  private shown = "";
+  private bones: boolean;
 
   constructor(private readonly side: Side, readonly number: number) {
     this.element.className = "pane render";
     this.canvas.tabIndex = 0;
     this.canvas.setAttribute("role", "img");
     this.canvas.setAttribute("aria-label", "Rendering of the volume: drag to turn it");
-    this.element.append(this.canvas);
+    this.bones = side.stored.stack.unit === "HU";
+    this.only.textContent = "Bones";
+    this.only.title = "Bone alone, or all that the window shows";
+    this.only.hidden = !this.bones;
+    this.only.addEventListener("click", () => {
+      this.bones = !this.bones;
+      this.draw();
+    });
+    this.element.append(this.canvas, this.only);
   }
 
   /** Fetches Niivue and hands it the volume. Rejects where there is no WebGL 2. */
@@ -54,14 +65,17 @@ export class Render {
     return this.niivue !== null;
   }
 
-  /** Follows the window of the slices. */
+  /** Shows bone, or what the window of the slices shows. */
   draw(): void {
+    this.only.setAttribute("aria-pressed", String(this.bones));
     const image = this.niivue?.volumes[0];
-    const window = `${this.side.low} ${this.side.high}`;
-    if (!this.niivue || !image || window === this.window) return;
-    this.window = window;
-    image.cal_min = this.side.low;
-    image.cal_max = this.side.high;
+    const { colormap, low, high } = this.bones ? BONES : { colormap: "gray", low: this.side.low, high: this.side.high };
+    const shown = `${colormap} ${low} ${high}`;
+    if (!this.niivue || !image || shown === this.shown) return;
+    this.shown = shown;
+    image.colormap = colormap;
+    image.cal_min = low;
+    image.cal_max = high;
     this.niivue.updateGLVolume();
   }
 
