@@ -91,6 +91,9 @@ def test_presets_are_those_of_reading_rooms_or_percentiles_of_the_object():
     assert found["Soft tissue"][:2] == pytest.approx((0.042, 0.058), abs=1e-4)  # 10th to 90th of the object
     known = windows(values, "1/mm", water=0.05)
     assert known["Soft tissue"][:2] == pytest.approx((0.05 * 0.84, 0.05 * 1.24))
+    photons = windows(np.float32(20_000) * np.exp(-50 * values), "photons")
+    low, high, _ = next(iter(photons.values()))  # what comes first shows the object, which is dark
+    assert (low, high) == pytest.approx((20_000 * np.exp(-3), 20_000 * np.exp(-2)), rel=0.02)
     hu = windows(1000 * (values / 0.05 - 1), "HU")
     assert next(iter(hu)) == "Soft tissue"
     assert hu["Soft tissue"][:2] == (-160, 240)

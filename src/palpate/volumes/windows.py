@@ -35,7 +35,7 @@ def windows(values: AnyArray, unit: str, water: float | None = None) -> dict[str
     """Presets by name, the one to begin with first: low, high, and what they rest on.
 
     HU, or 1/mm with the attenuation of water (1/mm) known: the fixed windows of reading rooms. Otherwise percentiles of
-    the object: the values above Otsu's threshold, which parts it from air.
+    the object: the values above Otsu's threshold (of photons: below), which parts it from air.
     """
     data = {"Data": (*default_window(values), "0.5th to 99.8th percentile of all")}
     fixed: dict[str, tuple[float, float, str]] = {}
@@ -44,19 +44,25 @@ def windows(values: AnyArray, unit: str, water: float | None = None) -> dict[str
             fixed[name] = (low, high, f"{low:g} to {high:g} HU")
         elif unit == "1/mm" and water:
             fixed[name] = (water * (1 + low / 1000), water * (1 + high / 1000), f"{low:g} to {high:g} HU")
-    found = {**fixed, **data} if unit == "HU" else {**data, **(fixed or _of_object(sample(values)))}
+    if unit == "HU":
+        found = {**fixed, **data}
+    elif unit == "photons":
+        found = {**_of_object(-sample(values), -1), **data}  # the object is what stops them
+    else:
+        found = {**data, **(fixed or _of_object(sample(values)))}
     found["Full"] = (*_apart(float(np.nanmin(values)), float(np.nanmax(values))), "lowest to highest value")
     return found
 
 
-def _of_object(some: Float32) -> dict[str, tuple[float, float, str]]:
+def _of_object(some: Float32, sign: int = 1) -> dict[str, tuple[float, float, str]]:
+    """Percentiles of what lies above the threshold; sign: -1 if the values were given negated."""
     if not some.size or some.min() == some.max():
         return {}
-    inside = some[some > threshold_otsu(some)]
+    inside = sign * some[some > threshold_otsu(some)]
     marks: Iterable[tuple[str, float, float, str]] = (
-        ("Soft tissue", 10, 90, "10th to 90th percentile"),
         ("Breast", 1, 99.7, "1st to 99.7th percentile"),
-        ("Bone", 50, 99.99, "median to 99.99th percentile"),
+        ("Soft tissue", 10, 90, "10th to 90th percentile"),
+        ("Bone", 50, 99.99, "median to 99.99th percentile") if sign > 0 else ("Bone", 0.01, 50, "lowest to median"),
     )
     return {
         name: (*_apart(*map(float, np.percentile(inside, [low, high]))), f"{what} of the object")

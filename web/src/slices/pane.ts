@@ -186,13 +186,14 @@ export class Pane {
     const lines = [image.scan ? `View ${k + 1} of ${stored.shape[0]}  ${stored.stack.name}` : `${title(image, plane)}  ${"zyx"[plane.cut]} ${mm(side.cross[2 - plane.cut])}`];
     if (last > first) lines.push(`${this.state.mode} of ${mm((last - first + 1) * stored.spacing[plane.cut])}`);
     if (this.state.sides.length > 1) lines.push(image.title);
+    const wide = pen.measureText(lines[0]).width;
     lines.forEach((text, i) => put(text, 10, 20 + 17 * i, "left"));
     if (image.scan) put(image.captions[k], w - 10, 20, "right");
     pen.font = `600 ${pen.font}`;
     const [left, right, top, bottom] = letters(image, plane);
     put(left, 10, h / 2 + 4, "left");
     put(right, w - 10, h / 2 + 4, "right");
-    put(top, w / 2, 20, "center");
+    put(top, Math.max(w / 2, 30 + wide), 20, "center"); // not over the caption
     put(bottom, w / 2, h - 12, "center");
     const bar = BARS.filter((b) => b / this.scale < w / 3).at(-1);
     if (bar) {

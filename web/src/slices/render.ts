@@ -3,7 +3,7 @@ import type { Niivue } from "@niivue/niivue";
 import type { Side } from "./state";
 import type { Stored } from "./stored";
 
-const MOST = 8_000_000; // voxels: the graphics card of a laptop, or software, must turn them smoothly
+const MOST = 4_000_000; // voxels: the graphics card of a laptop, or software, must turn them smoothly
 const FLOAT32 = 16; // NIfTI's code
 const BONES = { colormap: "ct_bones", low: 100, high: 500 }; // Niivue's colours of bone, HU
 
