@@ -1,17 +1,17 @@
 // `palpate view`: volumes as three planes, scans as a loop of projections.
 import type { Album, Image, Vector } from "../messages";
 import { Cine } from "./cine";
-import { watch } from "./gestures";
+import { Gestures } from "./gestures";
 import { HELP, listen, MOUSE } from "./keys";
 import { Pane } from "./pane";
-import { element, panel, write, type Panel } from "./panel";
+import { element, Panel, write } from "./panel";
 import { picture, save } from "./picture";
 import type { PlaneName } from "./planes";
 import { sampled, table, type Profile } from "./profile";
 import { Render } from "./render";
 import { fresh, State, type Layout } from "./state";
 import { fetchValues, Stored } from "./stored";
-import { mm } from "./words";
+import { mm, plain } from "./words";
 
 const token = `token=${encodeURIComponent(new URL(location.href).searchParams.get("token") ?? "")}`;
 const stage = element("slices");
@@ -19,6 +19,7 @@ let state: State, cine: Cine, controls: Panel;
 let panes: Pane[] = [];
 let renders: Render[] = [];
 let stale = true;
+const WORLD = "Axes of the reconstruction: z from the panel to the source; left and right of the patient are not known.";
 
 function say(text: string, bad = false): void {
   write("status", text);
@@ -43,8 +44,24 @@ async function open(): Promise<void> {
   state = new State(images.map((image, i) => fresh(image, stored[i])), () => (stale = true));
   for (const side of state.sides) side.cross = [...state.sides[0].cross];
   cine = new Cine(state);
-  controls = panel(state, cine, lay, (name) => void choose(name).catch(failed));
-  listen(state, { layout: lay, tool: (tool) => ((state.tool = tool), state.changed()), play, speed: (by) => cine.faster(by), picture: () => void keep().catch(failed), help });
+  controls = new Panel(state, cine, lay, (name) => void choose(name).catch(failed));
+  wire();
+  describe(images);
+  lay(state.scan || innerWidth < 760 ? "axial" : "all");
+  new ResizeObserver(() => state.changed()).observe(stage);
+  say("");
+  requestAnimationFrame(turn);
+}
+
+function wire(): void {
+  listen(state, {
+    layout: lay,
+    tool: (tool) => ((state.tool = tool), state.changed()),
+    play: () => void (state.scan && cine.toggle()),
+    speed: (by) => cine.faster(by),
+    picture: () => void keep().catch(failed),
+    help,
+  });
   element("reset").addEventListener("click", () => state.reset());
   element("keep").addEventListener("click", () => void keep().catch(failed));
   element("help-open").addEventListener("click", help);
@@ -52,11 +69,6 @@ async function open(): Promise<void> {
     const profile = sampled(state);
     if (profile) save(new Blob([table(profile)], { type: "text/csv" }), `${plainName()}-profile.csv`);
   });
-  describe(images);
-  lay(state.scan || innerWidth < 760 ? "axial" : "all");
-  new ResizeObserver(() => state.changed()).observe(stage);
-  say("");
-  requestAnimationFrame(turn);
 }
 
 function describe(images: Image[]): void {
@@ -69,7 +81,7 @@ function describe(images: Image[]): void {
   };
   write("about", [...new Set(images.map(size))].join("  |  "));
   const notes = images.map((image) => image.note);
-  if (images.some((image) => !image.scan && !image.patient)) notes.push("Axes of the reconstruction: z from the panel to the source; left and right of the patient are not known.");
+  if (images.some((image) => !image.scan && !image.patient)) notes.push(WORLD);
   write("note", [...new Set(notes)].filter(Boolean).join(" "));
   const kind = images[0].scan ? "scan" : "volume";
   const rows = (pairs: [string, string][]) => pairs.map(([key, what]) => {
@@ -86,7 +98,7 @@ function lay(layout: Layout): void {
   const planes: PlaneName[] = layout === "all" ? state.planes : layout === "render" ? [] : [layout];
   if (layout !== "all" && layout !== "render") state.active = layout;
   panes = planes.flatMap((name) => state.sides.map((_, i) => new Pane(state, i, name)));
-  for (const pane of panes) watch(pane, state, () => state.scan || lay(state.layout === "all" ? pane.plane.name : "all"));
+  for (const pane of panes) new Gestures(pane, state, () => state.scan || lay(state.layout === "all" ? pane.plane.name : "all"));
   const shown: HTMLElement[] = panes.map((pane) => pane.element);
   if (layout === "render" || (layout === "all" && state.sides.length === 1 && !state.scan)) shown.push(...rendered(layout === "render"));
   const columns = state.sides.length > 1 ? 2 : layout === "all" && !state.scan ? 2 : 1;
@@ -133,22 +145,23 @@ async function choose(name: string): Promise<void> {
   state.changed();
 }
 
-function play(): void {
-  if (state.scan) cine.toggle();
-}
-
 function help(): void {
   element<HTMLDialogElement>("help").showModal();
 }
 
-const plainName = () => state.sides.map((s) => s.image.title.replace(/\.(nii|nii\.gz|nrrd|mha|h5)$/i, "")).join("-").replace(/[^\w.-]+/g, "_");
+const ENDING = /\.(nii|nii\.gz|nrrd|nhdr|mha|mhd|h5|hdf5)$/i;
+const plainName = () => state.sides.map((s) => s.image.title.replace(ENDING, "")).join("-").replace(/[^\w.-]+/g, "_");
 
 async function keep(): Promise<void> {
   frame();
-  const { side } = state, { low, high } = side;
-  const words = [`${element("title").textContent}`, `window ${element<HTMLInputElement>("low").value} to ${element<HTMLInputElement>("high").value} ${side.stored.stack.unit}`, `${element("place").textContent}`, "palpate, research software"];
-  if (!(high > low)) return;
-  save(await picture(stage, renders.filter((r) => r.element.isConnected), words.join("  ·  ")), `${plainName()}.png`);
+  const { side } = state;
+  const words = [
+    element("title").textContent,
+    `window ${plain(side.low)} to ${plain(side.high)} ${side.stored.stack.unit}`.trim(),
+    element("place").textContent,
+    "palpate, research software",
+  ].join("  ·  ");
+  save(await picture(stage, renders.filter((r) => r.element.isConnected), words), `${plainName()}.png`);
 }
 
 function failed(problem: unknown): void {

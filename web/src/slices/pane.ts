@@ -183,7 +183,8 @@ export class Pane {
       for (let i = 0; i < 2; i++) pen.fillText(text, x, y); // twice: a shadow dark enough on white
     };
     const [first, last] = this.slices, k = this.state.slice(side, plane.name);
-    const lines = [image.scan ? `View ${k + 1} of ${stored.shape[0]}  ${stored.stack.name}` : `${title(image, plane)}  ${"zyx"[plane.cut]} ${mm(side.cross[2 - plane.cut])}`];
+    const where = `${title(image, plane)}  ${"zyx"[plane.cut]} ${mm(side.cross[2 - plane.cut])}`;
+    const lines = [image.scan ? `View ${k + 1} of ${stored.shape[0]}  ${stored.stack.name}` : where];
     if (last > first) lines.push(`${this.state.mode} of ${mm((last - first + 1) * stored.spacing[plane.cut])}`);
     if (this.state.sides.length > 1) lines.push(image.title);
     const wide = pen.measureText(lines[0]).width;
