@@ -198,7 +198,7 @@ def corners(words: str) -> tuple[list[float], list[float]]:
     return numbers[::2], numbers[1::2]
 
 
-def _hardened(name: str, words: str, first: pp.Volume | None, between: str) -> "Callable[[pp.Scan], Likelihood]":
+def _hardened(name: str, words: str, first: "pp.Volume | None", between: str) -> "Callable[[pp.Scan], Likelihood]":
     """The named likelihood behind a hardening polynomial or the spectrum in a file; refuses one that cannot be."""
     from palpate.reconstruction.hardening import Tabulated
     from palpate.reconstruction.reconstruct import LIKELIHOODS
