@@ -1,6 +1,7 @@
 #include "bind.h"
 #include "descent.h"
 #include "likelihood.h"
+#include "order.h"
 #include "prior.h"
 #include "subspace.h"
 #include <algorithm>
@@ -8,6 +9,7 @@
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/pair.h>
+#include <nanobind/stl/vector.h>
 #include <optional>
 #include <stdexcept>
 
@@ -167,7 +169,14 @@ void bind_descent(nb::module_& m) {
         },
         "geometry"_a, "curvature"_a.noconvert(), "every"_a = 1,
         "Σ_i a_ij² curvature_i of each voxel of every so-many-th slice.");
-    m.def("row_stride", &row_stride, "geometry"_a, "z"_a, "Rows of slice z this far apart share no pixel.");
+    m.def(
+        "slabs",
+        [](const Geometry& g) {
+            std::vector<std::array<int, 3>> out;
+            for (const Slab& slab : slabs(g)) out.push_back({slab.begin, slab.end, slab.stride});
+            return out;
+        },
+        "geometry"_a, "The descent's slabs: first slice, the one after the last, how far apart rows share no pixel.");
 }
 
 using Three = std::array<double, 3>;

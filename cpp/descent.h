@@ -30,18 +30,16 @@ struct Sweep {
 
 // One sweep of coordinate descent over f (z, y, x) on the paraboloid + β·prior (PS,P,CD: Erdogan & Fessler, IEEE Trans.
 // Med. Imaging 18:801, 1999): each voxel along its parabola, clipped at 0, the slopes following at once.
-// Order: slices; in a slice, blocks of 8·stride rows, the even ones and then the odd ones; in a block, parts of
-// voxels_at_once along x; in a part, classes of rows y = class, class + stride, ...; in a class, rows; in a row, x.
-// Rows of a class share no pixel and no pair of neighbours, nor do blocks of one parity, so lanes over the rows and
-// threads over the blocks give exactly the sequential answer. In a part the images stay in cache.
+// Order: slabs of a few slices; in a slab, blocks of 8·stride rows, the even ones and then the odd ones; in a block,
+// parts of voxels_at_once along x; in a part, slices; in a slice, classes of rows y = class, class + stride, ...; in a
+// class, rows; in a row, x. Rows of a class share no pixel and no pair of neighbours, nor do blocks of one parity, so
+// lanes over the rows and threads over the blocks give exactly the sequential answer. In a part the images stay in
+// cache, for all slices of the slab.
 constexpr int voxels_at_once = 128;
 void descend(const Geometry& geometry, const Neighbourhood& neighbours, const Sweep& sweep, Paraboloid& data, float* f);
 
 // d_j = Σ_i a_ij² curvature_i, the paraboloid's curvature in each voxel of the slices every/2, every/2 + every, ...: d
 // (those slices, y, x).
 void diagonal(const Geometry& geometry, Paraboloid& data, int every, float* d);
-
-// Rows this far apart in slice z share no pixel of any view, and no pair of neighbours.
-int row_stride(const Geometry& geometry, int z);
 
 } // namespace palpate

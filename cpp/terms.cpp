@@ -21,8 +21,9 @@ Layout::Layout(const View& view) {
     }
 }
 
-void AxisTerms::make(const Geometry& geometry, const View& view, int z, Axis axis, float mixed, int held) {
+void AxisTerms::make(const Geometry& geometry, const View& view, int z, Axis axis, bool wanted) {
     terms = products(view);
+    with_products = wanted;
     parts.resize(terms);
     for (int s = 0; s < terms; s++) by_voxel(geometry, view, z, s, axis, parts[s]);
     const int n = parts[0].n;
@@ -37,26 +38,7 @@ void AxisTerms::make(const Geometry& geometry, const View& view, int z, Axis axi
                 }
     for (int i = 0; i < n; i++) count[i] = count[i] ? count[i] - first[i] : first[i] = 0;
     width = std::max(1, *std::max_element(count.begin(), count.end()));
-    if (held) hold(held);
-    multiply(mixed);
-}
-
-void AxisTerms::hold(int pixels) {
-    const int n = int(first.size());
-    int next = pixels;
-    for (int i = n - 1; i >= 0; i--) { // first falls nowhere
-        if (count[i] == 0)
-            first[i] = next;
-        else if (next < first[i])
-            count[i] += first[i] - next, first[i] = next;
-        next = first[i];
-        width = std::max(width, count[i]);
-    }
-    for (int i = 0; i < n; i++) { // at the end of the image
-        const int moved = std::max(0, first[i] + width - pixels);
-        first[i] -= moved;
-        count[i] += count[i] ? moved : 0;
-    }
+    lay_out();
 }
 
 int AxisTerms::apart(int spread) const {
@@ -71,7 +53,7 @@ int AxisTerms::apart(int spread) const {
 }
 
 // The weights laid out per voxel and pixel, and their products.
-void AxisTerms::multiply(float mixed) {
+void AxisTerms::lay_out() {
     const size_t n = first.size(), size = stride();
     weight.assign(n * width * size, 0);
     for (int s = 0; s < terms; s++)
@@ -79,10 +61,10 @@ void AxisTerms::multiply(float mixed) {
             for (size_t i = 0; i < n; i++)
                 if (float w = parts[s].weight[size_t(t) * n + i])
                     weight[(i * width + parts[s].first[i] + t - first[i]) * size + s] = w;
-    for (size_t i = 0; i < n * width; i++) {
+    for (size_t i = 0; with_products && i < n * width; i++) {
         float *w = &weight[i * size], *product = w + terms;
         for (int m = 0; m < terms; m++)
-            for (int k = m; k < terms; k++) *product++ = w[m] * w[k] * (k == m ? 1 : mixed);
+            for (int k = m; k < terms; k++) *product++ = w[m] * w[k];
     }
 }
 

@@ -27,20 +27,18 @@ struct AxisTerms {
     std::vector<int32_t> first, count;
     std::vector<float> weight;
 
-    int stride() const { return terms + pairs_of(terms); }
+    int stride() const { return terms + (with_products ? pairs_of(terms) : 0); }
     int
     apart(int spread) const; // voxels this far apart share no pixel, if each also touches the spread - 1 behind its own
     const float* of(int i) const { return &weight[size_t(i) * width * stride()]; }
 
-    // Weights are those of by_voxel; products of two different terms are multiplied by `mixed`. held: the image's
-    // number of pixels, if all `width` pixels of every voxel must lie on it and first must not fall with i (voxels that
-    // touch none included); or 0.
-    void make(const Geometry& geometry, const View& view, int z, Axis axis, float mixed, int held);
+    // Weights are those of by_voxel. products: whether to make those, too; without them stride() is but the terms.
+    void make(const Geometry& geometry, const View& view, int z, Axis axis, bool products);
 
 private:
     std::vector<AxisWeights> parts;
-    void hold(int pixels);
-    void multiply(float mixed);
+    bool with_products = false;
+    void lay_out();
 };
 
 } // namespace palpate

@@ -1,0 +1,270 @@
+#include "bands.h"
+#include <algorithm>
+
+namespace palpate {
+namespace {
+
+typedef int32_t Order __attribute__((vector_size(32)));
+constexpr int most_taps = 6, most_terms = 2; // of the unrolled kernels
+
+// How far eight neighbours reach: the largest first[i + 7] − first[i], from every eighth i.
+int span(const std::vector<int32_t>& first) {
+    int most = 0;
+    for (size_t i = 0; i < first.size(); i += lanes) most = std::max(most, first[i + lanes - 1] - first[i]);
+    return most;
+}
+
+// out[i] = from[order[i]], order below 8 · vectors; or, with 0 vectors, any.
+template <int vectors> PALPATE_INLINE void fetch(const float* from, const Order& order, Lanes& out) {
+    Lanes x, y;
+    if constexpr (vectors == 0) {
+        int32_t index[lanes];
+        float picked[lanes];
+        std::memcpy(index, &order, sizeof index);
+        for (int i = 0; i < lanes; i++) picked[i] = from[index[i]];
+        load(out, picked);
+    } else {
+        load(x, from);
+        if constexpr (vectors == 2) {
+            load(y, from + lanes);
+            out = __builtin_shuffle(x, y, order);
+        } else {
+            out = __builtin_shuffle(x, order);
+        }
+    }
+}
+
+PALPATE_INLINE void order_of(const int32_t* first, Order& order) {
+    std::memcpy(&order, first, sizeof order);
+    order -= first[0];
+}
+
+// Numerical kernel. A tap t of a voxel belongs to at most t voxels ahead.
+template <int terms, int taps, int vectors>
+PALPATE_INLINE void look_by(const float* weight, const int32_t* first, const float* sums, int64_t pitch, int groups,
+                            float* out, int64_t plane) {
+    constexpr int pairs = pairs_of(terms);
+    for (int g = 0; g < groups; g++, first += lanes, out += lanes) {
+        Order order;
+        order_of(first, order);
+        const float* from = sums + first[0];
+        Lanes slope, band[taps], u, w;
+        load(slope, out);
+        PALPATE_UNROLL
+        for (int k = 0; k < taps; k++) load(band[k], out + (1 + k) * plane);
+        PALPATE_UNROLL
+        for (int t = 0; t < taps; t++, from++) {
+            PALPATE_UNROLL
+            for (int m = 0; m < terms; m++, weight += lanes) {
+                fetch<vectors>(from + m * pitch, order, u);
+                load(w, weight);
+                slope += w * u;
+            }
+            PALPATE_UNROLL
+            for (int q = 0; q < pairs; q++) {
+                fetch<vectors>(from + (terms + q) * pitch, order, u);
+                PALPATE_UNROLL
+                for (int k = 0; k <= t; k++, weight += lanes) {
+                    load(w, weight);
+                    band[k] += w * u;
+                }
+            }
+        }
+        store(out, slope);
+        PALPATE_UNROLL
+        for (int k = 0; k < taps; k++) store(out + (1 + k) * plane, band[k]);
+    }
+}
+
+// The same for any number of everything.
+PALPATE_INLINE void look_any(const float* weight, const int32_t* first, int terms, int taps, int bands,
+                             const float* sums, int64_t pitch, int groups, float* out, int64_t plane) {
+    for (int g = 0; g < groups; g++, first += lanes, out += lanes) {
+        Order order;
+        order_of(first, order);
+        for (int t = 0; t < taps; t++)
+            for (int q = 0; q < terms + pairs_of(terms); q++) {
+                Lanes u, w, sum;
+                fetch<0>(sums + first[0] + t + q * pitch, order, u);
+                const int begin = q < terms ? 0 : 1, end = q < terms ? 1 : 1 + bands;
+                for (int k = begin; k < end; k++, weight += lanes) {
+                    load(w, weight);
+                    load(sum, out + k * plane);
+                    sum += w * u;
+                    store(out + k * plane, sum);
+                }
+            }
+    }
+}
+
+template <int terms, int vectors>
+PALPATE_INLINE bool look_with(int taps, const float* weight, const int32_t* first, const float* sums, int64_t pitch,
+                              int groups, float* out, int64_t plane) {
+    switch (taps) {
+    case 2:
+        return look_by<terms, 2, vectors>(weight, first, sums, pitch, groups, out, plane), true;
+    case 3:
+        return look_by<terms, 3, vectors>(weight, first, sums, pitch, groups, out, plane), true;
+    case 4:
+        return look_by<terms, 4, vectors>(weight, first, sums, pitch, groups, out, plane), true;
+    case 5:
+        return look_by<terms, 5, vectors>(weight, first, sums, pitch, groups, out, plane), true;
+    case 6:
+        return look_by<terms, 6, vectors>(weight, first, sums, pitch, groups, out, plane), true;
+    }
+    return false;
+}
+
+// kernel: 10 · terms + taps, or 0 for any.
+PALPATE_KERNEL void look_at(int kernel, bool close, int terms, int taps, int bands, const float* weight,
+                            const int32_t* first, const float* sums, int64_t pitch, int groups, float* out,
+                            int64_t plane) {
+    if (kernel / 10 == 1)
+        close ? look_with<1, 2>(taps, weight, first, sums, pitch, groups, out, plane)
+              : look_with<1, 0>(taps, weight, first, sums, pitch, groups, out, plane);
+    else if (kernel / 10 == 2)
+        close ? look_with<2, 2>(taps, weight, first, sums, pitch, groups, out, plane)
+              : look_with<2, 0>(taps, weight, first, sums, pitch, groups, out, plane);
+    else
+        look_any(weight, first, terms, taps, bands, sums, pitch, groups, out, plane);
+}
+
+template <int vectors>
+PALPATE_INLINE void spread_by(const float* weight, const int32_t* first, int terms, int taps, const float* change,
+                              int n, float* out, int64_t pitch) {
+    const int64_t size = int64_t(taps) * lanes; // of a term's weights
+    for (int a = 0; a < n; a += lanes, weight += terms * size) {
+        Order order;
+        order_of(first + a, order);
+        const float* from = change + first[a];
+        for (int m = 0; m < terms; m++) {
+            Lanes sum = {}, u, w;
+            for (int t = 0; t < taps; t++) {
+                fetch<vectors>(from + t, order, u);
+                load(w, weight + m * size + t * lanes);
+                sum += w * u;
+            }
+            store(out + m * pitch + a, sum);
+        }
+    }
+}
+
+PALPATE_KERNEL void spread_at(int vectors, const float* weight, const int32_t* first, int terms, int taps,
+                              const float* change, int n, float* out, int64_t pitch) {
+    if (vectors == 1) return spread_by<1>(weight, first, terms, taps, change, n, out, pitch);
+    if (vectors == 2) return spread_by<2>(weight, first, terms, taps, change, n, out, pitch);
+    spread_by<0>(weight, first, terms, taps, change, n, out, pitch);
+}
+
+int round_up(int n, int step) { return (n + step - 1) / step * step; }
+
+} // namespace
+
+void Bands::make(const AxisTerms& x, int of_image) {
+    const int n = int(x.first.size());
+    terms = x.terms;
+    columns = of_image;
+    first.assign(round_up(n, lanes), 0);
+    std::copy(x.first.begin(), x.first.end(), first.begin());
+    taps = std::max(2, x.width);
+    // Voxels that the panel's edge cuts all begin in column 0; that they go on beyond it keeps them rising. Those that
+    // touch nothing begin where their neighbours do.
+    for (int i = n - 2; i >= 0; i--)
+        if (x.count[i] == 0)
+            first[i] = first[i + 1];
+        else if (x.first[i] == 0 && x.count[i + 1] > 0 && first[i + 1] <= 0 && first[i + 1] > -lanes)
+            first[i] = first[i + 1] - 1, taps = std::max(taps, x.count[i] - first[i]);
+    for (int i = 1; i < int(first.size()); i++)
+        if (i >= n || x.count[i] == 0) first[i] = std::max(first[i], first[i - 1]);
+    ahead = 0;
+    bool rising = true; // each voxel begins a column or more behind the one before
+    for (int i = 0; i < n; i++) {
+        if (x.count[i] == 0) continue;
+        rising = rising && (i == 0 || x.count[i - 1] == 0 || first[i] > first[i - 1]);
+        while (i + ahead + 1 < n && x.count[i + ahead + 1] > 0 &&
+               x.first[i + ahead + 1] < x.first[i] + x.count[i])
+            ahead++;
+    }
+    const bool unrolled = rising && terms <= most_terms && taps <= most_taps;
+    kernel = unrolled ? 10 * terms + taps : 0;
+    bands = unrolled ? taps : 1 + ahead;
+    close = span(first) < 2 * lanes;
+    couple(x);
+    turn(x);
+}
+
+int Bands::begin(int voxel) const { return std::max(0, std::min(columns - 1, first[voxel])) / lanes * lanes; }
+int Bands::end(int voxel) const { return std::min(columns, first[voxel] + taps); }
+
+// Voxel x's weight in each term at column c, or 0s.
+static const float* weight_at(const AxisTerms& x, int voxel, int column, const float* none) {
+    if (voxel >= int(x.first.size())) return none;
+    const int tap = column - x.first[voxel];
+    return tap >= 0 && tap < x.count[voxel] ? x.of(voxel) + tap * x.stride() : none;
+}
+
+void Bands::couple(const AxisTerms& x) {
+    const std::vector<float> none(terms, 0.0f);
+    int64_t size = 0; // vectors for eight voxels
+    for (int t = 0; t < taps; t++) size += terms + pairs_of(terms) * (kernel ? t + 1 : bands);
+    weight.resize(first.size() * size);
+    for (size_t i = 0; i < first.size(); i++) {
+        float* out = &weight[i / lanes * lanes * size + i % lanes];
+        for (int t = 0; t < taps; t++) {
+            const float *a = weight_at(x, int(i), first[i] + t, none.data()), *ends[most_taps];
+            for (int m = 0; m < terms; m++, out += lanes) *out = a[m];
+            const int count = kernel ? t + 1 : bands;
+            for (int k = 0; k < count && k < most_taps; k++)
+                ends[k] = weight_at(x, int(i) + k, first[i] + t, none.data());
+            for (int m = 0; m < terms; m++)
+                for (int s = m; s < terms; s++)
+                    for (int k = 0; k < count; k++, out += lanes) {
+                        const float* b =
+                            k < most_taps ? ends[k] : weight_at(x, int(i) + k, first[i] + t, none.data());
+                        *out = m == s ? a[m] * b[m] : a[m] * b[s] + a[s] * b[m];
+                    }
+        }
+    }
+}
+
+// The same weights by column: the voxels over each.
+void Bands::turn(const AxisTerms& x) {
+    const int n = int(x.first.size()), size = round_up(columns, 2 * lanes) + 2 * lanes;
+    std::vector<int32_t> last(size, -1);
+    first_voxel.assign(size, INT32_MAX);
+    for (int i = 0; i < n; i++)
+        for (int c = x.first[i]; c < x.first[i] + x.count[i]; c++) {
+            first_voxel[c] = std::min(first_voxel[c], i);
+            last[c] = i;
+        }
+    spread_taps = 1;
+    for (int c = 0, before = 0; c < size; c++) {
+        if (last[c] >= 0) spread_taps = std::max(spread_taps, last[c] - first_voxel[c] + 1);
+        before = first_voxel[c] = last[c] >= 0 ? first_voxel[c] : before;
+    }
+    const int reach = span(first_voxel);
+    around = 4 * reach + spread_taps + 2 * lanes;
+    spread_vectors = reach < lanes ? 1 : reach < 2 * lanes ? 2 : 0;
+    spread_weight.assign(size_t(size) * terms * spread_taps, 0.0f);
+    for (int i = 0; i < n; i++)
+        for (int t = 0; t < x.count[i]; t++) {
+            const int c = x.first[i] + t, at = i - first_voxel[c];
+            const float* w = x.of(i) + t * x.stride();
+            for (int m = 0; m < terms; m++)
+                spread_weight[(size_t(c / lanes * terms + m) * spread_taps + at) * lanes + c % lanes] = w[m];
+        }
+}
+
+void Bands::look(const float* sums, int64_t pitch, int from, int begin, int end, float* out, int64_t plane) const {
+    const int groups = (end - begin + lanes - 1) / lanes;
+    const int64_t size = weight.size() / first.size(); // floats a voxel
+    look_at(kernel, close, terms, taps, bands, weight.data() + begin * size, first.data() + begin, sums - from, pitch,
+            groups, out, plane);
+}
+
+void Bands::spread(const float* change, int begin, int from, int n, float* out, int64_t pitch) const {
+    spread_at(spread_vectors, spread_weight.data() + int64_t(from) * terms * spread_taps, first_voxel.data() + from,
+              terms, spread_taps, change - begin, n, out, pitch);
+}
+
+} // namespace palpate
