@@ -14,25 +14,23 @@ int span(const std::vector<int32_t>& first) {
     return most;
 }
 
-// out[i] = from[order[i]], order below 8 · vectors; or, with 0 vectors, any.
-template <int vectors> PALPATE_INLINE void fetch(const float* from, const Order& order, Lanes& out) {
-    Lanes x, y;
-    if constexpr (vectors == 0) {
+// out[i] = window[order[i]]: sixteen floats in two vectors, or, where eight neighbours reach further, one by one.
+struct Window {
+    Lanes low, high;
+    PALPATE_INLINE explicit Window(const float* from) { load(low, from), load(high, from + lanes); }
+    PALPATE_INLINE void pick(const Order& order, Lanes& out) const { out = __builtin_shuffle(low, high, order); }
+};
+struct Anywhere {
+    const float* from;
+    PALPATE_INLINE explicit Anywhere(const float* from) : from(from) {}
+    PALPATE_INLINE void pick(const Order& order, Lanes& out) const {
         int32_t index[lanes];
         float picked[lanes];
         std::memcpy(index, &order, sizeof index);
         for (int i = 0; i < lanes; i++) picked[i] = from[index[i]];
         load(out, picked);
-    } else {
-        load(x, from);
-        if constexpr (vectors == 2) {
-            load(y, from + lanes);
-            out = __builtin_shuffle(x, y, order);
-        } else {
-            out = __builtin_shuffle(x, order);
-        }
     }
-}
+};
 
 PALPATE_INLINE void order_of(const int32_t* first, Order& order) {
     std::memcpy(&order, first, sizeof order);
@@ -40,29 +38,36 @@ PALPATE_INLINE void order_of(const int32_t* first, Order& order) {
 }
 
 // Numerical kernel. A tap t of a voxel belongs to at most t voxels ahead.
-template <int terms, int taps, int vectors>
+template <int terms, int taps, class Sums>
 PALPATE_INLINE void look_by(const float* weight, const int32_t* first, const float* sums, int64_t pitch, int groups,
                             float* out, int64_t plane) {
-    constexpr int pairs = pairs_of(terms);
     for (int g = 0; g < groups; g++, first += lanes, out += lanes) {
-        Order order;
-        order_of(first, order);
+        Order order[taps];
+        order_of(first, order[0]);
+        PALPATE_UNROLL
+        for (int t = 1; t < taps; t++) order[t] = order[t - 1] + 1;
         const float* from = sums + first[0];
         Lanes slope, band[taps], u, w;
         load(slope, out);
         PALPATE_UNROLL
-        for (int k = 0; k < taps; k++) load(band[k], out + (1 + k) * plane);
-        PALPATE_UNROLL
-        for (int t = 0; t < taps; t++, from++) {
+        for (int m = 0; m < terms; m++, from += pitch) {
+            const Sums columns(from);
             PALPATE_UNROLL
-            for (int m = 0; m < terms; m++, weight += lanes) {
-                fetch<vectors>(from + m * pitch, order, u);
+            for (int t = 0; t < taps; t++, weight += lanes) {
+                columns.pick(order[t], u);
                 load(w, weight);
                 slope += w * u;
             }
+        }
+        store(out, slope);
+        PALPATE_UNROLL
+        for (int k = 0; k < taps; k++) load(band[k], out + (1 + k) * plane);
+        PALPATE_UNROLL
+        for (int q = 0; q < pairs_of(terms); q++, from += pitch) {
+            const Sums columns(from);
             PALPATE_UNROLL
-            for (int q = 0; q < pairs; q++) {
-                fetch<vectors>(from + (terms + q) * pitch, order, u);
+            for (int t = 0; t < taps; t++) {
+                columns.pick(order[t], u);
                 PALPATE_UNROLL
                 for (int k = 0; k <= t; k++, weight += lanes) {
                     load(w, weight);
@@ -70,7 +75,6 @@ PALPATE_INLINE void look_by(const float* weight, const int32_t* first, const flo
                 }
             }
         }
-        store(out, slope);
         PALPATE_UNROLL
         for (int k = 0; k < taps; k++) store(out + (1 + k) * plane, band[k]);
     }
@@ -82,10 +86,10 @@ PALPATE_INLINE void look_any(const float* weight, const int32_t* first, int term
     for (int g = 0; g < groups; g++, first += lanes, out += lanes) {
         Order order;
         order_of(first, order);
-        for (int t = 0; t < taps; t++)
-            for (int q = 0; q < terms + pairs_of(terms); q++) {
+        for (int q = 0; q < terms + pairs_of(terms); q++)
+            for (int t = 0; t < taps; t++) {
                 Lanes u, w, sum;
-                fetch<0>(sums + first[0] + t + q * pitch, order, u);
+                Anywhere(sums + first[0] + t + q * pitch).pick(order, u);
                 const int begin = q < terms ? 0 : 1, end = q < terms ? 1 : 1 + bands;
                 for (int k = begin; k < end; k++, weight += lanes) {
                     load(w, weight);
@@ -97,22 +101,21 @@ PALPATE_INLINE void look_any(const float* weight, const int32_t* first, int term
     }
 }
 
-template <int terms, int vectors>
-PALPATE_INLINE bool look_with(int taps, const float* weight, const int32_t* first, const float* sums, int64_t pitch,
+template <int terms, class Sums>
+PALPATE_INLINE void look_with(int taps, const float* weight, const int32_t* first, const float* sums, int64_t pitch,
                               int groups, float* out, int64_t plane) {
     switch (taps) {
     case 2:
-        return look_by<terms, 2, vectors>(weight, first, sums, pitch, groups, out, plane), true;
+        return look_by<terms, 2, Sums>(weight, first, sums, pitch, groups, out, plane);
     case 3:
-        return look_by<terms, 3, vectors>(weight, first, sums, pitch, groups, out, plane), true;
+        return look_by<terms, 3, Sums>(weight, first, sums, pitch, groups, out, plane);
     case 4:
-        return look_by<terms, 4, vectors>(weight, first, sums, pitch, groups, out, plane), true;
+        return look_by<terms, 4, Sums>(weight, first, sums, pitch, groups, out, plane);
     case 5:
-        return look_by<terms, 5, vectors>(weight, first, sums, pitch, groups, out, plane), true;
+        return look_by<terms, 5, Sums>(weight, first, sums, pitch, groups, out, plane);
     case 6:
-        return look_by<terms, 6, vectors>(weight, first, sums, pitch, groups, out, plane), true;
+        return look_by<terms, 6, Sums>(weight, first, sums, pitch, groups, out, plane);
     }
-    return false;
 }
 
 // kernel: 10 · terms + taps, or 0 for any.
@@ -120,40 +123,65 @@ PALPATE_KERNEL void look_at(int kernel, bool close, int terms, int taps, int ban
                             const int32_t* first, const float* sums, int64_t pitch, int groups, float* out,
                             int64_t plane) {
     if (kernel / 10 == 1)
-        close ? look_with<1, 2>(taps, weight, first, sums, pitch, groups, out, plane)
-              : look_with<1, 0>(taps, weight, first, sums, pitch, groups, out, plane);
+        close ? look_with<1, Window>(taps, weight, first, sums, pitch, groups, out, plane)
+              : look_with<1, Anywhere>(taps, weight, first, sums, pitch, groups, out, plane);
     else if (kernel / 10 == 2)
-        close ? look_with<2, 2>(taps, weight, first, sums, pitch, groups, out, plane)
-              : look_with<2, 0>(taps, weight, first, sums, pitch, groups, out, plane);
+        close ? look_with<2, Window>(taps, weight, first, sums, pitch, groups, out, plane)
+              : look_with<2, Anywhere>(taps, weight, first, sums, pitch, groups, out, plane);
     else
         look_any(weight, first, terms, taps, bands, sums, pitch, groups, out, plane);
 }
 
-template <int vectors>
-PALPATE_INLINE void spread_by(const float* weight, const int32_t* first, int terms, int taps, const float* change,
-                              int n, float* out, int64_t pitch) {
-    const int64_t size = int64_t(taps) * lanes; // of a term's weights
-    for (int a = 0; a < n; a += lanes, weight += terms * size) {
+// terms, taps: 0 for any number.
+template <int fixed_terms, int fixed_taps, class Changes>
+PALPATE_INLINE void spread_by(const float* weight, const int32_t* first, int any_terms, int any_taps,
+                              const float* change, int n, float* out, int64_t pitch) {
+    const int terms = fixed_terms ? fixed_terms : any_terms, taps = fixed_taps ? fixed_taps : any_taps;
+    for (int a = 0; a < n; a += lanes) {
         Order order;
         order_of(first + a, order);
-        const float* from = change + first[a];
-        for (int m = 0; m < terms; m++) {
-            Lanes sum = {}, u, w;
-            for (int t = 0; t < taps; t++) {
-                fetch<vectors>(from + t, order, u);
-                load(w, weight + m * size + t * lanes);
-                sum += w * u;
+        const Changes changes(change + first[a]);
+        Lanes sum[fixed_terms ? fixed_terms : 1], u, w;
+        for (int m = 0; m < terms; m += fixed_terms ? fixed_terms : 1) {
+            PALPATE_UNROLL
+            for (Lanes& s : sum) s = Lanes{};
+            Order at = order;
+            PALPATE_UNROLL
+            for (int t = 0; t < taps; t++, at += 1) {
+                changes.pick(at, u);
+                PALPATE_UNROLL
+                for (Lanes& s : sum) {
+                    load(w, weight);
+                    s += w * u;
+                    weight += lanes;
+                }
             }
-            store(out + m * pitch + a, sum);
+            PALPATE_UNROLL
+            for (int s = 0; s < (fixed_terms ? fixed_terms : 1); s++) store(out + (m + s) * pitch + a, sum[s]);
         }
     }
 }
 
-PALPATE_KERNEL void spread_at(int vectors, const float* weight, const int32_t* first, int terms, int taps,
+template <int terms>
+PALPATE_INLINE void spread_with(const float* weight, const int32_t* first, int taps, const float* change, int n,
+                                float* out, int64_t pitch) {
+    switch (taps) {
+    case 2:
+        return spread_by<terms, 2, Window>(weight, first, terms, taps, change, n, out, pitch);
+    case 3:
+        return spread_by<terms, 3, Window>(weight, first, terms, taps, change, n, out, pitch);
+    case 4:
+        return spread_by<terms, 4, Window>(weight, first, terms, taps, change, n, out, pitch);
+    default:
+        return spread_by<terms, 0, Window>(weight, first, terms, taps, change, n, out, pitch);
+    }
+}
+
+PALPATE_KERNEL void spread_at(bool close, const float* weight, const int32_t* first, int terms, int taps,
                               const float* change, int n, float* out, int64_t pitch) {
-    if (vectors == 1) return spread_by<1>(weight, first, terms, taps, change, n, out, pitch);
-    if (vectors == 2) return spread_by<2>(weight, first, terms, taps, change, n, out, pitch);
-    spread_by<0>(weight, first, terms, taps, change, n, out, pitch);
+    if (close && terms == 1) return spread_with<1>(weight, first, taps, change, n, out, pitch);
+    if (close && terms == 2) return spread_with<2>(weight, first, taps, change, n, out, pitch);
+    spread_by<0, 0, Anywhere>(weight, first, terms, taps, change, n, out, pitch);
 }
 
 int round_up(int n, int step) { return (n + step - 1) / step * step; }
@@ -188,7 +216,7 @@ void Bands::make(const AxisTerms& x, int of_image) {
     const bool unrolled = rising && terms <= most_terms && taps <= most_taps;
     kernel = unrolled ? 10 * terms + taps : 0;
     bands = unrolled ? taps : 1 + ahead;
-    close = span(first) < 2 * lanes;
+    close = span(first) + taps <= 2 * lanes;
     couple(x);
     turn(x);
 }
@@ -203,27 +231,26 @@ static const float* weight_at(const AxisTerms& x, int voxel, int column, const f
     return tap >= 0 && tap < x.count[voxel] ? x.of(voxel) + tap * x.stride() : none;
 }
 
+// Eight voxels a vector; in the order that `look` reads: terms, taps; pairs of terms, taps, voxels ahead.
 void Bands::couple(const AxisTerms& x) {
     const std::vector<float> none(terms, 0.0f);
-    int64_t size = 0; // vectors for eight voxels
-    for (int t = 0; t < taps; t++) size += terms + pairs_of(terms) * (kernel ? t + 1 : bands);
+    int64_t size = int64_t(terms) * taps;
+    for (int t = 0; t < taps; t++) size += pairs_of(terms) * (kernel ? t + 1 : bands);
     weight.resize(first.size() * size);
     for (size_t i = 0; i < first.size(); i++) {
         float* out = &weight[i / lanes * lanes * size + i % lanes];
-        for (int t = 0; t < taps; t++) {
-            const float *a = weight_at(x, int(i), first[i] + t, none.data()), *ends[most_taps];
-            for (int m = 0; m < terms; m++, out += lanes) *out = a[m];
-            const int count = kernel ? t + 1 : bands;
-            for (int k = 0; k < count && k < most_taps; k++)
-                ends[k] = weight_at(x, int(i) + k, first[i] + t, none.data());
-            for (int m = 0; m < terms; m++)
-                for (int s = m; s < terms; s++)
+        for (int m = 0; m < terms; m++)
+            for (int t = 0; t < taps; t++, out += lanes) *out = weight_at(x, int(i), first[i] + t, none.data())[m];
+        for (int m = 0; m < terms; m++)
+            for (int s = m; s < terms; s++)
+                for (int t = 0; t < taps; t++) {
+                    const float* a = weight_at(x, int(i), first[i] + t, none.data());
+                    const int count = kernel ? t + 1 : bands;
                     for (int k = 0; k < count; k++, out += lanes) {
-                        const float* b =
-                            k < most_taps ? ends[k] : weight_at(x, int(i) + k, first[i] + t, none.data());
+                        const float* b = weight_at(x, int(i) + k, first[i] + t, none.data());
                         *out = m == s ? a[m] * b[m] : a[m] * b[s] + a[s] * b[m];
                     }
-        }
+                }
     }
 }
 
@@ -244,14 +271,17 @@ void Bands::turn(const AxisTerms& x) {
     }
     const int reach = span(first_voxel);
     around = 4 * reach + spread_taps + 2 * lanes;
-    spread_vectors = reach < lanes ? 1 : reach < 2 * lanes ? 2 : 0;
+    close_columns = reach + spread_taps <= 2 * lanes;
     spread_weight.assign(size_t(size) * terms * spread_taps, 0.0f);
     for (int i = 0; i < n; i++)
         for (int t = 0; t < x.count[i]; t++) {
             const int c = x.first[i] + t, at = i - first_voxel[c];
             const float* w = x.of(i) + t * x.stride();
-            for (int m = 0; m < terms; m++)
-                spread_weight[(size_t(c / lanes * terms + m) * spread_taps + at) * lanes + c % lanes] = w[m];
+            // As `spread` reads: taps, terms, unless it goes term by term.
+            for (int m = 0; m < terms; m++) {
+                const int place = close_columns && terms <= most_terms ? at * terms + m : m * spread_taps + at;
+                spread_weight[(size_t(c / lanes) * terms * spread_taps + place) * lanes + c % lanes] = w[m];
+            }
         }
 }
 
@@ -263,7 +293,7 @@ void Bands::look(const float* sums, int64_t pitch, int from, int begin, int end,
 }
 
 void Bands::spread(const float* change, int begin, int from, int n, float* out, int64_t pitch) const {
-    spread_at(spread_vectors, spread_weight.data() + int64_t(from) * terms * spread_taps, first_voxel.data() + from,
+    spread_at(close_columns, spread_weight.data() + int64_t(from) * terms * spread_taps, first_voxel.data() + from,
               terms, spread_taps, change - begin, n, out, pitch);
 }
 

@@ -32,8 +32,8 @@ public:
 private:
     int terms = 0, taps = 0, ahead = 0, bands = 0, columns = 0, around = 0;
     int kernel = 0;     // which one looks: 10 · terms + taps where they are unrolled
-    bool close = false; // eight neighbouring voxels lie over less than sixteen columns
-    int spread_taps = 0, spread_vectors = 0;
+    bool close = false, close_columns = false; // eight neighbours touch sixteen columns at most; and the reverse
+    int spread_taps = 0;
     std::vector<int32_t> first, first_voxel; // under a voxel; over a column
     Buffer weight, spread_weight;
 

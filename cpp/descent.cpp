@@ -10,17 +10,18 @@
 namespace palpate {
 namespace {
 
-// out = image · path, or · path² for a curvature, for pixels `step` apart; length: the paths, or null for 1.
-PALPATE_KERNEL void fold(const float* __restrict image, const float* __restrict length, bool curvature, int count,
-                         int64_t step, float* __restrict out) {
-    for (int i = 0; i < count; i++) out[i] = image[i * step];
-    if (!length) return;
-    for (int i = 0; i < count; i++) out[i] *= length[i] * (curvature ? length[i] : 1);
+// out = image · length^power for pixels `step` apart; length: of the rays' paths.
+PALPATE_KERNEL void scale(const float* __restrict image, const float* __restrict length, int power, int count,
+                          int64_t step, float* __restrict out) {
+    if (step == 1)
+        for (int i = 0; i < count; i++) out[i] = image[i] * (power == 2 ? length[i] * length[i] : length[i]);
+    else
+        for (int i = 0; i < count; i++) out[i] = image[i * step] * (power == 2 ? length[i] * length[i] : length[i]);
 }
 
 } // namespace
 
-Paraboloid::Paraboloid(const Geometry& geometry, const float* slope, const float* curvature) {
+Paraboloid::Paraboloid(const Geometry& g) : geometry(g) {
     int64_t size = 0;
     for (const View& v : geometry.views)
         for (int i = 0; i < 2; i++) {
@@ -29,21 +30,28 @@ Paraboloid::Paraboloid(const Geometry& geometry, const float* slope, const float
             size += layout.rows * layout.stride + column_padding;
         }
     images = Pages(size);
-    parallel(int64_t(start.size()), [&](int64_t begin, int64_t end, int) {
-        for (int64_t i = begin; i < end; i++) {
-            const View& v = geometry.views[i / 2];
-            const Layout layout(v);
-            const float* image = (i % 2 ? curvature : slope) + i / 2 * geometry.pixels();
-            float* out = images.data() + start[i];
-            std::vector<float> length(layout.columns);
-            for (int row = 0; row < layout.rows; row++, out += layout.stride) {
-                const int64_t pixel = layout.start + row * layout.down;
-                if (layout.separable) v.path(pixel, layout.right, layout.columns, length.data());
-                fold(image + pixel, layout.separable ? length.data() : nullptr, i % 2, layout.columns, layout.right,
-                     out);
-                std::fill(out + layout.columns, out + layout.stride, 0.0f);
+    std::fill_n(images.data(), size, 0.0f);
+}
+
+void Paraboloid::fold(const float* image, int order) {
+    constexpr int part = 32; // rows of a task
+    int most = 0;
+    for (const View& v : geometry.views) most = std::max(most, (Layout(v).rows + part - 1) / part);
+    parallel_tasks(most * int64_t(geometry.views.size()), [&](int64_t task, int) {
+        const int k = int(task / most), first = int(task % most) * part;
+        const View& v = geometry.views[k];
+        const Layout layout(v);
+        const float* from = image + k * geometry.pixels();
+        std::vector<float> length(layout.columns);
+        for (int row = first; row < std::min(layout.rows, first + part); row++) {
+            const int64_t pixel = layout.start + row * layout.down;
+            float* out = images.data() + start[2 * k + order] + row * layout.stride;
+            if (layout.separable) {
+                v.path(pixel, layout.right, layout.columns, length.data());
+                scale(from + pixel, length.data(), 1 + order, layout.columns, layout.right, out);
+            } else {
+                std::copy_n(from + pixel, layout.columns, out);
             }
-            std::fill_n(out, column_padding, 0.0f);
         }
     });
 }
@@ -116,7 +124,8 @@ struct Slice {
         s.columns.resize(views.size());
         s.planes.count = 2; // slope and curvature, also where there is no view
         for (const SliceView& view : views) s.planes.count = std::max(s.planes.count, view.along().planes());
-        s.planes.values.assign(s.planes.count * lanes * Planes::pitch, 0.0f);
+        s.planes.values.resize(s.planes.count * lanes * Planes::pitch);
+        std::fill_n(s.planes.values.data(), s.planes.values.size(), 0.0f);
         for (size_t k = 0; k < views.size(); k++)
             views[k].gather(strip, data.slope(separable[k]), data.curvature(separable[k]), begin, end, s.columns[k],
                             s.rows, s.planes);
@@ -258,7 +267,8 @@ public:
 
 } // namespace
 
-void descend(const Geometry& geometry, const Neighbourhood& n, const Sweep& sweep, Paraboloid& data, float* f) {
+void descend(const Neighbourhood& n, const Sweep& sweep, Paraboloid& data, float* f) {
+    const Geometry& geometry = data.geometry;
     std::vector<Slab> order = slabs(geometry);
     if (sweep.backwards) std::reverse(order.begin(), order.end());
     int depth = 0;
@@ -297,9 +307,9 @@ static void strip_diagonal(const Slice& slice, const Strip& strip, Paraboloid& d
     }
 }
 
-void diagonal(const Geometry& geometry, Paraboloid& data, int every, float* d) {
-    const Grid& grid = geometry.grid;
-    Slice slice(geometry);
+void diagonal(Paraboloid& data, int every, float* d) {
+    const Grid& grid = data.geometry.grid;
+    Slice slice(data.geometry);
     std::vector<Scratch> scratch(threads());
     for (int z = every / 2; z < grid.nz; z += every) {
         parallel_tasks(slice.parts(), [&](int64_t part, int) { slice.make(z, int(part)); });

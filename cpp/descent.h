@@ -8,16 +8,23 @@ namespace palpate {
 
 // The data's paraboloid, Σ_i slope_i t + curvature_i t²/2 around the line integrals of the current volume. Per view, on
 // the pixels on which its footprints are products (the parallel panel), or else on the measured ones; the length of
-// each ray's path is folded in: slope · path and curvature · path².
+// each ray's path is folded in: slope · path and curvature · path². Made once and set anew for every sweep: memory that
+// the system has just handed out is slow.
 class Paraboloid {
 public:
-    Paraboloid(const Geometry& geometry, const float* slope, const float* curvature);
+    const Geometry& geometry;
+
+    explicit Paraboloid(const Geometry& geometry);
+    void set_slope(const float* slope) { fold(slope, 0); } // (views, rows, columns)
+    void set_curvature(const float* curvature) { fold(curvature, 1); }
     float* slope(int view) { return images.data() + start[2 * view]; }
     const float* curvature(int view) const { return images.data() + start[2 * view + 1]; }
 
 private:
     std::vector<int64_t> start;
     Pages images;
+
+    void fold(const float* image, int order);
 };
 
 // beta: weight of the prior. relaxation: 1 moves each voxel to the minimum of its parabola; up to 2 it overshoots and
@@ -35,11 +42,11 @@ struct Sweep {
 // class, rows; in a row, x. Rows of a class share no pixel and no pair of neighbours, nor do blocks of one parity, so
 // lanes over the rows and threads over the blocks give exactly the sequential answer. In a part the images stay in
 // cache, for all slices of the slab.
-constexpr int voxels_at_once = 128;
-void descend(const Geometry& geometry, const Neighbourhood& neighbours, const Sweep& sweep, Paraboloid& data, float* f);
+constexpr int voxels_at_once = 64;
+void descend(const Neighbourhood& neighbours, const Sweep& sweep, Paraboloid& data, float* f);
 
 // d_j = Σ_i a_ij² curvature_i, the paraboloid's curvature in each voxel of the slices every/2, every/2 + every, ...: d
 // (those slices, y, x).
-void diagonal(const Geometry& geometry, Paraboloid& data, int every, float* d);
+void diagonal(Paraboloid& data, int every, float* d);
 
 } // namespace palpate

@@ -140,6 +140,13 @@ def cut_panel():
     return pp.arc_views(pp.Panel((7, 8), (0.9, 1.3), (-3.5, -3.1, 0)), [-20, 0, 25], radius=200, pivot=(0, 0, 20))
 
 
+def paraboloid(A, slope, curvature):
+    data = _core.Paraboloid(A.geometry)
+    data.set_slope(slope)
+    data.set_curvature(curvature)
+    return data
+
+
 def one_after_the_other(views, grid, beta, backwards=False, relaxation=1.0):
     """(kernel, oracle, start), flat."""
     scan, A, f = problem(views, grid)
@@ -149,7 +156,7 @@ def one_after_the_other(views, grid, beta, backwards=False, relaxation=1.0):
     voxels = order(grid, _core.slabs(A.geometry), backwards)
     expected = sweep(dense(A), g, c, f.ravel().astype(float), grid, 0.004, beta, voxels, relaxation)
     made = f.copy()
-    _core.descend(A.geometry, slope, curvature, made, 2, 0.004, beta, relaxation, backwards)
+    _core.descend(paraboloid(A, slope, curvature), made, 2, 0.004, beta, relaxation, backwards)
     return made.ravel(), expected, f.ravel()
 
 
@@ -202,9 +209,17 @@ def test_rows_of_a_class_share_no_pixel(geometry):
                 assert rows[:, first::stride].sum(axis=1).max() <= 1
 
 
-@pytest.mark.parametrize("geometry", [arc, mirrored, oblique])
+def fine_arc():
+    return pp.arc_views(pp.Panel((160, 6), (0.1, 3), (-7.5, -8, 0)), [-20, 0, 15], radius=200, pivot=(0, 0, 20))
+
+
+def fine_oblique():
+    return pp.Views([(150, 120, 200), (-100, 130, 220)], pp.Panel((280, 20), (0.1, 3), (-30, -20, 0)))
+
+
+@pytest.mark.parametrize("geometry", [fine_arc, fine_oblique])
 def test_blocks_of_one_parity_share_no_pixel_in_any_slice_of_a_slab(geometry):
-    grid = pp.Grid((12, 60, 2), (1.5, 0.15, 4.0), (-2.0, -4.4, 14.0))
+    grid = pp.Grid((12, 60, 2), (0.2, 0.15, 4.0), (-2.0, -4.4, 14.0))
     A = pp.Projector(geometry(), grid)
     touched = (dense(A) != 0).reshape(-1, *grid.shape)
     slabs = _core.slabs(A.geometry)
@@ -229,7 +244,7 @@ def test_same_bits_for_any_number_of_threads(geometry):
         _core.set_threads(n)
         made = f.copy()
         for _ in range(3):
-            _core.descend(A.geometry, slope, curvature, made, 2, 0.004, 3000.0)
+            _core.descend(paraboloid(A, slope, curvature), made, 2, 0.004, 3000.0)
         answers.append(made)
     _core.set_threads(0)
     assert np.abs(answers[0] - f).max() > 0.01
