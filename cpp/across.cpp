@@ -29,7 +29,12 @@ void rows_around(const Neighbourhood& n, const float* row, int64_t z, int64_t y,
     }
 }
 
-PALPATE_INLINE void size_of(const Lanes& t, Lanes& out) { choose(t < Lanes{}, -t, t, out); }
+PALPATE_INLINE void size_of(const Lanes& t, Lanes& out) {
+    LaneMask bits;
+    std::memcpy(&bits, &t, sizeof bits);
+    bits &= 0x7fffffff;
+    std::memcpy(&out, &bits, sizeof bits);
+}
 
 // Two pairs of voxels of Lange's prior, with one division. push: Σ weight · t / (edge + |t|); pull: Σ weight / (edge +
 // |t|).

@@ -188,79 +188,137 @@ int round_up(int n, int step) { return (n + step - 1) / step * step; }
 
 } // namespace
 
-void Bands::make(const AxisTerms& x, int of_image) {
-    const int n = int(x.first.size());
-    terms = x.terms;
+void Bands::make(const Geometry& geometry, const View& view, int z, Axis axis, int of_image) {
+    terms = products(view);
     columns = of_image;
+    parts.resize(terms);
+    for (int s = 0; s < terms; s++) by_voxel(geometry, view, z, s, axis, parts[s]);
+    taps = std::max(2, extents(parts, low, count));
+    place();
+    lay_out();
+    couple();
+    turn();
+}
+
+// Where each voxel begins, and how far its columns reach among its neighbours.
+void Bands::place() {
+    const int n = int(low.size());
     first.assign(round_up(n, lanes), 0);
-    std::copy(x.first.begin(), x.first.end(), first.begin());
-    taps = std::max(2, x.width);
+    std::copy(low.begin(), low.end(), first.begin());
     // Voxels that the panel's edge cuts all begin in column 0; that they go on beyond it keeps them rising. Those that
     // touch nothing begin where their neighbours do.
     for (int i = n - 2; i >= 0; i--)
-        if (x.count[i] == 0)
+        if (count[i] == 0)
             first[i] = first[i + 1];
-        else if (x.first[i] == 0 && x.count[i + 1] > 0 && first[i + 1] <= 0 && first[i + 1] > -lanes)
-            first[i] = first[i + 1] - 1, taps = std::max(taps, x.count[i] - first[i]);
+        else if (low[i] == 0 && count[i + 1] > 0 && first[i + 1] <= 0 && first[i + 1] > -lanes)
+            first[i] = first[i + 1] - 1, taps = std::max(taps, count[i] - first[i]);
     for (int i = 1; i < int(first.size()); i++)
-        if (i >= n || x.count[i] == 0) first[i] = std::max(first[i], first[i - 1]);
+        if (i >= n || count[i] == 0) first[i] = std::max(first[i], first[i - 1]);
     ahead = 0;
     bool rising = true; // each voxel begins a column or more behind the one before
     for (int i = 0; i < n; i++) {
-        if (x.count[i] == 0) continue;
-        rising = rising && (i == 0 || x.count[i - 1] == 0 || first[i] > first[i - 1]);
-        while (i + ahead + 1 < n && x.count[i + ahead + 1] > 0 &&
-               x.first[i + ahead + 1] < x.first[i] + x.count[i])
-            ahead++;
+        if (count[i] == 0) continue;
+        rising = rising && (i == 0 || count[i - 1] == 0 || first[i] > first[i - 1]);
+        while (i + ahead + 1 < n && count[i + ahead + 1] > 0 && low[i + ahead + 1] < low[i] + count[i]) ahead++;
     }
     const bool unrolled = rising && terms <= most_terms && taps <= most_taps;
     kernel = unrolled ? 10 * terms + taps : 0;
     bands = unrolled ? taps : 1 + ahead;
     close = span(first) + taps <= 2 * lanes;
-    couple(x);
-    turn(x);
+}
+
+// Per voxel and term `taps` zeros, then the weights from column first on: what another voxel's columns read beyond is 0.
+// Voxels of 0s follow the last.
+void Bands::lay_out() {
+    const int n = int(low.size());
+    dense.assign((first.size() + bands) * terms * 2 * taps, 0.0f);
+    for (int m = 0; m < terms; m++)
+        for (int i = 0; i < n; i++) {
+            if (count[i] == 0) continue;
+            float* out = &dense[(size_t(i) * terms + m) * 2 * taps + taps];
+            for (int t = low[i]; t < low[i] + count[i]; t++) {
+                const int tap = t - parts[m].first[i];
+                if (tap >= 0 && tap < parts[m].taps) out[t - first[i]] = parts[m].weight[size_t(tap) * n + i];
+            }
+        }
 }
 
 int Bands::begin(int voxel) const { return std::max(0, std::min(columns - 1, first[voxel])) / lanes * lanes; }
 int Bands::end(int voxel) const { return std::min(columns, first[voxel] + taps); }
 
-// Voxel x's weight in each term at column c, or 0s.
-static const float* weight_at(const AxisTerms& x, int voxel, int column, const float* none) {
-    if (voxel >= int(x.first.size())) return none;
-    const int tap = column - x.first[voxel];
-    return tap >= 0 && tap < x.count[voxel] ? x.of(voxel) + tap * x.stride() : none;
+// Eight voxels a vector; in the order that `look` reads: terms, taps; pairs of terms, taps, voxels ahead.
+template <int terms, int taps> void Bands::couple_by() {
+    constexpr int size = terms * taps + pairs_of(terms) * taps * (taps + 1) / 2;
+    weight.resize(first.size() * size);
+    for (size_t i = 0; i < first.size(); i++) {
+        float* out = &weight[i / lanes * lanes * size + i % lanes];
+        const float* w[taps][terms];
+        for (int k = 0; k < taps; k++)
+            for (int m = 0; m < terms; m++)
+                w[k][m] = at(int(i) + k, m, i + k < first.size() ? first[i + k] - first[i] : taps);
+        for (int m = 0; m < terms; m++)
+            for (int t = 0; t < taps; t++, out += lanes) *out = w[0][m][t];
+        for (int m = 0; m < terms; m++)
+            for (int s = m; s < terms; s++)
+                for (int t = 0; t < taps; t++)
+                    for (int k = 0; k <= t; k++, out += lanes)
+                        *out = m == s ? w[0][m][t] * w[k][m][t] : w[0][m][t] * w[k][s][t] + w[0][s][t] * w[k][m][t];
+    }
 }
 
-// Eight voxels a vector; in the order that `look` reads: terms, taps; pairs of terms, taps, voxels ahead.
-void Bands::couple(const AxisTerms& x) {
-    const std::vector<float> none(terms, 0.0f);
-    int64_t size = int64_t(terms) * taps;
-    for (int t = 0; t < taps; t++) size += pairs_of(terms) * (kernel ? t + 1 : bands);
+void Bands::couple_any() {
+    const int64_t size = int64_t(terms) * taps + int64_t(pairs_of(terms)) * taps * bands;
     weight.resize(first.size() * size);
     for (size_t i = 0; i < first.size(); i++) {
         float* out = &weight[i / lanes * lanes * size + i % lanes];
         for (int m = 0; m < terms; m++)
-            for (int t = 0; t < taps; t++, out += lanes) *out = weight_at(x, int(i), first[i] + t, none.data())[m];
+            for (int t = 0; t < taps; t++, out += lanes) *out = at(int(i), m, 0)[t];
         for (int m = 0; m < terms; m++)
             for (int s = m; s < terms; s++)
-                for (int t = 0; t < taps; t++) {
-                    const float* a = weight_at(x, int(i), first[i] + t, none.data());
-                    const int count = kernel ? t + 1 : bands;
-                    for (int k = 0; k < count; k++, out += lanes) {
-                        const float* b = weight_at(x, int(i) + k, first[i] + t, none.data());
-                        *out = m == s ? a[m] * b[m] : a[m] * b[s] + a[s] * b[m];
+                for (int t = 0; t < taps; t++)
+                    for (int k = 0; k < bands; k++, out += lanes) {
+                        const int shift = i + k < first.size() ? first[i + k] - first[i] : taps;
+                        const float a = at(int(i), m, 0)[t], b = at(int(i), s, 0)[t];
+                        const float c = at(int(i) + k, m, shift)[t], d = at(int(i) + k, s, shift)[t];
+                        *out = m == s ? a * c : a * d + b * c;
                     }
-                }
+    }
+}
+
+void Bands::couple() {
+    switch (kernel) {
+    case 12:
+        return couple_by<1, 2>();
+    case 13:
+        return couple_by<1, 3>();
+    case 14:
+        return couple_by<1, 4>();
+    case 15:
+        return couple_by<1, 5>();
+    case 16:
+        return couple_by<1, 6>();
+    case 22:
+        return couple_by<2, 2>();
+    case 23:
+        return couple_by<2, 3>();
+    case 24:
+        return couple_by<2, 4>();
+    case 25:
+        return couple_by<2, 5>();
+    case 26:
+        return couple_by<2, 6>();
+    default:
+        return couple_any();
     }
 }
 
 // The same weights by column: the voxels over each.
-void Bands::turn(const AxisTerms& x) {
-    const int n = int(x.first.size()), size = round_up(columns, 2 * lanes) + 2 * lanes;
+void Bands::turn() {
+    const int n = int(low.size()), size = round_up(columns, 2 * lanes) + 2 * lanes;
     std::vector<int32_t> last(size, -1);
     first_voxel.assign(size, INT32_MAX);
     for (int i = 0; i < n; i++)
-        for (int c = x.first[i]; c < x.first[i] + x.count[i]; c++) {
+        for (int c = low[i]; c < low[i] + count[i]; c++) {
             first_voxel[c] = std::min(first_voxel[c], i);
             last[c] = i;
         }
@@ -273,15 +331,14 @@ void Bands::turn(const AxisTerms& x) {
     around = 4 * reach + spread_taps + 2 * lanes;
     close_columns = reach + spread_taps <= 2 * lanes;
     spread_weight.assign(size_t(size) * terms * spread_taps, 0.0f);
+    // In the order that `spread` reads: taps, terms; or, where it goes term by term, terms, taps.
+    const int by_tap = close_columns && terms <= most_terms ? terms : 1;
+    const int by_term = close_columns && terms <= most_terms ? 1 : spread_taps;
     for (int i = 0; i < n; i++)
-        for (int t = 0; t < x.count[i]; t++) {
-            const int c = x.first[i] + t, at = i - first_voxel[c];
-            const float* w = x.of(i) + t * x.stride();
-            // As `spread` reads: taps, terms, unless it goes term by term.
-            for (int m = 0; m < terms; m++) {
-                const int place = close_columns && terms <= most_terms ? at * terms + m : m * spread_taps + at;
-                spread_weight[(size_t(c / lanes) * terms * spread_taps + place) * lanes + c % lanes] = w[m];
-            }
+        for (int c = low[i]; c < low[i] + count[i]; c++) {
+            const int tap = (i - first_voxel[c]) * by_tap;
+            float* out = &spread_weight[size_t(c / lanes) * lanes * terms * spread_taps + c % lanes];
+            for (int m = 0; m < terms; m++) out[(tap + m * by_term) * lanes] = at(i, m, 0)[c - first[i]];
         }
 }
 

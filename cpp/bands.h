@@ -2,6 +2,7 @@
 #include "buffer.h"
 #include "lanes.h"
 #include "terms.h"
+#include <algorithm>
 
 namespace palpate {
 
@@ -11,7 +12,7 @@ namespace palpate {
 // goes back to the columns.
 class Bands {
 public:
-    void make(const AxisTerms& x, int columns);
+    void make(const Geometry& geometry, const View& view, int z, Axis axis, int columns);
     int reach() const { return ahead; }      // a voxel shares columns with so many ahead of it
     int planes() const { return 1 + bands; } // of `look`
     int margin() const { return around; }    // voxels before and behind a part that `spread` reads
@@ -37,8 +38,18 @@ private:
     std::vector<int32_t> first, first_voxel; // under a voxel; over a column
     Buffer weight, spread_weight;
 
-    void couple(const AxisTerms& x);
-    void turn(const AxisTerms& x);
+    std::vector<AxisWeights> parts; // scratch, per term
+    std::vector<int32_t> low, count;
+    std::vector<float> dense; // see `lay_out`
+    void place();
+    void lay_out();
+    void couple();
+    void turn();
+    const float* at(int voxel, int term, int shift) const {
+        return &dense[(size_t(voxel) * terms + term) * 2 * taps + taps - std::min(shift, taps)];
+    }
+    template <int terms, int taps> void couple_by();
+    void couple_any();
 };
 
 } // namespace palpate

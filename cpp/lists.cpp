@@ -37,7 +37,7 @@ void Lists::make(int z) {
 int Lists::rows_apart(size_t i, int z) const {
     const View& view = geometry.views[listed[i]];
     AxisTerms along_y;
-    along_y.make(geometry, view, z, view.swapped ? Axis::x : Axis::y, false);
+    along_y.make(geometry, view, z, view.swapped ? Axis::x : Axis::y);
     return along_y.apart(fine_rows[i]);
 }
 

@@ -116,6 +116,9 @@ struct Reach {
           pitch(n + 2 * Bands::beside) {}
 };
 
+// Of two rows in turn.
+float* row_sums(Buffer& rows, int i, int64_t size) { return rows.data() + i % 2 * size + Bands::beside; }
+
 } // namespace
 
 void SliceView::make(const Geometry& geometry, const View& chosen, int z) {
@@ -123,40 +126,46 @@ void SliceView::make(const Geometry& geometry, const View& chosen, int z) {
     view = &chosen;
     stride = layout.stride;
     const Axis x = chosen.swapped ? Axis::y : Axis::x, y = chosen.swapped ? Axis::x : Axis::y;
-    along_x.make(geometry, chosen, z, x, false);
-    bands.make(along_x, layout.columns);
+    bands.make(geometry, chosen, z, x, layout.columns);
     if (chosen.pose == Pose::turned) {
         edges.resize(chosen.subs);
         for (int s = 0; s < chosen.subs; s++) rows(geometry, chosen, z, s, edges[s]);
     } else {
-        along_y.make(geometry, chosen, z, y, true);
+        along_y.make(geometry, chosen, z, y);
     }
 }
 
 void SliceView::gather(const Strip& strip, const float* slope, const float* curvature, int begin, int end,
                        Columns& columns, Buffer& rows, Planes& planes) const {
     const Reach at(bands, begin, end);
-    const int terms = along_x.terms, size = terms + pairs_of(terms);
-    rows.resize(std::max(rows.size(), size_t(size * at.pitch)));
-    float* sums = rows.data() + Bands::beside;
-    for (int i = 0; i < strip.rows; i++) {
-        const int y = strip.y[i];
-        if (view->pose == Pose::turned) {
-            columns.turned[i].make(edges, y, view->nb, view->na, at.from, at.from + at.n);
-            turned_reduce(columns.turned[i], slope, curvature, stride, terms, at.from, at.n, sums, at.pitch);
-        } else {
-            const int64_t first = along_y.first[y] * stride + at.from;
-            reduce(slope + first, curvature + first, stride, along_y.of(y), terms, along_y.count[y], at.n, sums,
-                   at.pitch);
-        }
-        bands.look(sums, at.pitch, at.from, begin, end, planes.of(0, i), lanes * Planes::pitch);
+    const int terms = products(*view), size = terms + pairs_of(terms);
+    rows.resize(std::max(rows.size(), size_t(2 * size * at.pitch)));
+    // A row's sums are looked at after those of the next are made: what has just been stored is slow to load across.
+    for (int i = 0; i <= strip.rows; i++) {
+        if (i < strip.rows)
+            add_up(strip, i, slope, curvature, at.from, at.n, columns, row_sums(rows, i, size * at.pitch), at.pitch);
+        if (i > 0)
+            bands.look(row_sums(rows, i - 1, size * at.pitch), at.pitch, at.from, begin, end, planes.of(0, i - 1),
+                       lanes * Planes::pitch);
+    }
+}
+
+void SliceView::add_up(const Strip& strip, int i, const float* slope, const float* curvature, int from, int n,
+                       Columns& columns, float* sums, int64_t pitch) const {
+    const int y = strip.y[i], terms = products(*view);
+    if (view->pose == Pose::turned) {
+        columns.turned[i].make(edges, y, view->nb, view->na, from, from + n);
+        turned_reduce(columns.turned[i], slope, curvature, stride, terms, from, n, sums, pitch);
+    } else {
+        const int64_t first = along_y.first[y] * stride + from;
+        reduce(slope + first, curvature + first, stride, along_y.of(y), terms, along_y.count[y], n, sums, pitch);
     }
 }
 
 void SliceView::spread(const Strip& strip, const float* const* change, const float* curvature, int begin, int end,
                        const Columns& columns, Buffer& rows, float* slope) const {
     const Reach at(bands, begin, end);
-    const int terms = along_x.terms;
+    const int terms = products(*view);
     float* sums = rows.data() + Bands::beside;
     for (int i = 0; i < strip.rows; i++) {
         bands.spread(change[i], begin, at.from, at.n, sums, at.pitch);

@@ -39,9 +39,13 @@ public:
                 const Columns& columns, Buffer& rows, float* slope) const;
 
 private:
+    // The sums of the columns from .. from + n - 1 under row i of a strip.
+    void add_up(const Strip& strip, int i, const float* slope, const float* curvature, int from, int n,
+                Columns& columns, float* sums, int64_t pitch) const;
+
     const View* view = nullptr;
     int64_t stride = 0;
-    AxisTerms along_x, along_y; // x, y of the volume; along_y is unused on turned panels
+    AxisTerms along_y; // unused on turned panels
     Bands bands;
     std::vector<Rows> edges; // turned panels: per sub-slice
 };

@@ -21,23 +21,30 @@ Layout::Layout(const View& view) {
     }
 }
 
-void AxisTerms::make(const Geometry& geometry, const View& view, int z, Axis axis, bool wanted) {
-    terms = products(view);
-    with_products = wanted;
-    parts.resize(terms);
-    for (int s = 0; s < terms; s++) by_voxel(geometry, view, z, s, axis, parts[s]);
-    const int n = parts[0].n;
+int extents(const std::vector<AxisWeights>& terms, std::vector<int32_t>& first, std::vector<int32_t>& count) {
+    const int n = terms[0].n;
     first.assign(n, INT32_MAX);
     count.assign(n, 0); // for now the end
-    for (const AxisWeights& part : parts)
+    for (const AxisWeights& part : terms)
         for (int t = 0; t < part.taps; t++)
             for (int i = 0; i < n; i++)
                 if (part.weight[size_t(t) * n + i] != 0) {
                     first[i] = std::min(first[i], part.first[i] + t);
                     count[i] = std::max(count[i], part.first[i] + t + 1);
                 }
-    for (int i = 0; i < n; i++) count[i] = count[i] ? count[i] - first[i] : first[i] = 0;
-    width = std::max(1, *std::max_element(count.begin(), count.end()));
+    int most = 0;
+    for (int i = 0; i < n; i++) {
+        count[i] = count[i] ? count[i] - first[i] : first[i] = 0;
+        most = std::max(most, int(count[i]));
+    }
+    return most;
+}
+
+void AxisTerms::make(const Geometry& geometry, const View& view, int z, Axis axis) {
+    terms = products(view);
+    parts.resize(terms);
+    for (int s = 0; s < terms; s++) by_voxel(geometry, view, z, s, axis, parts[s]);
+    width = std::max(1, extents(parts, first, count));
     lay_out();
 }
 
@@ -61,7 +68,7 @@ void AxisTerms::lay_out() {
             for (size_t i = 0; i < n; i++)
                 if (float w = parts[s].weight[size_t(t) * n + i])
                     weight[(i * width + parts[s].first[i] + t - first[i]) * size + s] = w;
-    for (size_t i = 0; with_products && i < n * width; i++) {
+    for (size_t i = 0; i < n * width; i++) {
         float *w = &weight[i * size], *product = w + terms;
         for (int m = 0; m < terms; m++)
             for (int k = m; k < terms; k++) *product++ = w[m] * w[k];

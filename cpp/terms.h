@@ -19,6 +19,10 @@ struct Layout {
 
 constexpr int pairs_of(int terms) { return terms * (terms + 1) / 2; }
 
+// Pixels first[i] .. first[i] + count[i] - 1 that voxel i touches in some term; first is 0 where it touches none.
+// Returns the largest count.
+int extents(const std::vector<AxisWeights>& terms, std::vector<int32_t>& first, std::vector<int32_t>& count);
+
 // Weights of the voxels of a slice along one axis of an image: a footprint is a sum over `terms` of (along y) x (along
 // x). Voxel i touches pixels first[i] .. first[i] + count[i] - 1 in some term. Per voxel and pixel (`width` of them, 0
 // beyond count) `stride()` numbers: the weight in each term, then the product of each pair of terms (m, m'), m <= m'.
@@ -27,17 +31,15 @@ struct AxisTerms {
     std::vector<int32_t> first, count;
     std::vector<float> weight;
 
-    int stride() const { return terms + (with_products ? pairs_of(terms) : 0); }
+    int stride() const { return terms + pairs_of(terms); }
     int
     apart(int spread) const; // voxels this far apart share no pixel, if each also touches the spread - 1 behind its own
     const float* of(int i) const { return &weight[size_t(i) * width * stride()]; }
 
-    // Weights are those of by_voxel. products: whether to make those, too; without them stride() is but the terms.
-    void make(const Geometry& geometry, const View& view, int z, Axis axis, bool products);
+    void make(const Geometry& geometry, const View& view, int z, Axis axis); // weights are those of by_voxel
 
 private:
     std::vector<AxisWeights> parts;
-    bool with_products = false;
     void lay_out();
 };
 

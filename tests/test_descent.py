@@ -81,7 +81,7 @@ def lange(t, edge):
     return edge**2 * (abs(t / edge) - np.log1p(abs(t / edge)))
 
 
-PART = 128  # voxels along x that the kernel works on at once
+PART = 64  # voxels along x that the kernel works on at once
 ROWS = 8  # rows of a class in a block
 
 
