@@ -95,8 +95,7 @@ PALPATE_INLINE void add_voxel(const Law& law, float t, float weight, float& slop
 
 // One voxel.
 template <Potential potential>
-PALPATE_INLINE void one_at(const Beside* rows, const Law& law, int64_t x, int64_t nx, float* slope,
-                           float* curvature) {
+PALPATE_INLINE void one_at(const Beside* rows, const Law& law, int64_t x, int64_t nx, float* slope, float* curvature) {
     const float f = rows[most - 1].row[x];
     float push = 0, pull = 0;
     for (int i = 0; i < most; i++) {
@@ -109,8 +108,8 @@ PALPATE_INLINE void one_at(const Beside* rows, const Law& law, int64_t x, int64_
     *curvature = pull;
 }
 
-PALPATE_KERNEL void lange_row(const Beside* rows, const Law& law, int64_t begin, int64_t end, int64_t nx,
-                              float* slope, float* curvature) {
+PALPATE_KERNEL void lange_row(const Beside* rows, const Law& law, int64_t begin, int64_t end, int64_t nx, float* slope,
+                              float* curvature) {
     int64_t x = std::max<int64_t>(begin, 1);
     const int64_t last = std::min(end, nx - 1);
     slope -= begin, curvature -= begin;

@@ -32,6 +32,22 @@ struct Anywhere {
     }
 };
 
+// Tap t of all eight: from[t + order[i]], as above; Near: order below eight.
+struct Near {
+    const float* from;
+    PALPATE_INLINE explicit Near(const float* from) : from(from) {}
+};
+PALPATE_INLINE void pick_tap(const Near& near, const Order& order, int t, Lanes& out) {
+    load(out, near.from + t);
+    out = __builtin_shuffle(out, order);
+}
+PALPATE_INLINE void pick_tap(const Window& window, const Order& order, int t, Lanes& out) {
+    window.pick(order + t, out);
+}
+PALPATE_INLINE void pick_tap(const Anywhere& anywhere, const Order& order, int t, Lanes& out) {
+    anywhere.pick(order + t, out);
+}
+
 PALPATE_INLINE void order_of(const int32_t* first, Order& order) {
     std::memcpy(&order, first, sizeof order);
     order -= first[0];
@@ -145,10 +161,9 @@ PALPATE_INLINE void spread_by(const float* weight, const int32_t* first, int any
         for (int m = 0; m < terms; m += fixed_terms ? fixed_terms : 1) {
             PALPATE_UNROLL
             for (Lanes& s : sum) s = Lanes{};
-            Order at = order;
             PALPATE_UNROLL
-            for (int t = 0; t < taps; t++, at += 1) {
-                changes.pick(at, u);
+            for (int t = 0; t < taps; t++) {
+                pick_tap(changes, order, t, u);
                 PALPATE_UNROLL
                 for (Lanes& s : sum) {
                     load(w, weight);
@@ -163,24 +178,25 @@ PALPATE_INLINE void spread_by(const float* weight, const int32_t* first, int any
 }
 
 template <int terms>
-PALPATE_INLINE void spread_with(const float* weight, const int32_t* first, int taps, const float* change, int n,
-                                float* out, int64_t pitch) {
-    switch (taps) {
-    case 2:
-        return spread_by<terms, 2, Window>(weight, first, terms, taps, change, n, out, pitch);
-    case 3:
-        return spread_by<terms, 3, Window>(weight, first, terms, taps, change, n, out, pitch);
-    case 4:
-        return spread_by<terms, 4, Window>(weight, first, terms, taps, change, n, out, pitch);
-    default:
-        return spread_by<terms, 0, Window>(weight, first, terms, taps, change, n, out, pitch);
-    }
+PALPATE_INLINE void spread_with(int vectors, const float* weight, const int32_t* first, int taps, const float* change,
+                                int n, float* out, int64_t pitch) {
+    if (vectors == 2)
+        spread_by<terms, 0, Window>(weight, first, terms, taps, change, n, out, pitch);
+    else if (taps == 2)
+        spread_by<terms, 2, Near>(weight, first, terms, taps, change, n, out, pitch);
+    else if (taps == 3)
+        spread_by<terms, 3, Near>(weight, first, terms, taps, change, n, out, pitch);
+    else if (taps == 4)
+        spread_by<terms, 4, Near>(weight, first, terms, taps, change, n, out, pitch);
+    else
+        spread_by<terms, 0, Near>(weight, first, terms, taps, change, n, out, pitch);
 }
 
-PALPATE_KERNEL void spread_at(bool close, const float* weight, const int32_t* first, int terms, int taps,
+// vectors: 1 for Near, 2 for a Window, 0 for neither.
+PALPATE_KERNEL void spread_at(int vectors, const float* weight, const int32_t* first, int terms, int taps,
                               const float* change, int n, float* out, int64_t pitch) {
-    if (close && terms == 1) return spread_with<1>(weight, first, taps, change, n, out, pitch);
-    if (close && terms == 2) return spread_with<2>(weight, first, taps, change, n, out, pitch);
+    if (vectors && terms == 1) return spread_with<1>(vectors, weight, first, taps, change, n, out, pitch);
+    if (vectors && terms == 2) return spread_with<2>(vectors, weight, first, taps, change, n, out, pitch);
     spread_by<0, 0, Anywhere>(weight, first, terms, taps, change, n, out, pitch);
 }
 
@@ -227,8 +243,8 @@ void Bands::place() {
     close = span(first) + taps <= 2 * lanes;
 }
 
-// Per voxel and term `taps` zeros, then the weights from column first on: what another voxel's columns read beyond is 0.
-// Voxels of 0s follow the last.
+// Per voxel and term `taps` zeros, then the weights from column first on: what another voxel's columns read beyond is
+// 0. Voxels of 0s follow the last.
 void Bands::lay_out() {
     const int n = int(low.size());
     dense.assign((first.size() + bands) * terms * 2 * taps, 0.0f);
@@ -242,9 +258,6 @@ void Bands::lay_out() {
             }
         }
 }
-
-int Bands::begin(int voxel) const { return std::max(0, std::min(columns - 1, first[voxel])) / lanes * lanes; }
-int Bands::end(int voxel) const { return std::min(columns, first[voxel] + taps); }
 
 // Eight voxels a vector; in the order that `look` reads: terms, taps; pairs of terms, taps, voxels ahead.
 template <int terms, int taps> void Bands::couple_by() {
@@ -329,11 +342,11 @@ void Bands::turn() {
     }
     const int reach = span(first_voxel);
     around = 4 * reach + spread_taps + 2 * lanes;
-    close_columns = reach + spread_taps <= 2 * lanes;
+    spread_vectors = reach < lanes ? 1 : reach + spread_taps <= 2 * lanes ? 2 : 0;
     spread_weight.assign(size_t(size) * terms * spread_taps, 0.0f);
     // In the order that `spread` reads: taps, terms; or, where it goes term by term, terms, taps.
-    const int by_tap = close_columns && terms <= most_terms ? terms : 1;
-    const int by_term = close_columns && terms <= most_terms ? 1 : spread_taps;
+    const int by_tap = spread_vectors && terms <= most_terms ? terms : 1;
+    const int by_term = spread_vectors && terms <= most_terms ? 1 : spread_taps;
     for (int i = 0; i < n; i++)
         for (int c = low[i]; c < low[i] + count[i]; c++) {
             const int tap = (i - first_voxel[c]) * by_tap;
@@ -350,7 +363,7 @@ void Bands::look(const float* sums, int64_t pitch, int from, int begin, int end,
 }
 
 void Bands::spread(const float* change, int begin, int from, int n, float* out, int64_t pitch) const {
-    spread_at(close_columns, spread_weight.data() + int64_t(from) * terms * spread_taps, first_voxel.data() + from,
+    spread_at(spread_vectors, spread_weight.data() + int64_t(from) * terms * spread_taps, first_voxel.data() + from,
               terms, spread_taps, change - begin, n, out, pitch);
 }
 

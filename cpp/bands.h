@@ -16,8 +16,9 @@ public:
     int reach() const { return ahead; }      // a voxel shares columns with so many ahead of it
     int planes() const { return 1 + bands; } // of `look`
     int margin() const { return around; }    // voxels before and behind a part that `spread` reads
-    int begin(int voxel) const;              // first column under it, rounded down to a multiple of eight
-    int end(int voxel) const;                // after the last one
+    // First column under it, rounded down to a multiple of eight, and the one after the last.
+    int begin(int voxel) const { return std::max(0, std::min(columns - 1, first[voxel])) / lanes * lanes; }
+    int end(int voxel) const { return std::min(columns, first[voxel] + taps); }
 
     // Adds to planes (plane floats apart) 0: slope, 1 + k: coupling of voxel x with x + k, of voxels begin .. end - 1
     // (begin a multiple of eight; up to a multiple of eight of them) what the columns' sums say: for every term of
@@ -33,8 +34,8 @@ public:
 private:
     int terms = 0, taps = 0, ahead = 0, bands = 0, columns = 0, around = 0;
     int kernel = 0;     // which one looks: 10 · terms + taps where they are unrolled
-    bool close = false, close_columns = false; // eight neighbours touch sixteen columns at most; and the reverse
-    int spread_taps = 0;
+    bool close = false; // eight neighbouring voxels touch sixteen columns at most
+    int spread_taps = 0, spread_vectors = 0;
     std::vector<int32_t> first, first_voxel; // under a voxel; over a column
     Buffer weight, spread_weight;
 

@@ -157,7 +157,9 @@ void lay_out(const Slice& slice, const Solve& solve, const Strip& strip, int beg
     }
     line.slope.resize(count * lanes);
     line.coupling.resize(line.reach + 1);
-    line.change.assign((line.reach + count + line.reach) * lanes, 0.0f);
+    line.change.resize((line.reach + count + line.reach) * lanes);
+    std::fill_n(line.change.begin(), line.reach * lanes, 0.0f);
+    std::fill_n(line.change.end() - line.reach * lanes, line.reach * lanes, 0.0f);
     for (int k = -1; k <= line.reach; k++) {
         for (int i = 0; i < strip.rows; i++) from[i] = s.planes.of(1 + k, i);
         if (k >= 0) line.coupling[k].resize((line.reach + count) * lanes);
@@ -182,9 +184,13 @@ void spread_changes(const Slice& slice, const Strip& strip, int begin, int end, 
     int margin = 0;
     for (const SliceView& view : slice.views) margin = std::max(margin, view.along().margin());
     const int pitch = (margin + count + margin + lanes - 1) / lanes * lanes;
-    s.row.assign(std::max(s.row.size(), size_t(lanes * pitch)), 0.0f);
+    s.row.resize(std::max(s.row.size(), size_t(lanes * pitch)));
     float* change[lanes];
-    for (int i = 0; i < lanes; i++) change[i] = &s.row[i * pitch + margin];
+    for (int i = 0; i < lanes; i++) {
+        change[i] = &s.row[i * pitch + margin];
+        std::fill_n(change[i] - margin, margin, 0.0f);
+        std::fill_n(change[i] + count, pitch - margin - count, 0.0f);
+    }
     out_of_lanes(&s.line.change[s.line.reach * lanes], strip.rows, count, change);
     slice.spread(strip, begin, end, change, data, s);
 }

@@ -22,9 +22,8 @@ PALPATE_INLINE void reduce_image(const float* image, int64_t stride, const float
     } else {
         float w[fixed][count];
         PALPATE_UNROLL
-        for (int t = 0; t < fixed; t++)
-            PALPATE_UNROLL
-            for (int q = 0; q < count; q++) w[t][q] = weight[t * step + q];
+        for (int t = 0; t < fixed; t++) PALPATE_UNROLL
+        for (int q = 0; q < count; q++) w[t][q] = weight[t * step + q];
         for (int a = 0; a < n; a += lanes) {
             Lanes sum[count], u;
             load(u, image + a);
@@ -75,35 +74,67 @@ PALPATE_KERNEL void reduce(const float* slope, const float* curvature, int64_t s
         reduce_image<1, 0>(q < terms ? slope : curvature, stride, weight + q, size, rows, n, out + q * pitch, pitch);
 }
 
-// slope += curvature · Σ over terms of weight · change, in the same rows and columns.
-template <int fixed>
+// slope += curvature · Σ over terms of weight · change, in the same rows and columns. terms, fixed (rows): 0 for any.
+template <int terms, int fixed>
 PALPATE_INLINE void expand_rows(const float* change, int64_t pitch, const float* curvature, int64_t stride,
                                 const float* weight, int any, int rows, int n, float* slope) {
-    const int terms = fixed ? fixed : any, size = terms + pairs_of(terms);
-    for (int t = 0; t < rows; t++, weight += size, curvature += stride, slope += stride)
-        for (int a = 0; a < n; a += lanes) {
-            Lanes sum = {}, p, c, g;
-            for (int m = 0; m < terms; m++) {
-                load(p, change + m * pitch + a);
-                sum += weight[m] * p;
+    if constexpr (terms == 0 || fixed == 0) {
+        const int size = any + pairs_of(any);
+        for (int t = 0; t < rows; t++, weight += size, curvature += stride, slope += stride)
+            for (int a = 0; a < n; a += lanes) {
+                Lanes sum = {}, p, c, g;
+                for (int m = 0; m < any; m++) {
+                    load(p, change + m * pitch + a);
+                    sum += weight[m] * p;
+                }
+                load(c, curvature + a);
+                load(g, slope + a);
+                g += c * sum;
+                store(slope + a, g);
             }
-            load(c, curvature + a);
-            load(g, slope + a);
-            g += c * sum;
-            store(slope + a, g);
+    } else {
+        constexpr int size = terms + pairs_of(terms);
+        float w[fixed][terms];
+        PALPATE_UNROLL
+        for (int t = 0; t < fixed; t++) PALPATE_UNROLL
+        for (int m = 0; m < terms; m++) w[t][m] = weight[t * size + m];
+        for (int a = 0; a < n; a += lanes) {
+            Lanes p[terms];
+            PALPATE_UNROLL
+            for (int m = 0; m < terms; m++) load(p[m], change + m * pitch + a);
+            PALPATE_UNROLL
+            for (int t = 0; t < fixed; t++) {
+                Lanes sum = w[t][0] * p[0], c, g;
+                if constexpr (terms == 2) sum += w[t][1] * p[1];
+                load(c, curvature + t * stride + a);
+                load(g, slope + t * stride + a);
+                g += c * sum;
+                store(slope + t * stride + a, g);
+            }
         }
+    }
+}
+
+template <int terms>
+PALPATE_INLINE void expand_terms(const float* change, int64_t pitch, const float* curvature, int64_t stride,
+                                 const float* weight, int any, int rows, int n, float* slope) {
+    switch (rows) {
+    case 2:
+        return expand_rows<terms, 2>(change, pitch, curvature, stride, weight, any, rows, n, slope);
+    case 3:
+        return expand_rows<terms, 3>(change, pitch, curvature, stride, weight, any, rows, n, slope);
+    case 4:
+        return expand_rows<terms, 4>(change, pitch, curvature, stride, weight, any, rows, n, slope);
+    default:
+        return expand_rows<terms, 0>(change, pitch, curvature, stride, weight, any, rows, n, slope);
+    }
 }
 
 PALPATE_KERNEL void expand(const float* change, int64_t pitch, const float* curvature, int64_t stride,
                            const float* weight, int terms, int rows, int n, float* slope) {
-    switch (terms) {
-    case 1:
-        return expand_rows<1>(change, pitch, curvature, stride, weight, terms, rows, n, slope);
-    case 2:
-        return expand_rows<2>(change, pitch, curvature, stride, weight, terms, rows, n, slope);
-    default:
-        return expand_rows<0>(change, pitch, curvature, stride, weight, terms, rows, n, slope);
-    }
+    if (terms == 1) return expand_terms<1>(change, pitch, curvature, stride, weight, terms, rows, n, slope);
+    if (terms == 2) return expand_terms<2>(change, pitch, curvature, stride, weight, terms, rows, n, slope);
+    expand_rows<0, 0>(change, pitch, curvature, stride, weight, terms, rows, n, slope);
 }
 
 // Columns under voxels begin .. end - 1, whole vectors, and how far apart a row's sums are kept.

@@ -13,7 +13,8 @@ struct Strip {
 // What the columns say of the voxels of a strip, (planes, lanes, pitch): slope, and coupling with the voxel itself, the
 // next one, ... along x, summed over the views.
 struct Planes {
-    static constexpr int pitch = 80; // most voxels at once, and not a power of two: planes would share their places in the cache
+    static constexpr int pitch =
+        80; // most voxels at once, and not a power of two: planes would share their places in the cache
     int count = 0;
     Buffer values;
 
