@@ -19,7 +19,7 @@ struct Line {
 struct Solve {
     const Neighbourhood& neighbours;
     float beta, relaxation;
-    const Lists& lists; // the views that have no cells
+    const Lists& lists; // the views that are not separable
 
     void along(Line& line, int count, bool backwards, const Strip& strip, Paraboloid& data,
                Lists::Scratch& scratch) const;
