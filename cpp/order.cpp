@@ -37,9 +37,9 @@ int rows_apart(const Geometry& geometry, const View& view, int z) {
     const int ny = geometry.grid.ny;
     int apart = 1;
     if (view.pose == Pose::turned) {
-        std::vector<Rows> edges(view.subs);
-        for (int s = 0; s < view.subs; s++) rows(geometry, view, z, s, edges[s]);
-        return turned_rows_apart(edges, ny, view.na);
+        std::vector<Edges> columns;
+        for (int s = 0; s < products(view); s++) columns.push_back(edges(geometry, view, z, s));
+        return turned_rows_apart(columns, ny, view.na);
     }
     const Shadow at = faces(geometry, view, z);
     while (apart < ny && !disjoint(at, at, apart, ny)) apart++;

@@ -159,8 +159,8 @@ void SliceView::make(const Geometry& geometry, const View& chosen, int z) {
     const Axis x = chosen.swapped ? Axis::y : Axis::x, y = chosen.swapped ? Axis::x : Axis::y;
     bands.make(geometry, chosen, z, x, layout.columns);
     if (chosen.pose == Pose::turned) {
-        edges.resize(chosen.subs);
-        for (int s = 0; s < chosen.subs; s++) rows(geometry, chosen, z, s, edges[s]);
+        along_columns.clear();
+        for (int s = 0; s < products(chosen); s++) along_columns.push_back(edges(geometry, chosen, z, s));
     } else {
         along_y.make(geometry, chosen, z, y);
     }
@@ -185,7 +185,7 @@ void SliceView::add_up(const Strip& strip, int i, const float* slope, const floa
                        Columns& columns, float* sums, int64_t pitch) const {
     const int y = strip.y[i], terms = products(*view);
     if (view->pose == Pose::turned) {
-        columns.turned[i].make(edges, y, view->nb, view->na, from, from + n);
+        columns.turned[i].make(along_columns, y, view->nb, view->na, from, from + n);
         turned_reduce(columns.turned[i], slope, curvature, stride, terms, from, n, sums, pitch);
     } else {
         const int64_t first = along_y.first[y] * stride + from;

@@ -48,7 +48,7 @@ private:
     int64_t stride = 0;
     AxisTerms along_y; // unused on turned panels
     Bands bands;
-    std::vector<Rows> edges; // turned panels: per sub-slice
+    std::vector<Edges> along_columns; // turned panels: per term
 };
 
 } // namespace palpate

@@ -121,7 +121,7 @@ void cut(const Geometry& g, View& v) {
     const View bare =
         v; // without the resampling, which the weights do not read; rows as on a turned panel's first column
     v.resampling = std::move(kept);
-    const int moments = v.pose == Pose::turned ? 1 : most_moments;
+    const int moments = most_moments;
     const int z[slices] = {0, g.grid.nz / 2, g.grid.nz - 1};
     std::vector<Cut> reference;
     for (int i = 0; i < slices; i++) reference.emplace_back(g, bare, z[i], most, most_moments);
@@ -136,7 +136,7 @@ void cut(const Geometry& g, View& v) {
                 for (int j = 0; j < samples; j++) tally.add(tried, reference[i], grid, sample(j, grid.ny));
             }
             if (tally.relative(g.grid.nz) > g.tolerance) continue;
-            if (v.moments > 1) find_calm_rows(g, bare, grid, z, v);
+            if (v.moments > 1 && v.pose != Pose::turned) find_calm_rows(g, bare, grid, z, v);
             return;
         }
     v.subs = most;

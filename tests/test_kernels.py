@@ -11,7 +11,8 @@ import pytest
 from palpate import _core
 
 PASSES = ["add_slice_1", "add_slice_2", "add_slice_3"]
-PROJECTOR = [*PASSES, "weigh_voxels", "weigh_pixels", "rows_to_pixels", "pixels_to_row", "add_taps"]
+PROJECTOR = [*PASSES, "weigh_voxels", "weigh_pixels"]
+TURNED = ["add_pixels", "resample_points"]
 
 pytestmark = [
     pytest.mark.skipif(platform.machine() != "x86_64" or platform.system() != "Linux", reason="x86-64 Linux only"),
@@ -53,7 +54,7 @@ def versions():
     return {name: [body(start) for start in targets] for name, targets in resolvers.items()}
 
 
-@pytest.mark.parametrize("kernel", PROJECTOR)
+@pytest.mark.parametrize("kernel", PROJECTOR + TURNED)
 def test_each_hot_kernel_has_its_avx2_and_avx512_version(versions, kernel):
     assert kernel in versions, f"no versions of {kernel}"
     wide = re.compile(r"%zmm\d|%[xy]mm(1[6-9]|2\d|3[01])|%k[1-7]")

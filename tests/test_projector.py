@@ -124,6 +124,23 @@ def test_a_finer_tolerance_is_met_by_more_products_of_weights():
     assert products == sorted(products)
 
 
+def test_a_turned_panel_meets_a_finer_tolerance_too():
+    views, grid, _ = head()
+    views, grid = views[0], pp.Grid((8, 120, 130), grid.spacing, (-100, -30, 20))
+    x = np.random.default_rng(3).random(grid.shape, dtype=np.float32)
+    products = []
+    for tolerance in (1e-2, 2e-3, 5e-4):
+        A = pp.Projector(views, grid, tolerance)
+        p = A(x)[0]
+        hit = np.argwhere(p > 0.7 * p.max())
+        pixels = hit[np.random.default_rng(4).integers(0, len(hit), 20)]
+        exact = projections(x, views, grid, 0, pixels, within=2e-4)
+        assert np.linalg.norm(p[tuple(pixels.T)] - exact) <= tolerance * np.linalg.norm(exact)
+        products.append(A.geometry.products(0))
+    assert products[0] < products[1] < products[2]
+    assert products[2] > 3  # sub-slices, then, and not Gauss points alone
+
+
 @st.composite
 def scenes(draw):
     """One to three views of a small grid that some ray meets; panels parallel or posed anyhow, odd shapes."""
