@@ -1,6 +1,7 @@
 #include "bind.h"
 #include "descent.h"
 #include "likelihood.h"
+#include "order.h"
 #include "prior.h"
 #include "subspace.h"
 #include <algorithm>
@@ -8,6 +9,7 @@
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/pair.h>
+#include <nanobind/stl/vector.h>
 #include <optional>
 #include <stdexcept>
 
@@ -136,22 +138,38 @@ void same_shape(const Geometry& g, const In<float, 3>& pixels) {
 }
 
 void bind_descent(nb::module_& m) {
+    nb::class_<Paraboloid>(m, "Paraboloid", "The data's paraboloid as the descent keeps it. Of every view, float32.")
+        .def(nb::init<const Geometry&>(), "geometry"_a, nb::keep_alive<1, 2>())
+        .def(
+            "set_slope",
+            [](Paraboloid& data, In<float, 3> slope) {
+                same_shape(data.geometry, slope);
+                nb::gil_scoped_release release;
+                data.set_slope(slope.data());
+            },
+            "slope"_a.noconvert())
+        .def(
+            "set_curvature",
+            [](Paraboloid& data, In<float, 3> curvature) {
+                same_shape(data.geometry, curvature);
+                nb::gil_scoped_release release;
+                data.set_curvature(curvature.data());
+            },
+            "curvature"_a.noconvert());
     m.def(
         "descend",
-        [](const Geometry& g, In<float, 3> slope, In<float, 3> curvature, Array<float, 3> f, const Bond& potential,
-           double edge, double beta, double relaxation, bool backwards) {
-            same_shape(g, slope);
-            same_shape(g, curvature);
-            const int64_t shape[3] = {g.grid.nz, g.grid.ny, g.grid.nx};
-            const double spacing[3] = {g.grid.dz, g.grid.dy, g.grid.dx};
+        [](Paraboloid& data, Array<float, 3> f, const Bond& potential, double edge, double beta, double relaxation,
+           bool backwards) {
+            const Grid& grid = data.geometry.grid;
+            const int64_t shape[3] = {grid.nz, grid.ny, grid.nx};
+            const double spacing[3] = {grid.dz, grid.dy, grid.dx};
             if (int64_t(f.size()) != shape[0] * shape[1] * shape[2]) throw std::invalid_argument("volume: wrong size");
             nb::gil_scoped_release release;
-            Paraboloid data(g, slope.data(), curvature.data());
-            descend(g, neighbourhood(shape, spacing, potential.with(edge), potential.neighbours),
+            descend(neighbourhood(shape, spacing, potential.with(edge), potential.neighbours),
                     {float(beta), float(relaxation), backwards}, data, f.data());
         },
-        "geometry"_a, "slope"_a.noconvert(), "curvature"_a.noconvert(), "f"_a.noconvert(), "potential"_a, "edge"_a,
-        "beta"_a, "relaxation"_a = 1.0, "backwards"_a = false, "One sweep of coordinate descent over f, in place.");
+        "data"_a, "f"_a.noconvert(), "potential"_a, "edge"_a, "beta"_a, "relaxation"_a = 1.0, "backwards"_a = false,
+        "One sweep of coordinate descent over f, in place. The data's slope follows, to within rounding.");
     m.def(
         "diagonal",
         [](const Geometry& g, In<float, 3> curvature, int every) {
@@ -161,13 +179,21 @@ void bind_descent(nb::module_& m) {
             const size_t shape[3] = {slices, size_t(g.grid.ny), size_t(g.grid.nx)};
             Made<float> out = made(shape);
             nb::gil_scoped_release release;
-            Paraboloid data(g, curvature.data(), curvature.data());
-            diagonal(g, data, every, out.data());
+            Paraboloid data(g);
+            data.set_curvature(curvature.data());
+            diagonal(data, every, out.data());
             return out;
         },
         "geometry"_a, "curvature"_a.noconvert(), "every"_a = 1,
         "Σ_i a_ij² curvature_i of each voxel of every so-many-th slice.");
-    m.def("row_stride", &row_stride, "geometry"_a, "z"_a, "Rows of slice z this far apart share no pixel.");
+    m.def(
+        "slabs",
+        [](const Geometry& g) {
+            std::vector<std::array<int, 3>> out;
+            for (const Slab& slab : slabs(g)) out.push_back({slab.begin, slab.end, slab.stride});
+            return out;
+        },
+        "geometry"_a, "The descent's slabs: first slice, the one after the last, how far apart rows share no pixel.");
 }
 
 using Three = std::array<double, 3>;

@@ -1,4 +1,6 @@
 #include "descent.h"
+#include "across.h"
+#include "order.h"
 #include "parallel.h"
 #include "solve.h"
 #include <algorithm>
@@ -8,50 +10,11 @@
 namespace palpate {
 namespace {
 
-// out = image · path, or · path² for a curvature, for pixels `step` apart; length: the paths, or null for 1.
-PALPATE_KERNEL void fold(const float* __restrict image, const float* __restrict length, bool curvature, int count,
-                         int64_t step, float* __restrict out) {
-    for (int i = 0; i < count; i++) out[i] = image[i * step];
-    if (!length) return;
-    for (int i = 0; i < count; i++) out[i] *= length[i] * (curvature ? length[i] : 1);
-}
-
-} // namespace
-
-Paraboloid::Paraboloid(const Geometry& geometry, const float* slope, const float* curvature) {
-    int64_t size = 0;
-    for (const View& v : geometry.views)
-        for (int i = 0; i < 2; i++) {
-            start.push_back(size);
-            const Layout layout(v);
-            size += layout.rows * layout.stride + column_padding;
-        }
-    images = Pages(size);
-    parallel(int64_t(start.size()), [&](int64_t begin, int64_t end, int) {
-        for (int64_t i = begin; i < end; i++) {
-            const View& v = geometry.views[i / 2];
-            const Layout layout(v);
-            const float* image = (i % 2 ? curvature : slope) + i / 2 * geometry.pixels();
-            float* out = images.data() + start[i];
-            std::vector<float> length(layout.columns);
-            for (int row = 0; row < layout.rows; row++, out += layout.stride) {
-                const int64_t pixel = layout.start + row * layout.down;
-                if (layout.separable) v.path(pixel, layout.right, layout.columns, length.data());
-                fold(image + pixel, layout.separable ? length.data() : nullptr, i % 2, layout.columns, layout.right,
-                     out);
-                std::fill(out + layout.columns, out + layout.stride, 0.0f);
-            }
-            std::fill_n(out, column_padding, 0.0f);
-        }
-    });
-}
-
-namespace {
-
 // What one thread needs, made once a sweep.
 struct Scratch {
-    std::vector<Sums> sums; // per separable view
-    std::vector<float> prior;
+    std::vector<Columns> columns; // per separable view
+    Buffer rows, row;             // sums of the columns; of each row: what the prior says, then its changes
+    Planes planes;
     Line line;
     Lists::Scratch lists;
 };
@@ -91,7 +54,7 @@ struct Slice {
     std::vector<int> separable; // views
     std::vector<SliceView> views;
     Lists lists;
-    int z = 0, stride = 1;
+    int z = 0;
 
     explicit Slice(const Geometry& g) : geometry(g), lists(g) {
         for (size_t k = 0; k < g.views.size(); k++)
@@ -99,72 +62,101 @@ struct Slice {
         views.resize(separable.size());
     }
 
-    void make(int slice) {
-        z = slice;
-        std::vector<int> apart(views.size() + lists.size());
-        lists.make(z);
-        parallel(int64_t(apart.size()), [&](int64_t begin, int64_t end, int) {
-            for (int64_t k = begin; k < end; k++)
-                if (k < int64_t(views.size())) {
-                    views[k].make(geometry, geometry.views[separable[k]], z);
-                    apart[k] = views[k].rows_apart();
-                } else {
-                    apart[k] = lists.rows_apart(k - views.size());
-                }
-        });
-        stride = std::max(2, *std::max_element(apart.begin(), apart.end())); // the prior binds neighbouring rows
+    // Making a slice, in parts that may run at once.
+    int parts() const { return int(views.size()) + 1; }
+    void make(int slice, int part) {
+        if (part < int(views.size()))
+            views[part].make(geometry, geometry.views[separable[part]], slice);
+        else
+            z = slice, lists.make(slice);
     }
 
-    // Cells of voxels begin .. end - 1.
+    // What the columns say of voxels begin .. end - 1.
     void gather(const Strip& strip, int begin, int end, Paraboloid& data, Scratch& s) const {
-        s.sums.resize(views.size());
-        s.line.views.resize(views.size());
-        for (size_t k = 0; k < views.size(); k++) {
-            const AxisTerms& x = views[k].x();
-            views[k].gather(strip, data.slope(separable[k]), data.curvature(separable[k]), begin, end, s.sums[k]);
-            s.line.views[k] = {x.weight.data(), x.first.data(), s.sums[k].cells.data(),
-                               s.sums[k].begin, x.terms,        x.width};
-        }
+        s.columns.resize(views.size());
+        s.planes.count = 2; // slope and curvature, also where there is no view
+        for (const SliceView& view : views) s.planes.count = std::max(s.planes.count, view.along().planes());
+        s.planes.values.resize(s.planes.count * lanes * Planes::pitch);
+        std::fill_n(s.planes.values.data(), s.planes.values.size(), 0.0f);
+        for (size_t k = 0; k < views.size(); k++)
+            views[k].gather(strip, data.slope(separable[k]), data.curvature(separable[k]), begin, end, s.columns[k],
+                            s.rows, s.planes);
     }
 
-    void spread(const Strip& strip, Paraboloid& data, Scratch& s) const {
+    void spread(const Strip& strip, int begin, int end, const float* const* change, Paraboloid& data,
+                Scratch& s) const {
         for (size_t k = 0; k < views.size(); k++)
-            views[k].spread(strip, data.curvature(separable[k]), s.sums[k], data.slope(separable[k]));
+            views[k].spread(strip, change, data.curvature(separable[k]), begin, end, s.columns[k], s.rows,
+                            data.slope(separable[k]));
     }
 };
 
-// Voxels begin .. end - 1 of a strip.
-void descend_strip(const Slice& slice, const Solve& solve, const Strip& strip, int begin, int end, bool backwards,
-                   Paraboloid& data, Scratch& s, float* f) {
+// Voxels begin .. end - 1 of a strip, one lane a row, as the solve along x wants them.
+void lay_out(const Slice& slice, const Solve& solve, const Strip& strip, int begin, int end, bool backwards,
+             float* const* rows, Scratch& s, const float* f) {
     const Neighbourhood& n = solve.neighbours;
     const int count = end - begin;
     Line& line = s.line;
-    float* rows[lanes];
-    for (int i = 0; i < strip.rows; i++) rows[i] = f + (int64_t(slice.z) * n.ny + strip.y[i]) * n.nx + begin;
+    const float* from[lanes];
     line.begin = begin;
+    line.reach = 0;
+    for (const SliceView& view : slice.views) line.reach = std::max(line.reach, view.along().reach());
     line.f.resize((count + 2) * lanes);
     into_lanes(rows, strip.rows, count, line.f.data() + lanes);
     for (int i = 0; i < lanes; i++) {
         line.f[i] = i < strip.rows && begin > 0 ? rows[i][-1] : 0;
         line.f[(count + 1) * lanes + i] = i < strip.rows && end < n.nx ? rows[i][count] : 0;
     }
-    if (solve.beta > 0) {
-        s.prior.resize(2 * lanes * n.nx);
-        float *gradient[lanes], *curvature[lanes];
-        for (int i = 0; i < strip.rows; i++) {
-            gradient[i] = s.prior.data() + 2 * i * count;
-            curvature[i] = gradient[i] + count;
-            prior_across_rows(n, f, slice.z, strip.y[i], begin, end, gradient[i], curvature[i]);
-        }
-        line.gradient.resize(count * lanes);
-        line.curvature.resize(count * lanes);
-        into_lanes(gradient, strip.rows, count, line.gradient.data());
-        into_lanes(curvature, strip.rows, count, line.curvature.data());
+    line.slope.resize(count * lanes);
+    line.coupling.resize(line.reach + 1);
+    line.change.resize((line.reach + count + line.reach) * lanes);
+    std::fill_n(line.change.begin(), line.reach * lanes, 0.0f);
+    std::fill_n(line.change.end() - line.reach * lanes, line.reach * lanes, 0.0f);
+    for (int k = -1; k <= line.reach; k++) {
+        for (int i = 0; i < strip.rows; i++) from[i] = s.planes.of(1 + k, i);
+        if (k >= 0) line.coupling[k].resize((line.reach + count) * lanes);
+        into_lanes(from, strip.rows, count, k < 0 ? line.slope.data() : &line.coupling[k][line.reach * lanes]);
     }
+    if (!(solve.beta > 0)) return;
+    s.row.resize(std::max(s.row.size(), size_t(2 * lanes * Planes::pitch)));
+    for (int i = 0; i < strip.rows; i++)
+        prior_of_row(n, f, slice.z, strip.y[i], begin, end, backwards, &s.row[2 * i * Planes::pitch],
+                     &s.row[(2 * i + 1) * Planes::pitch]);
+    line.prior_slope.resize(count * lanes);
+    line.prior_curvature.resize(count * lanes);
+    for (int k = 0; k < 2; k++) {
+        for (int i = 0; i < strip.rows; i++) from[i] = &s.row[(2 * i + k) * Planes::pitch];
+        into_lanes(from, strip.rows, count, k ? line.prior_curvature.data() : line.prior_slope.data());
+    }
+}
+
+// The changes back to rows, and from there to the images.
+void spread_changes(const Slice& slice, const Strip& strip, int begin, int end, Paraboloid& data, Scratch& s) {
+    const int count = end - begin;
+    int margin = 0;
+    for (const SliceView& view : slice.views) margin = std::max(margin, view.along().margin());
+    const int pitch = (margin + count + margin + lanes - 1) / lanes * lanes;
+    s.row.resize(std::max(s.row.size(), size_t(lanes * pitch)));
+    float* change[lanes];
+    for (int i = 0; i < lanes; i++) {
+        change[i] = &s.row[i * pitch + margin];
+        std::fill_n(change[i] - margin, margin, 0.0f);
+        std::fill_n(change[i] + count, pitch - margin - count, 0.0f);
+    }
+    out_of_lanes(&s.line.change[s.line.reach * lanes], strip.rows, count, change);
+    slice.spread(strip, begin, end, change, data, s);
+}
+
+void descend_strip(const Slice& slice, const Solve& solve, const Strip& strip, int begin, int end, bool backwards,
+                   Paraboloid& data, Scratch& s, float* f) {
+    const Neighbourhood& n = solve.neighbours;
+    float* rows[lanes];
+    for (int i = 0; i < strip.rows; i++) rows[i] = f + (int64_t(slice.z) * n.ny + strip.y[i]) * n.nx + begin;
     slice.gather(strip, begin, end, data, s);
-    solve.along(line, count, backwards, strip, data, s.lists);
-    slice.spread(strip, data, s);
-    out_of_lanes(line.f.data() + lanes, strip.rows, count, rows);
+    lay_out(slice, solve, strip, begin, end, backwards, rows, s, f);
+    solve.along(s.line, end - begin, backwards, strip, data, s.lists);
+    out_of_lanes(s.line.f.data() + lanes, strip.rows, end - begin, rows);
+    spread_changes(slice, strip, begin, end, data, s);
 }
 
 // Rows y, y + stride, ... of one block.
@@ -174,17 +166,35 @@ Strip strip_of(int y, int stride, int ny) {
     return strip;
 }
 
-void descend_block(const Slice& slice, const Solve& solve, int block, bool backwards, Paraboloid& data, Scratch& s,
-                   float* f) {
-    const Neighbourhood& n = solve.neighbours;
-    const int nx = int(n.nx), parts = (nx + voxels_at_once - 1) / voxels_at_once;
-    for (int i = 0; i < parts; i++) {
-        const int begin = (backwards ? parts - 1 - i : i) * voxels_at_once, end = std::min(nx, begin + voxels_at_once);
-        for (int j = 0; j < slice.stride; j++) {
-            const int first = block * lanes * slice.stride + (backwards ? slice.stride - 1 - j : j);
-            const Strip strip = strip_of(first, slice.stride, int(n.ny));
-            if (strip.rows) descend_strip(slice, solve, strip, begin, end, backwards, data, s, f);
-        }
+// The footprints of a slab's slices; those of the next are made while the last blocks of this one are worked on.
+struct Footing {
+    Slab slab;
+    std::vector<Slice> slices;
+    std::atomic<int> next{0}; // part
+
+    Footing(const Geometry& g, int depth) : slices(depth, Slice(g)) {}
+    void start(const Slab& chosen) {
+        slab = chosen;
+        next = 0;
+    }
+    void make() {
+        const int parts = slices[0].parts(), count = (slab.end - slab.begin) * parts;
+        for (int i; (i = next++) < count;) slices[i / parts].make(slab.begin + i / parts, i % parts);
+    }
+};
+
+// One block of rows in all slices of a slab, part by part.
+void descend_block(const Footing& footing, const Neighbourhood& n, const Sweep& sweep, int block, Paraboloid& data,
+                   Scratch& s, float* f) {
+    const Slab& slab = footing.slab;
+    const int nx = int(n.nx), parts = (nx + voxels_at_once - 1) / voxels_at_once, depth = slab.end - slab.begin;
+    for (int i = 0; i < parts * depth * slab.stride; i++) {
+        const int at = sweep.backwards ? parts * depth * slab.stride - 1 - i : i;
+        const int begin = at / (depth * slab.stride) * voxels_at_once, end = std::min(nx, begin + voxels_at_once);
+        const Slice& slice = footing.slices[at / slab.stride % depth];
+        const Strip strip = strip_of(block * lanes * slab.stride + at % slab.stride, slab.stride, int(n.ny));
+        const Solve solve{n, sweep.beta, sweep.relaxation, slice.lists};
+        if (strip.rows) descend_strip(slice, solve, strip, begin, end, sweep.backwards, data, s, f);
     }
 }
 
@@ -215,17 +225,27 @@ public:
 
 } // namespace
 
-void descend(const Geometry& geometry, const Neighbourhood& n, const Sweep& sweep, Paraboloid& data, float* f) {
-    Slice slice(geometry);
-    const Solve solve{n, sweep.beta, sweep.relaxation, slice.lists};
+void descend(const Neighbourhood& n, const Sweep& sweep, Paraboloid& data, float* f) {
+    const Geometry& geometry = data.geometry;
+    std::vector<Slab> order = slabs(geometry);
+    if (sweep.backwards) std::reverse(order.begin(), order.end());
+    int depth = 0;
+    for (const Slab& slab : order) depth = std::max(depth, slab.end - slab.begin);
+    Footing one(geometry, depth), two(geometry, depth), *now = &one, *next = &two;
     std::vector<Scratch> scratch(threads());
-    for (int64_t i = 0; i < n.nz; i++) {
-        slice.make(int(sweep.backwards ? n.nz - 1 - i : i));
-        Turns turns(int((n.ny + lanes * slice.stride - 1) / (lanes * slice.stride)), sweep.backwards);
-        parallel(int64_t(scratch.size()), [&](int64_t, int64_t, int thread) {
+    now->start(order[0]);
+    parallel(threads(), [&](int64_t, int64_t, int) { now->make(); });
+    for (size_t i = 0; i < order.size(); i++) {
+        const bool last = i + 1 == order.size();
+        if (!last) next->start(order[i + 1]);
+        const int rows = lanes * order[i].stride;
+        Turns turns(int((n.ny + rows - 1) / rows), sweep.backwards);
+        parallel(threads(), [&](int64_t, int64_t, int thread) {
             for (int block; (block = turns.take()) >= 0; turns.finish(block))
-                descend_block(slice, solve, block, sweep.backwards, data, scratch[thread], f);
+                descend_block(*now, n, sweep, block, data, scratch[thread], f);
+            if (!last) next->make();
         });
+        std::swap(now, next);
     }
 }
 
@@ -235,39 +255,28 @@ static void strip_diagonal(const Slice& slice, const Strip& strip, Paraboloid& d
     for (int begin = 0; begin < nx; begin += voxels_at_once) {
         const int end = std::min(nx, begin + voxels_at_once);
         slice.gather(strip, begin, end, data, s);
-        s.line.begin = begin;
-        s.line.f.resize(voxels_at_once * lanes);
-        line_curvature(s.line, end - begin, s.line.f.data());
+        for (int i = 0; i < strip.rows; i++)
+            std::copy_n(s.planes.of(1, i), end - begin, d + int64_t(strip.y[i]) * nx + begin);
         for (int x = begin; x < end && !slice.lists.empty(); x++) {
-            Lanes slope = {}, sum;
-            load(sum, &s.line.f[(x - begin) * lanes]);
+            Lanes slope = {}, sum = {};
             slice.lists.measure(strip, x, data, s.lists, slope, sum);
-            store(&s.line.f[(x - begin) * lanes], sum);
+            for (int i = 0; i < strip.rows; i++) d[int64_t(strip.y[i]) * nx + x] += sum[i];
         }
-        float* rows[lanes];
-        for (int i = 0; i < strip.rows; i++) rows[i] = d + int64_t(strip.y[i]) * nx + begin;
-        out_of_lanes(s.line.f.data(), strip.rows, end - begin, rows);
     }
 }
 
-void diagonal(const Geometry& geometry, Paraboloid& data, int every, float* d) {
-    const Grid& grid = geometry.grid;
-    Slice slice(geometry);
+void diagonal(Paraboloid& data, int every, float* d) {
+    const Grid& grid = data.geometry.grid;
+    Slice slice(data.geometry);
     std::vector<Scratch> scratch(threads());
     for (int z = every / 2; z < grid.nz; z += every) {
-        slice.make(z);
+        parallel_tasks(slice.parts(), [&](int64_t part, int) { slice.make(z, int(part)); });
         parallel((grid.ny + lanes - 1) / lanes, [&](int64_t begin, int64_t end, int thread) {
             for (int64_t k = begin; k < end; k++)
                 strip_diagonal(slice, strip_of(int(k) * lanes, 1, grid.ny), data, scratch[thread],
                                d + z / every * grid.slice());
         });
     }
-}
-
-int row_stride(const Geometry& geometry, int z) {
-    Slice slice(geometry);
-    slice.make(z);
-    return slice.stride;
 }
 
 } // namespace palpate

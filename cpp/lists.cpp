@@ -34,10 +34,10 @@ void Lists::make(int z) {
     if (!empty()) footprints.prepare(z);
 }
 
-int Lists::rows_apart(size_t i) const {
+int Lists::rows_apart(size_t i, int z) const {
     const View& view = geometry.views[listed[i]];
     AxisTerms along_y;
-    along_y.make(geometry, view, slice, view.swapped ? Axis::x : Axis::y, 1, 0);
+    along_y.make(geometry, view, z, view.swapped ? Axis::x : Axis::y);
     return along_y.apart(fine_rows[i]);
 }
 

@@ -23,7 +23,7 @@ public:
     explicit Lists(const Geometry& geometry);
     bool empty() const { return listed.empty(); }
     void make(int z);
-    int rows_apart(size_t i) const; // of the i-th listed view
+    int rows_apart(size_t i, int z) const; // of the i-th listed view
     size_t size() const { return listed.size(); }
 
     // Adds the slope and curvature of voxel x of each row of the strip.

@@ -4,107 +4,151 @@
 namespace palpate {
 namespace {
 
-constexpr int chunk = 256; // columns whose sums stay in the nearest cache
-
-// out = Σ of weight · image over `taps` rows, in n columns, for the images and weights that go with each term and pair
-// of terms: out[q * pitch + a]. fixed: the number of taps, or 0 for any.
-template <int fixed>
-PALPATE_INLINE void reduce_rows(const float* slope, const float* curvature, int64_t stride, const float* weight,
-                                int terms, int taps, int n, float* out, int64_t pitch) {
-    const int size = terms + pairs_of(terms), count = fixed ? fixed : taps;
-    for (int q = 0; q < size; q++, out += pitch) {
-        const float* image = q < terms ? slope : curvature;
-        float w[fixed ? fixed : 1];
-        for (int t = 0; t < fixed; t++) w[t] = weight[t * size + q];
-        for (int a = 0; a < n; a += 2 * lanes) {
-            Lanes first = {}, second = {}, u, v;
-            for (int t = 0; t < count; t++) {
-                const float by = fixed ? w[fixed ? t : 0] : weight[t * size + q];
-                load(u, image + t * stride + a);
-                load(v, image + t * stride + a + lanes);
-                first += by * u;
-                second += by * v;
+// out[q * pitch + a] = Σ over rows of weight · image, for `count` weights a row, `step` apart from row to row, that go
+// with one image. fixed: the number of rows, or 0 for any.
+template <int count, int fixed>
+PALPATE_INLINE void reduce_image(const float* image, int64_t stride, const float* weight, int step, int rows, int n,
+                                 float* out, int64_t pitch) {
+    if constexpr (fixed == 0) {
+        for (int a = 0; a < n; a += lanes)
+            for (int q = 0; q < count; q++) {
+                Lanes sum = {}, u;
+                for (int t = 0; t < rows; t++) {
+                    load(u, image + t * stride + a);
+                    sum += weight[t * step + q] * u;
+                }
+                store(out + q * pitch + a, sum);
             }
-            store(out + a, first);
-            store(out + a + lanes, second);
+    } else {
+        float w[fixed][count];
+        PALPATE_UNROLL
+        for (int t = 0; t < fixed; t++) PALPATE_UNROLL
+        for (int q = 0; q < count; q++) w[t][q] = weight[t * step + q];
+        for (int a = 0; a < n; a += lanes) {
+            Lanes sum[count], u;
+            load(u, image + a);
+            PALPATE_UNROLL
+            for (int q = 0; q < count; q++) sum[q] = w[0][q] * u;
+            PALPATE_UNROLL
+            for (int t = 1; t < fixed; t++) {
+                load(u, image + t * stride + a);
+                PALPATE_UNROLL
+                for (int q = 0; q < count; q++) sum[q] += w[t][q] * u;
+            }
+            PALPATE_UNROLL
+            for (int q = 0; q < count; q++) store(out + q * pitch + a, sum[q]);
         }
+    }
+}
+
+// Sums of slope for every term, then of curvature for every pair of terms.
+template <int terms, int fixed>
+PALPATE_INLINE void reduce_rows(const float* slope, const float* curvature, int64_t stride, const float* weight,
+                                int rows, int n, float* out, int64_t pitch) {
+    constexpr int pairs = pairs_of(terms), step = terms + pairs;
+    reduce_image<terms, fixed>(slope, stride, weight, step, rows, n, out, pitch);
+    reduce_image<pairs, fixed>(curvature, stride, weight + terms, step, rows, n, out + terms * pitch, pitch);
+}
+
+template <int terms>
+PALPATE_INLINE void reduce_terms(const float* slope, const float* curvature, int64_t stride, const float* weight,
+                                 int rows, int n, float* out, int64_t pitch) {
+    switch (rows) {
+    case 2:
+        return reduce_rows<terms, 2>(slope, curvature, stride, weight, rows, n, out, pitch);
+    case 3:
+        return reduce_rows<terms, 3>(slope, curvature, stride, weight, rows, n, out, pitch);
+    case 4:
+        return reduce_rows<terms, 4>(slope, curvature, stride, weight, rows, n, out, pitch);
+    default:
+        return reduce_rows<terms, 0>(slope, curvature, stride, weight, rows, n, out, pitch);
     }
 }
 
 PALPATE_KERNEL void reduce(const float* slope, const float* curvature, int64_t stride, const float* weight, int terms,
-                           int taps, int n, float* out, int64_t pitch) {
-    switch (taps) {
-    case 2:
-        return reduce_rows<2>(slope, curvature, stride, weight, terms, taps, n, out, pitch);
-    case 3:
-        return reduce_rows<3>(slope, curvature, stride, weight, terms, taps, n, out, pitch);
-    case 4:
-        return reduce_rows<4>(slope, curvature, stride, weight, terms, taps, n, out, pitch);
-    case 5:
-        return reduce_rows<5>(slope, curvature, stride, weight, terms, taps, n, out, pitch);
-    default:
-        return reduce_rows<0>(slope, curvature, stride, weight, terms, taps, n, out, pitch);
+                           int rows, int n, float* out, int64_t pitch) {
+    if (terms == 1) return reduce_terms<1>(slope, curvature, stride, weight, rows, n, out, pitch);
+    if (terms == 2) return reduce_terms<2>(slope, curvature, stride, weight, rows, n, out, pitch);
+    const int size = terms + pairs_of(terms);
+    for (int q = 0; q < size; q++)
+        reduce_image<1, 0>(q < terms ? slope : curvature, stride, weight + q, size, rows, n, out + q * pitch, pitch);
+}
+
+// slope += curvature · Σ over terms of weight · change, in the same rows and columns. terms, fixed (rows): 0 for any.
+template <int terms, int fixed>
+PALPATE_INLINE void expand_rows(const float* change, int64_t pitch, const float* curvature, int64_t stride,
+                                const float* weight, int any, int rows, int n, float* slope) {
+    if constexpr (terms == 0 || fixed == 0) {
+        const int size = any + pairs_of(any);
+        for (int t = 0; t < rows; t++, weight += size, curvature += stride, slope += stride)
+            for (int a = 0; a < n; a += lanes) {
+                Lanes sum = {}, p, c, g;
+                for (int m = 0; m < any; m++) {
+                    load(p, change + m * pitch + a);
+                    sum += weight[m] * p;
+                }
+                load(c, curvature + a);
+                load(g, slope + a);
+                g += c * sum;
+                store(slope + a, g);
+            }
+    } else {
+        constexpr int size = terms + pairs_of(terms);
+        float w[fixed][terms];
+        PALPATE_UNROLL
+        for (int t = 0; t < fixed; t++) PALPATE_UNROLL
+        for (int m = 0; m < terms; m++) w[t][m] = weight[t * size + m];
+        for (int a = 0; a < n; a += lanes) {
+            Lanes p[terms];
+            PALPATE_UNROLL
+            for (int m = 0; m < terms; m++) load(p[m], change + m * pitch + a);
+            PALPATE_UNROLL
+            for (int t = 0; t < fixed; t++) {
+                Lanes sum = w[t][0] * p[0], c, g;
+                if constexpr (terms == 2) sum += w[t][1] * p[1];
+                load(c, curvature + t * stride + a);
+                load(g, slope + t * stride + a);
+                g += c * sum;
+                store(slope + t * stride + a, g);
+            }
+        }
     }
 }
 
-// slope += curvature · Σ over terms of weight · change, in the same rows and columns.
-template <int fixed>
-PALPATE_INLINE void expand_rows(const float* change, int64_t pitch, const float* curvature, int64_t stride,
-                                const float* weight, int any, int taps, int n, float* slope) {
-    const int terms = fixed ? fixed : any, size = terms + pairs_of(terms);
-    for (int t = 0; t < taps; t++, weight += size, curvature += stride, slope += stride)
-        for (int a = 0; a < n; a += lanes) {
-            Lanes sum = {}, p, c, g;
-            for (int m = 0; m < terms; m++) {
-                load(p, change + m * pitch + a);
-                sum += weight[m] * p;
-            }
-            load(c, curvature + a);
-            load(g, slope + a);
-            g += c * sum;
-            store(slope + a, g);
-        }
+template <int terms>
+PALPATE_INLINE void expand_terms(const float* change, int64_t pitch, const float* curvature, int64_t stride,
+                                 const float* weight, int any, int rows, int n, float* slope) {
+    switch (rows) {
+    case 2:
+        return expand_rows<terms, 2>(change, pitch, curvature, stride, weight, any, rows, n, slope);
+    case 3:
+        return expand_rows<terms, 3>(change, pitch, curvature, stride, weight, any, rows, n, slope);
+    case 4:
+        return expand_rows<terms, 4>(change, pitch, curvature, stride, weight, any, rows, n, slope);
+    default:
+        return expand_rows<terms, 0>(change, pitch, curvature, stride, weight, any, rows, n, slope);
+    }
 }
 
 PALPATE_KERNEL void expand(const float* change, int64_t pitch, const float* curvature, int64_t stride,
-                           const float* weight, int terms, int taps, int n, float* slope) {
-    switch (terms) {
-    case 1:
-        return expand_rows<1>(change, pitch, curvature, stride, weight, terms, taps, n, slope);
-    case 2:
-        return expand_rows<2>(change, pitch, curvature, stride, weight, terms, taps, n, slope);
-    default:
-        return expand_rows<0>(change, pitch, curvature, stride, weight, terms, taps, n, slope);
-    }
+                           const float* weight, int terms, int rows, int n, float* slope) {
+    if (terms == 1) return expand_terms<1>(change, pitch, curvature, stride, weight, terms, rows, n, slope);
+    if (terms == 2) return expand_terms<2>(change, pitch, curvature, stride, weight, terms, rows, n, slope);
+    expand_rows<0, 0>(change, pitch, curvature, stride, weight, terms, rows, n, slope);
 }
 
-// rows[(lane * size + q) * chunk + a] to cells[a * cell + q * lanes + lane], and 0 to the changes behind them.
-PALPATE_KERNEL void into_cells(const float* rows, int size, int terms, int n, float* cells) {
-    const int cell = (size + terms) * lanes;
-    const Lanes zero = {};
-    for (int a = 0; a < n; a += lanes) {
-        for (int q = 0; q < size; q++) {
-            Lanes m[lanes];
-            load_each(m, rows + q * chunk + a, int64_t(size) * chunk);
-            transpose(m);
-            store_each(cells + int64_t(a) * cell + q * lanes, cell, m);
-        }
-        for (int i = 0; i < lanes; i++)
-            for (int q = size; q < size + terms; q++) store(cells + int64_t(a + i) * cell + q * lanes, zero);
-    }
-}
+// Columns under voxels begin .. end - 1, whole vectors, and how far apart a row's sums are kept.
+struct Reach {
+    int from, n;
+    int64_t pitch;
 
-// The changes in the cells to rows[(lane * terms + term) * chunk + a].
-PALPATE_KERNEL void out_of_cells(const float* cells, int size, int terms, int n, float* rows) {
-    const int cell = (size + terms) * lanes;
-    for (int a = 0; a < n; a += lanes)
-        for (int q = 0; q < terms; q++) {
-            Lanes m[lanes];
-            load_each(m, cells + int64_t(a) * cell + (size + q) * lanes, cell);
-            transpose(m);
-            store_each(rows + q * chunk + a, int64_t(terms) * chunk, m);
-        }
-}
+    Reach(const Bands& bands, int begin, int end)
+        : from(bands.begin(begin)), n((std::max(0, bands.end(end - 1) - from) + lanes - 1) / lanes * lanes),
+          pitch(n + 2 * Bands::beside) {}
+};
+
+// Of two rows in turn.
+float* row_sums(Buffer& rows, int i, int64_t size) { return rows.data() + i % 2 * size + Bands::beside; }
 
 } // namespace
 
@@ -112,66 +156,57 @@ void SliceView::make(const Geometry& geometry, const View& chosen, int z) {
     const Layout layout(chosen);
     view = &chosen;
     stride = layout.stride;
-    ny = geometry.grid.ny;
     const Axis x = chosen.swapped ? Axis::y : Axis::x, y = chosen.swapped ? Axis::x : Axis::y;
-    along_x.make(geometry, chosen, z, x, 2, layout.columns);
+    bands.make(geometry, chosen, z, x, layout.columns);
     if (chosen.pose == Pose::turned) {
         along_columns.clear();
         for (int s = 0; s < products(chosen); s++) along_columns.push_back(edges(geometry, chosen, z, s));
     } else {
-        along_y.make(geometry, chosen, z, y, 1, 0);
+        along_y.make(geometry, chosen, z, y);
     }
-}
-
-int SliceView::rows_apart() const {
-    if (view->pose == Pose::turned) return turned_rows_apart(along_columns, ny, view->na);
-    return along_y.apart(1);
 }
 
 void SliceView::gather(const Strip& strip, const float* slope, const float* curvature, int begin, int end,
-                       Sums& sums) const {
-    const int size = along_x.stride();
-    sums.begin = along_x.first[begin] / lanes * lanes;
-    const int columns = along_x.first[end - 1] + along_x.width - sums.begin;
-    sums.end = sums.begin + (columns + 2 * lanes - 1) / (2 * lanes) * (2 * lanes);
-    sums.cells.resize(std::max(sums.cells.size(), size_t(sums.end - sums.begin) * cell()));
-    sums.rows.resize(std::max(sums.rows.size(), size_t(size) * lanes * chunk));
-    if (view->pose == Pose::turned)
-        for (int i = 0; i < strip.rows; i++)
-            sums.turned[i].make(along_columns, strip.y[i], view->nb, view->na, sums.begin, sums.end);
-    float* rows = sums.rows.data();
-    for (int a = sums.begin; a < sums.end; a += chunk) {
-        const int n = std::min(chunk, sums.end - a);
-        for (int i = 0; i < lanes; i++) {
-            float* out = rows + int64_t(i) * size * chunk;
-            if (i >= strip.rows) {
-                std::fill_n(out, size * chunk, 0.0f);
-            } else if (view->pose == Pose::turned) {
-                turned_reduce(sums.turned[i], slope, curvature, stride, terms(), a, n, out, chunk);
-            } else {
-                const int y = strip.y[i];
-                const int64_t at = along_y.first[y] * stride + a;
-                reduce(slope + at, curvature + at, stride, along_y.of(y), terms(), along_y.count[y], n, out, chunk);
-            }
-        }
-        into_cells(rows, size, terms(), n, sums.cells.data() + int64_t(a - sums.begin) * cell());
+                       Columns& columns, Buffer& rows, Planes& planes) const {
+    const Reach at(bands, begin, end);
+    const int terms = products(*view), size = terms + pairs_of(terms);
+    rows.resize(std::max(rows.size(), size_t(2 * size * at.pitch)));
+    // A row's sums are looked at after those of the next are made: what has just been stored is slow to load across.
+    for (int i = 0; i <= strip.rows; i++) {
+        if (i < strip.rows)
+            add_up(strip, i, slope, curvature, at.from, at.n, columns, row_sums(rows, i, size * at.pitch), at.pitch);
+        if (i > 0)
+            bands.look(row_sums(rows, i - 1, size * at.pitch), at.pitch, at.from, begin, end, planes.of(0, i - 1),
+                       lanes * Planes::pitch);
     }
 }
 
-void SliceView::spread(const Strip& strip, const float* curvature, Sums& sums, float* slope) const {
-    float* rows = sums.rows.data();
-    for (int a = sums.begin; a < sums.end; a += chunk) {
-        const int n = std::min(chunk, sums.end - a);
-        out_of_cells(sums.cells.data() + int64_t(a - sums.begin) * cell(), along_x.stride(), terms(), n, rows);
-        for (int i = 0; i < strip.rows; i++) {
-            const float* change = rows + int64_t(i) * terms() * chunk;
-            if (view->pose == Pose::turned) {
-                turned_expand(sums.turned[i], change, chunk, curvature, stride, terms(), a, n, slope);
-            } else {
-                const int y = strip.y[i];
-                const int64_t at = along_y.first[y] * stride + a;
-                expand(change, chunk, curvature + at, stride, along_y.of(y), terms(), along_y.count[y], n, slope + at);
-            }
+void SliceView::add_up(const Strip& strip, int i, const float* slope, const float* curvature, int from, int n,
+                       Columns& columns, float* sums, int64_t pitch) const {
+    const int y = strip.y[i], terms = products(*view);
+    if (view->pose == Pose::turned) {
+        columns.turned[i].make(along_columns, y, view->nb, view->na, from, from + n);
+        turned_reduce(columns.turned[i], slope, curvature, stride, terms, from, n, sums, pitch);
+    } else {
+        const int64_t first = along_y.first[y] * stride + from;
+        reduce(slope + first, curvature + first, stride, along_y.of(y), terms, along_y.count[y], n, sums, pitch);
+    }
+}
+
+void SliceView::spread(const Strip& strip, const float* const* change, const float* curvature, int begin, int end,
+                       const Columns& columns, Buffer& rows, float* slope) const {
+    const Reach at(bands, begin, end);
+    const int terms = products(*view);
+    float* sums = rows.data() + Bands::beside;
+    for (int i = 0; i < strip.rows; i++) {
+        bands.spread(change[i], begin, at.from, at.n, sums, at.pitch);
+        if (view->pose == Pose::turned) {
+            turned_expand(columns.turned[i], sums, at.pitch, curvature, stride, terms, at.from, at.n, slope);
+        } else {
+            const int y = strip.y[i];
+            const int64_t first = along_y.first[y] * stride + at.from;
+            expand(sums, at.pitch, curvature + first, stride, along_y.of(y), terms, along_y.count[y], at.n,
+                   slope + first);
         }
     }
 }

@@ -1,6 +1,5 @@
 #pragma once
-#include "lanes.h"
-#include "terms.h"
+#include "bands.h"
 #include "turned_rows.h"
 
 namespace palpate {
@@ -11,34 +10,44 @@ struct Strip {
     int y[lanes];
 };
 
-// A view's image with its rows weighed and added up under a strip. In cell c, eight lanes each: for every term the
-// column's sum of slope, for every pair of terms its sum of curvature, for every term the sum over the voxels of (along
-// x) x change. All are of the columns alone, so that along x a strip is a problem in one dimension.
-struct Sums {
-    int begin = 0, end = 0;         // columns of the cells
-    std::vector<float> cells, rows; // rows: scratch, the same before it is turned into lanes
-    TurnedRow turned[lanes];        // on turned panels
+// What the columns say of the voxels of a strip, (planes, lanes, pitch): slope, and coupling with the voxel itself, the
+// next one, ... along x, summed over the views.
+struct Planes {
+    static constexpr int pitch =
+        80; // most voxels at once, and not a power of two: planes would share their places in the cache
+    int count = 0;
+    Buffer values;
+
+    float* of(int plane, int lane) { return values.data() + (plane * lanes + lane) * pitch; }
+};
+
+// What a thread needs for one view of a strip.
+struct Columns {
+    TurnedRow turned[lanes]; // on turned panels
 };
 
 // The footprints of the voxels of one slice in one view whose layout is separable.
 class SliceView {
 public:
     void make(const Geometry& geometry, const View& view, int z);
-    int rows_apart() const; // rows of voxels this far apart share no pixel, nor does the work on one touch the other's
-    int terms() const { return along_x.terms; }
-    int cell() const { return (along_x.stride() + along_x.terms) * lanes; } // floats
-    const AxisTerms& x() const { return along_x; }
+    const Bands& along() const { return bands; }
 
-    // Fills the cells that voxels begin .. end - 1 touch.
-    void gather(const Strip& strip, const float* slope, const float* curvature, int begin, int end, Sums& sums) const;
-    // slope += curvature · A (change), from the changes in those cells.
-    void spread(const Strip& strip, const float* curvature, Sums& sums, float* slope) const;
+    // Adds to the planes of voxels begin .. end - 1 what the view says of them. rows: scratch.
+    void gather(const Strip& strip, const float* slope, const float* curvature, int begin, int end, Columns& columns,
+                Buffer& rows, Planes& planes) const;
+    // slope += curvature · A (change). change: per lane, of voxels begin .. end - 1, Bands::margin() 0s on either side.
+    void spread(const Strip& strip, const float* const* change, const float* curvature, int begin, int end,
+                const Columns& columns, Buffer& rows, float* slope) const;
 
 private:
+    // The sums of the columns from .. from + n - 1 under row i of a strip.
+    void add_up(const Strip& strip, int i, const float* slope, const float* curvature, int from, int n,
+                Columns& columns, float* sums, int64_t pitch) const;
+
     const View* view = nullptr;
     int64_t stride = 0;
-    int ny = 0;
-    AxisTerms along_x, along_y;       // x, y of the volume; along_y is unused on turned panels
+    AxisTerms along_y; // unused on turned panels
+    Bands bands;
     std::vector<Edges> along_columns; // turned panels: per term
 };
 

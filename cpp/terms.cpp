@@ -21,42 +21,31 @@ Layout::Layout(const View& view) {
     }
 }
 
-void AxisTerms::make(const Geometry& geometry, const View& view, int z, Axis axis, float mixed, int held) {
-    terms = products(view);
-    parts.resize(terms);
-    for (int s = 0; s < terms; s++) by_voxel(geometry, view, z, s, axis, parts[s]);
-    const int n = parts[0].n;
+int extents(const std::vector<AxisWeights>& terms, std::vector<int32_t>& first, std::vector<int32_t>& count) {
+    const int n = terms[0].n;
     first.assign(n, INT32_MAX);
     count.assign(n, 0); // for now the end
-    for (const AxisWeights& part : parts)
+    for (const AxisWeights& part : terms)
         for (int t = 0; t < part.taps; t++)
             for (int i = 0; i < n; i++)
                 if (part.weight[size_t(t) * n + i] != 0) {
                     first[i] = std::min(first[i], part.first[i] + t);
                     count[i] = std::max(count[i], part.first[i] + t + 1);
                 }
-    for (int i = 0; i < n; i++) count[i] = count[i] ? count[i] - first[i] : first[i] = 0;
-    width = std::max(1, *std::max_element(count.begin(), count.end()));
-    if (held) hold(held);
-    multiply(mixed);
+    int most = 0;
+    for (int i = 0; i < n; i++) {
+        count[i] = count[i] ? count[i] - first[i] : first[i] = 0;
+        most = std::max(most, int(count[i]));
+    }
+    return most;
 }
 
-void AxisTerms::hold(int pixels) {
-    const int n = int(first.size());
-    int next = pixels;
-    for (int i = n - 1; i >= 0; i--) { // first falls nowhere
-        if (count[i] == 0)
-            first[i] = next;
-        else if (next < first[i])
-            count[i] += first[i] - next, first[i] = next;
-        next = first[i];
-        width = std::max(width, count[i]);
-    }
-    for (int i = 0; i < n; i++) { // at the end of the image
-        const int moved = std::max(0, first[i] + width - pixels);
-        first[i] -= moved;
-        count[i] += count[i] ? moved : 0;
-    }
+void AxisTerms::make(const Geometry& geometry, const View& view, int z, Axis axis) {
+    terms = products(view);
+    parts.resize(terms);
+    for (int s = 0; s < terms; s++) by_voxel(geometry, view, z, s, axis, parts[s]);
+    width = std::max(1, extents(parts, first, count));
+    lay_out();
 }
 
 int AxisTerms::apart(int spread) const {
@@ -71,7 +60,7 @@ int AxisTerms::apart(int spread) const {
 }
 
 // The weights laid out per voxel and pixel, and their products.
-void AxisTerms::multiply(float mixed) {
+void AxisTerms::lay_out() {
     const size_t n = first.size(), size = stride();
     weight.assign(n * width * size, 0);
     for (int s = 0; s < terms; s++)
@@ -82,7 +71,7 @@ void AxisTerms::multiply(float mixed) {
     for (size_t i = 0; i < n * width; i++) {
         float *w = &weight[i * size], *product = w + terms;
         for (int m = 0; m < terms; m++)
-            for (int k = m; k < terms; k++) *product++ = w[m] * w[k] * (k == m ? 1 : mixed);
+            for (int k = m; k < terms; k++) *product++ = w[m] * w[k];
     }
 }
 

@@ -19,6 +19,10 @@ struct Layout {
 
 constexpr int pairs_of(int terms) { return terms * (terms + 1) / 2; }
 
+// Pixels first[i] .. first[i] + count[i] - 1 that voxel i touches in some term; first is 0 where it touches none.
+// Returns the largest count.
+int extents(const std::vector<AxisWeights>& terms, std::vector<int32_t>& first, std::vector<int32_t>& count);
+
 // Weights of the voxels of a slice along one axis of an image: a footprint is a sum over `terms` of (along y) x (along
 // x). Voxel i touches pixels first[i] .. first[i] + count[i] - 1 in some term. Per voxel and pixel (`width` of them, 0
 // beyond count) `stride()` numbers: the weight in each term, then the product of each pair of terms (m, m'), m <= m'.
@@ -32,15 +36,11 @@ struct AxisTerms {
     apart(int spread) const; // voxels this far apart share no pixel, if each also touches the spread - 1 behind its own
     const float* of(int i) const { return &weight[size_t(i) * width * stride()]; }
 
-    // Weights are those of by_voxel; products of two different terms are multiplied by `mixed`. held: the image's
-    // number of pixels, if all `width` pixels of every voxel must lie on it and first must not fall with i (voxels that
-    // touch none included); or 0.
-    void make(const Geometry& geometry, const View& view, int z, Axis axis, float mixed, int held);
+    void make(const Geometry& geometry, const View& view, int z, Axis axis); // weights are those of by_voxel
 
 private:
     std::vector<AxisWeights> parts;
-    void hold(int pixels);
-    void multiply(float mixed);
+    void lay_out();
 };
 
 } // namespace palpate

@@ -81,20 +81,21 @@ def lange(t, edge):
     return edge**2 * (abs(t / edge) - np.log1p(abs(t / edge)))
 
 
-PART = 128  # voxels along x that the kernel works on at once
+PART = 64  # voxels along x that the kernel works on at once
 ROWS = 8  # rows of a class in a block
 
 
-def order(grid, stride, backwards=False):
-    """Voxels in the order that the kernel promises: slices, blocks (even, odd), parts, classes, rows, x."""
+def order(grid, slabs, backwards=False):
+    """Voxels in the order that the kernel promises: slabs, blocks (even, odd), parts, slices, classes, rows, x."""
     index = np.arange(grid.size).reshape(grid.shape)
     voxels = []
-    for z in range(grid.shape[0]):
-        blocks = [index[z, y : y + ROWS * stride[z]] for y in range(0, grid.shape[1], ROWS * stride[z])]
+    for begin, end, stride in slabs:
+        blocks = [index[begin:end, y : y + ROWS * stride] for y in range(0, grid.shape[1], ROWS * stride)]
         for block in blocks[::2] + blocks[1::2]:
             for x in range(0, grid.shape[2], PART):
-                for first in range(stride[z]):
-                    voxels.extend(block[first :: stride[z], x : x + PART].ravel())
+                for rows in block:
+                    for first in range(stride):
+                        voxels.extend(rows[first::stride, x : x + PART].ravel())
     return voxels[::-1] if backwards else voxels
 
 
@@ -139,17 +140,23 @@ def cut_panel():
     return pp.arc_views(pp.Panel((7, 8), (0.9, 1.3), (-3.5, -3.1, 0)), [-20, 0, 25], radius=200, pivot=(0, 0, 20))
 
 
+def paraboloid(A, slope, curvature):
+    data = _core.Paraboloid(A.geometry)
+    data.set_slope(slope)
+    data.set_curvature(curvature)
+    return data
+
+
 def one_after_the_other(views, grid, beta, backwards=False, relaxation=1.0, **accuracy):
     """(kernel, oracle, start), flat."""
     scan, A, f = problem(views, grid, **accuracy)
     model = Transmission.of(scan)
     slope, curvature = model.slope(A(f)), model.curvature(A(f), "optimal")
-    stride = [_core.row_stride(A.geometry, z) for z in range(grid.shape[0])]
     g, c = slope.ravel().astype(float), curvature.ravel().astype(float)
-    voxels = order(grid, stride, backwards)
+    voxels = order(grid, _core.slabs(A.geometry), backwards)
     expected = sweep(dense(A), g, c, f.ravel().astype(float), grid, 0.004, beta, voxels, relaxation)
     made = f.copy()
-    _core.descend(A.geometry, slope, curvature, made, 2, 0.004, beta, relaxation, backwards)
+    _core.descend(paraboloid(A, slope, curvature), made, 2, 0.004, beta, relaxation, backwards)
     return made.ravel(), expected, f.ravel()
 
 
@@ -202,12 +209,36 @@ def test_diagonal_is_that_of_the_matrix(geometry):
 def test_rows_of_a_class_share_no_pixel(geometry):
     A = pp.Projector(geometry(), GRID)
     touched = (dense(A) != 0).reshape(-1, *GRID.shape)
-    for z in range(GRID.shape[0]):
-        rows = touched[:, z].any(axis=2)
-        stride = _core.row_stride(A.geometry, z)
+    for begin, end, stride in _core.slabs(A.geometry):
         assert stride < GRID.shape[1]  # or nothing is tested
-        for first in range(stride):
-            assert rows[:, first::stride].sum(axis=1).max() <= 1
+        for z in range(begin, end):
+            rows = touched[:, z].any(axis=2)
+            for first in range(stride):
+                assert rows[:, first::stride].sum(axis=1).max() <= 1
+
+
+def fine_arc():
+    return pp.arc_views(pp.Panel((160, 6), (0.1, 3), (-7.5, -8, 0)), [-20, 0, 15], radius=200, pivot=(0, 0, 20))
+
+
+def fine_oblique():
+    return pp.Views([(150, 120, 200), (-100, 130, 220)], pp.Panel((280, 20), (0.1, 3), (-30, -20, 0)))
+
+
+@pytest.mark.parametrize("geometry", [fine_arc, fine_oblique])
+def test_blocks_of_one_parity_share_no_pixel_in_any_slice_of_a_slab(geometry):
+    grid = pp.Grid((12, 60, 2), (0.2, 0.15, 4.0), (-2.0, -4.4, 14.0))
+    A = pp.Projector(geometry(), grid)
+    touched = (dense(A) != 0).reshape(-1, *grid.shape)
+    slabs = _core.slabs(A.geometry)
+    assert [0, *(end for _, end, _ in slabs)] == [*(begin for begin, _, _ in slabs), 12]
+    assert max(end - begin for begin, end, _ in slabs) > 1
+    for begin, end, stride in slabs:
+        rows = touched[:, begin:end].any(axis=(1, 3))
+        blocks = np.stack([rows[:, y : y + ROWS * stride].any(axis=1) for y in range(0, 60, ROWS * stride)], axis=1)
+        assert blocks.shape[1] > 2  # or nothing is tested
+        for parity in (0, 1):
+            assert blocks[:, parity::2].sum(axis=1).max() <= 1
 
 
 @pytest.mark.parametrize("geometry", GEOMETRIES)
@@ -221,7 +252,7 @@ def test_same_bits_for_any_number_of_threads(geometry):
         _core.set_threads(n)
         made = f.copy()
         for _ in range(3):
-            _core.descend(A.geometry, slope, curvature, made, 2, 0.004, 3000.0)
+            _core.descend(paraboloid(A, slope, curvature), made, 2, 0.004, 3000.0)
         answers.append(made)
     _core.set_threads(0)
     assert np.abs(answers[0] - f).max() > 0.01

@@ -35,12 +35,16 @@ def descend(
     l = A(values)
     objective = _objective(A, likelihood, prior, beta, values, l)
     kinds: tuple[Curvature, ...] = (curvature, "optimal") if curvature == "precomputed" else (curvature,)
+    data, held = _core.Paraboloid(A.geometry), ""
     while True:
         slope, l_old = likelihood.slope(l), l
         np.copyto(old, values)
         for kind in kinds:
-            bend = np.ascontiguousarray(likelihood.curvature(l_old, kind))
-            _core.descend(A.geometry, slope, bend, values, *prior.law, beta, relaxation)
+            data.set_slope(slope)
+            if kind != "precomputed" or kind != held:  # that one is the same at every l
+                data.set_curvature(np.ascontiguousarray(likelihood.curvature(l_old, kind)))
+                held = kind
+            _core.descend(data, values, *prior.law, beta, relaxation)
             l = A(values)
             now = _objective(A, likelihood, prior, beta, values, l)
             if now <= objective or kind == kinds[-1]:

@@ -1,0 +1,370 @@
+#include "bands.h"
+#include <algorithm>
+
+namespace palpate {
+namespace {
+
+typedef int32_t Order __attribute__((vector_size(32)));
+constexpr int most_taps = 6, most_terms = 2; // of the unrolled kernels
+
+// How far eight neighbours reach: the largest first[i + 7] − first[i], from every eighth i.
+int span(const std::vector<int32_t>& first) {
+    int most = 0;
+    for (size_t i = 0; i < first.size(); i += lanes) most = std::max(most, first[i + lanes - 1] - first[i]);
+    return most;
+}
+
+// out[i] = window[order[i]]: sixteen floats in two vectors, or, where eight neighbours reach further, one by one.
+struct Window {
+    Lanes low, high;
+    PALPATE_INLINE explicit Window(const float* from) { load(low, from), load(high, from + lanes); }
+    PALPATE_INLINE void pick(const Order& order, Lanes& out) const { out = __builtin_shuffle(low, high, order); }
+};
+struct Anywhere {
+    const float* from;
+    PALPATE_INLINE explicit Anywhere(const float* from) : from(from) {}
+    PALPATE_INLINE void pick(const Order& order, Lanes& out) const {
+        int32_t index[lanes];
+        float picked[lanes];
+        std::memcpy(index, &order, sizeof index);
+        for (int i = 0; i < lanes; i++) picked[i] = from[index[i]];
+        load(out, picked);
+    }
+};
+
+// Tap t of all eight: from[t + order[i]], as above; Near: order below eight.
+struct Near {
+    const float* from;
+    PALPATE_INLINE explicit Near(const float* from) : from(from) {}
+};
+PALPATE_INLINE void pick_tap(const Near& near, const Order& order, int t, Lanes& out) {
+    load(out, near.from + t);
+    out = __builtin_shuffle(out, order);
+}
+PALPATE_INLINE void pick_tap(const Window& window, const Order& order, int t, Lanes& out) {
+    window.pick(order + t, out);
+}
+PALPATE_INLINE void pick_tap(const Anywhere& anywhere, const Order& order, int t, Lanes& out) {
+    anywhere.pick(order + t, out);
+}
+
+PALPATE_INLINE void order_of(const int32_t* first, Order& order) {
+    std::memcpy(&order, first, sizeof order);
+    order -= first[0];
+}
+
+// Numerical kernel. A tap t of a voxel belongs to at most t voxels ahead.
+template <int terms, int taps, class Sums>
+PALPATE_INLINE void look_by(const float* weight, const int32_t* first, const float* sums, int64_t pitch, int groups,
+                            float* out, int64_t plane) {
+    for (int g = 0; g < groups; g++, first += lanes, out += lanes) {
+        Order order[taps];
+        order_of(first, order[0]);
+        PALPATE_UNROLL
+        for (int t = 1; t < taps; t++) order[t] = order[t - 1] + 1;
+        const float* from = sums + first[0];
+        Lanes slope, band[taps], u, w;
+        load(slope, out);
+        PALPATE_UNROLL
+        for (int m = 0; m < terms; m++, from += pitch) {
+            const Sums columns(from);
+            PALPATE_UNROLL
+            for (int t = 0; t < taps; t++, weight += lanes) {
+                columns.pick(order[t], u);
+                load(w, weight);
+                slope += w * u;
+            }
+        }
+        store(out, slope);
+        PALPATE_UNROLL
+        for (int k = 0; k < taps; k++) load(band[k], out + (1 + k) * plane);
+        PALPATE_UNROLL
+        for (int q = 0; q < pairs_of(terms); q++, from += pitch) {
+            const Sums columns(from);
+            PALPATE_UNROLL
+            for (int t = 0; t < taps; t++) {
+                columns.pick(order[t], u);
+                PALPATE_UNROLL
+                for (int k = 0; k <= t; k++, weight += lanes) {
+                    load(w, weight);
+                    band[k] += w * u;
+                }
+            }
+        }
+        PALPATE_UNROLL
+        for (int k = 0; k < taps; k++) store(out + (1 + k) * plane, band[k]);
+    }
+}
+
+// The same for any number of everything.
+PALPATE_INLINE void look_any(const float* weight, const int32_t* first, int terms, int taps, int bands,
+                             const float* sums, int64_t pitch, int groups, float* out, int64_t plane) {
+    for (int g = 0; g < groups; g++, first += lanes, out += lanes) {
+        Order order;
+        order_of(first, order);
+        for (int q = 0; q < terms + pairs_of(terms); q++)
+            for (int t = 0; t < taps; t++) {
+                Lanes u, w, sum;
+                Anywhere(sums + first[0] + t + q * pitch).pick(order, u);
+                const int begin = q < terms ? 0 : 1, end = q < terms ? 1 : 1 + bands;
+                for (int k = begin; k < end; k++, weight += lanes) {
+                    load(w, weight);
+                    load(sum, out + k * plane);
+                    sum += w * u;
+                    store(out + k * plane, sum);
+                }
+            }
+    }
+}
+
+template <int terms, class Sums>
+PALPATE_INLINE void look_with(int taps, const float* weight, const int32_t* first, const float* sums, int64_t pitch,
+                              int groups, float* out, int64_t plane) {
+    switch (taps) {
+    case 2:
+        return look_by<terms, 2, Sums>(weight, first, sums, pitch, groups, out, plane);
+    case 3:
+        return look_by<terms, 3, Sums>(weight, first, sums, pitch, groups, out, plane);
+    case 4:
+        return look_by<terms, 4, Sums>(weight, first, sums, pitch, groups, out, plane);
+    case 5:
+        return look_by<terms, 5, Sums>(weight, first, sums, pitch, groups, out, plane);
+    case 6:
+        return look_by<terms, 6, Sums>(weight, first, sums, pitch, groups, out, plane);
+    }
+}
+
+// kernel: 10 · terms + taps, or 0 for any.
+PALPATE_KERNEL void look_at(int kernel, bool close, int terms, int taps, int bands, const float* weight,
+                            const int32_t* first, const float* sums, int64_t pitch, int groups, float* out,
+                            int64_t plane) {
+    if (kernel / 10 == 1)
+        close ? look_with<1, Window>(taps, weight, first, sums, pitch, groups, out, plane)
+              : look_with<1, Anywhere>(taps, weight, first, sums, pitch, groups, out, plane);
+    else if (kernel / 10 == 2)
+        close ? look_with<2, Window>(taps, weight, first, sums, pitch, groups, out, plane)
+              : look_with<2, Anywhere>(taps, weight, first, sums, pitch, groups, out, plane);
+    else
+        look_any(weight, first, terms, taps, bands, sums, pitch, groups, out, plane);
+}
+
+// terms, taps: 0 for any number.
+template <int fixed_terms, int fixed_taps, class Changes>
+PALPATE_INLINE void spread_by(const float* weight, const int32_t* first, int any_terms, int any_taps,
+                              const float* change, int n, float* out, int64_t pitch) {
+    const int terms = fixed_terms ? fixed_terms : any_terms, taps = fixed_taps ? fixed_taps : any_taps;
+    for (int a = 0; a < n; a += lanes) {
+        Order order;
+        order_of(first + a, order);
+        const Changes changes(change + first[a]);
+        Lanes sum[fixed_terms ? fixed_terms : 1], u, w;
+        for (int m = 0; m < terms; m += fixed_terms ? fixed_terms : 1) {
+            PALPATE_UNROLL
+            for (Lanes& s : sum) s = Lanes{};
+            PALPATE_UNROLL
+            for (int t = 0; t < taps; t++) {
+                pick_tap(changes, order, t, u);
+                PALPATE_UNROLL
+                for (Lanes& s : sum) {
+                    load(w, weight);
+                    s += w * u;
+                    weight += lanes;
+                }
+            }
+            PALPATE_UNROLL
+            for (int s = 0; s < (fixed_terms ? fixed_terms : 1); s++) store(out + (m + s) * pitch + a, sum[s]);
+        }
+    }
+}
+
+template <int terms>
+PALPATE_INLINE void spread_with(int vectors, const float* weight, const int32_t* first, int taps, const float* change,
+                                int n, float* out, int64_t pitch) {
+    if (vectors == 2)
+        spread_by<terms, 0, Window>(weight, first, terms, taps, change, n, out, pitch);
+    else if (taps == 2)
+        spread_by<terms, 2, Near>(weight, first, terms, taps, change, n, out, pitch);
+    else if (taps == 3)
+        spread_by<terms, 3, Near>(weight, first, terms, taps, change, n, out, pitch);
+    else if (taps == 4)
+        spread_by<terms, 4, Near>(weight, first, terms, taps, change, n, out, pitch);
+    else
+        spread_by<terms, 0, Near>(weight, first, terms, taps, change, n, out, pitch);
+}
+
+// vectors: 1 for Near, 2 for a Window, 0 for neither.
+PALPATE_KERNEL void spread_at(int vectors, const float* weight, const int32_t* first, int terms, int taps,
+                              const float* change, int n, float* out, int64_t pitch) {
+    if (vectors && terms == 1) return spread_with<1>(vectors, weight, first, taps, change, n, out, pitch);
+    if (vectors && terms == 2) return spread_with<2>(vectors, weight, first, taps, change, n, out, pitch);
+    spread_by<0, 0, Anywhere>(weight, first, terms, taps, change, n, out, pitch);
+}
+
+int round_up(int n, int step) { return (n + step - 1) / step * step; }
+
+} // namespace
+
+void Bands::make(const Geometry& geometry, const View& view, int z, Axis axis, int of_image) {
+    terms = products(view);
+    columns = of_image;
+    parts.resize(terms);
+    for (int s = 0; s < terms; s++) by_voxel(geometry, view, z, s, axis, parts[s]);
+    taps = std::max(2, extents(parts, low, count));
+    place();
+    lay_out();
+    couple();
+    turn();
+}
+
+// Where each voxel begins, and how far its columns reach among its neighbours.
+void Bands::place() {
+    const int n = int(low.size());
+    first.assign(round_up(n, lanes), 0);
+    std::copy(low.begin(), low.end(), first.begin());
+    // Voxels that the panel's edge cuts all begin in column 0; that they go on beyond it keeps them rising. Those that
+    // touch nothing begin where their neighbours do.
+    for (int i = n - 2; i >= 0; i--)
+        if (count[i] == 0)
+            first[i] = first[i + 1];
+        else if (low[i] == 0 && count[i + 1] > 0 && first[i + 1] <= 0 && first[i + 1] > -lanes)
+            first[i] = first[i + 1] - 1, taps = std::max(taps, count[i] - first[i]);
+    for (int i = 1; i < int(first.size()); i++)
+        if (i >= n || count[i] == 0) first[i] = std::max(first[i], first[i - 1]);
+    ahead = 0;
+    bool rising = true; // each voxel begins a column or more behind the one before
+    for (int i = 0; i < n; i++) {
+        if (count[i] == 0) continue;
+        rising = rising && (i == 0 || count[i - 1] == 0 || first[i] > first[i - 1]);
+        while (i + ahead + 1 < n && count[i + ahead + 1] > 0 && low[i + ahead + 1] < low[i] + count[i]) ahead++;
+    }
+    const bool unrolled = rising && terms <= most_terms && taps <= most_taps;
+    kernel = unrolled ? 10 * terms + taps : 0;
+    bands = unrolled ? taps : 1 + ahead;
+    close = span(first) + taps <= 2 * lanes;
+}
+
+// Per voxel and term `taps` zeros, then the weights from column first on: what another voxel's columns read beyond is
+// 0. Voxels of 0s follow the last.
+void Bands::lay_out() {
+    const int n = int(low.size());
+    dense.assign((first.size() + bands) * terms * 2 * taps, 0.0f);
+    for (int m = 0; m < terms; m++)
+        for (int i = 0; i < n; i++) {
+            if (count[i] == 0) continue;
+            float* out = &dense[(size_t(i) * terms + m) * 2 * taps + taps];
+            for (int t = low[i]; t < low[i] + count[i]; t++) {
+                const int tap = t - parts[m].first[i];
+                if (tap >= 0 && tap < parts[m].taps) out[t - first[i]] = parts[m].weight[size_t(tap) * n + i];
+            }
+        }
+}
+
+// Eight voxels a vector; in the order that `look` reads: terms, taps; pairs of terms, taps, voxels ahead.
+template <int terms, int taps> void Bands::couple_by() {
+    constexpr int size = terms * taps + pairs_of(terms) * taps * (taps + 1) / 2;
+    weight.resize(first.size() * size);
+    for (size_t i = 0; i < first.size(); i++) {
+        float* out = &weight[i / lanes * lanes * size + i % lanes];
+        const float* w[taps][terms];
+        for (int k = 0; k < taps; k++)
+            for (int m = 0; m < terms; m++)
+                w[k][m] = at(int(i) + k, m, i + k < first.size() ? first[i + k] - first[i] : taps);
+        for (int m = 0; m < terms; m++)
+            for (int t = 0; t < taps; t++, out += lanes) *out = w[0][m][t];
+        for (int m = 0; m < terms; m++)
+            for (int s = m; s < terms; s++)
+                for (int t = 0; t < taps; t++)
+                    for (int k = 0; k <= t; k++, out += lanes)
+                        *out = m == s ? w[0][m][t] * w[k][m][t] : w[0][m][t] * w[k][s][t] + w[0][s][t] * w[k][m][t];
+    }
+}
+
+void Bands::couple_any() {
+    const int64_t size = int64_t(terms) * taps + int64_t(pairs_of(terms)) * taps * bands;
+    weight.resize(first.size() * size);
+    for (size_t i = 0; i < first.size(); i++) {
+        float* out = &weight[i / lanes * lanes * size + i % lanes];
+        for (int m = 0; m < terms; m++)
+            for (int t = 0; t < taps; t++, out += lanes) *out = at(int(i), m, 0)[t];
+        for (int m = 0; m < terms; m++)
+            for (int s = m; s < terms; s++)
+                for (int t = 0; t < taps; t++)
+                    for (int k = 0; k < bands; k++, out += lanes) {
+                        const int shift = i + k < first.size() ? first[i + k] - first[i] : taps;
+                        const float a = at(int(i), m, 0)[t], b = at(int(i), s, 0)[t];
+                        const float c = at(int(i) + k, m, shift)[t], d = at(int(i) + k, s, shift)[t];
+                        *out = m == s ? a * c : a * d + b * c;
+                    }
+    }
+}
+
+void Bands::couple() {
+    switch (kernel) {
+    case 12:
+        return couple_by<1, 2>();
+    case 13:
+        return couple_by<1, 3>();
+    case 14:
+        return couple_by<1, 4>();
+    case 15:
+        return couple_by<1, 5>();
+    case 16:
+        return couple_by<1, 6>();
+    case 22:
+        return couple_by<2, 2>();
+    case 23:
+        return couple_by<2, 3>();
+    case 24:
+        return couple_by<2, 4>();
+    case 25:
+        return couple_by<2, 5>();
+    case 26:
+        return couple_by<2, 6>();
+    default:
+        return couple_any();
+    }
+}
+
+// The same weights by column: the voxels over each.
+void Bands::turn() {
+    const int n = int(low.size()), size = round_up(columns, 2 * lanes) + 2 * lanes;
+    std::vector<int32_t> last(size, -1);
+    first_voxel.assign(size, INT32_MAX);
+    for (int i = 0; i < n; i++)
+        for (int c = low[i]; c < low[i] + count[i]; c++) {
+            first_voxel[c] = std::min(first_voxel[c], i);
+            last[c] = i;
+        }
+    spread_taps = 1;
+    for (int c = 0, before = 0; c < size; c++) {
+        if (last[c] >= 0) spread_taps = std::max(spread_taps, last[c] - first_voxel[c] + 1);
+        before = first_voxel[c] = last[c] >= 0 ? first_voxel[c] : before;
+    }
+    const int reach = span(first_voxel);
+    around = 4 * reach + spread_taps + 2 * lanes;
+    spread_vectors = reach < lanes ? 1 : reach + spread_taps <= 2 * lanes ? 2 : 0;
+    spread_weight.assign(size_t(size) * terms * spread_taps, 0.0f);
+    // In the order that `spread` reads: taps, terms; or, where it goes term by term, terms, taps.
+    const int by_tap = spread_vectors && terms <= most_terms ? terms : 1;
+    const int by_term = spread_vectors && terms <= most_terms ? 1 : spread_taps;
+    for (int i = 0; i < n; i++)
+        for (int c = low[i]; c < low[i] + count[i]; c++) {
+            const int tap = (i - first_voxel[c]) * by_tap;
+            float* out = &spread_weight[size_t(c / lanes) * lanes * terms * spread_taps + c % lanes];
+            for (int m = 0; m < terms; m++) out[(tap + m * by_term) * lanes] = at(i, m, 0)[c - first[i]];
+        }
+}
+
+void Bands::look(const float* sums, int64_t pitch, int from, int begin, int end, float* out, int64_t plane) const {
+    const int groups = (end - begin + lanes - 1) / lanes;
+    const int64_t size = weight.size() / first.size(); // floats a voxel
+    look_at(kernel, close, terms, taps, bands, weight.data() + begin * size, first.data() + begin, sums - from, pitch,
+            groups, out, plane);
+}
+
+void Bands::spread(const float* change, int begin, int from, int n, float* out, int64_t pitch) const {
+    spread_at(spread_vectors, spread_weight.data() + int64_t(from) * terms * spread_taps, first_voxel.data() + from,
+              terms, spread_taps, change - begin, n, out, pitch);
+}
+
+} // namespace palpate

@@ -1,0 +1,56 @@
+#pragma once
+#include "buffer.h"
+#include "lanes.h"
+#include "terms.h"
+#include <algorithm>
+
+namespace palpate {
+
+// The weights of one slice along x in a view, laid out as the descent reads them, eight voxels or columns a vector. A
+// row of voxels is a problem in one dimension: from the columns' sums of slope and curvature (weighed along y, see
+// SliceView) come each voxel's slope and the bands of the matrix that couples it to the voxels ahead, and its solution
+// goes back to the columns.
+class Bands {
+public:
+    void make(const Geometry& geometry, const View& view, int z, Axis axis, int columns);
+    int reach() const { return ahead; }      // a voxel shares columns with so many ahead of it
+    int planes() const { return 1 + bands; } // of `look`
+    int margin() const { return around; }    // voxels before and behind a part that `spread` reads
+    // First column under it, rounded down to a multiple of eight, and the one after the last.
+    int begin(int voxel) const { return std::max(0, std::min(columns - 1, first[voxel])) / lanes * lanes; }
+    int end(int voxel) const { return std::min(columns, first[voxel] + taps); }
+
+    // Adds to planes (plane floats apart) 0: slope, 1 + k: coupling of voxel x with x + k, of voxels begin .. end - 1
+    // (begin a multiple of eight; up to a multiple of eight of them) what the columns' sums say: for every term of
+    // slope, for every pair of terms of curvature, pitch floats apart; sums[0] is column `from`. Up to `beside` floats
+    // before and behind are read too, and count for nothing.
+    static constexpr int beside = 4 * lanes;
+    void look(const float* sums, int64_t pitch, int from, int begin, int end, float* out, int64_t plane) const;
+
+    // out[term * pitch + a] = Σ over voxels of weight · change, for columns from + a, n of them (both multiples of
+    // eight). change: of voxel begin, with `margin` 0s or more on either side of the part.
+    void spread(const float* change, int begin, int from, int n, float* out, int64_t pitch) const;
+
+private:
+    int terms = 0, taps = 0, ahead = 0, bands = 0, columns = 0, around = 0;
+    int kernel = 0;     // which one looks: 10 · terms + taps where they are unrolled
+    bool close = false; // eight neighbouring voxels touch sixteen columns at most
+    int spread_taps = 0, spread_vectors = 0;
+    std::vector<int32_t> first, first_voxel; // under a voxel; over a column
+    Buffer weight, spread_weight;
+
+    std::vector<AxisWeights> parts; // scratch, per term
+    std::vector<int32_t> low, count;
+    std::vector<float> dense; // see `lay_out`
+    void place();
+    void lay_out();
+    void couple();
+    void turn();
+    const float* at(int voxel, int term, int shift) const {
+        return &dense[(size_t(voxel) * terms + term) * 2 * taps + taps - std::min(shift, taps)];
+    }
+    template <int terms, int taps> void couple_by();
+    void couple_any();
+};
+
+} // namespace palpate
