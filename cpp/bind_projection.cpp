@@ -3,6 +3,7 @@
 #include "footprint.h"
 #include "interpolate.h"
 #include "projector.h"
+#include "shadow.h"
 #include <algorithm>
 #include <map>
 #include <nanobind/stl/pair.h>
@@ -57,6 +58,19 @@ void interpolate_between(In<float, 3> values, In<int32_t, 1> az, In<float, 1> sz
     interpolate(values.data(), z, y, x, out.data());
 }
 
+void pass_solids(In<int64_t, 1> first, In<double, 1> attenuation, In<int64_t, 2> ranges, In<int64_t, 1> kind,
+                 In<double, 2> solid, In<double, 2> rays, int subrays, Array<double, 2> out) {
+    const size_t parts = attenuation.size();
+    if (first.size() != parts + 1 || ranges.shape(0) != parts || ranges.shape(1) != 4 ||
+        solid.shape(0) != kind.size() || solid.shape(1) != size_t(Solids::numbers) || rays.size() != 12 ||
+        size_t(first.data()[parts]) > kind.size() || subrays < 1)
+        throw std::invalid_argument("solids: wrong size");
+    nb::gil_scoped_release release;
+    const double* r = rays.data();
+    transmission({first.data(), attenuation.data(), ranges.data(), kind.data(), solid.data(), int64_t(parts)},
+                 {r, r + 3, r + 6, r + 9, int64_t(out.shape(0)), int64_t(out.shape(1)), subrays}, out.data());
+}
+
 } // namespace
 
 void bind_projection(nb::module_& m) {
@@ -88,6 +102,9 @@ void bind_projection(nb::module_& m) {
           "z_weight"_a.noconvert(), "y_at"_a.noconvert(), "y_share"_a.noconvert(), "y_weight"_a.noconvert(),
           "x_at"_a.noconvert(), "x_share"_a.noconvert(), "x_weight"_a.noconvert(), "out"_a.noconvert(),
           "Linear along each axis: index below, share of the way to the next, and 1 inside or 0 outside.");
+    m.def("transmission", &pass_solids, "first"_a.noconvert(), "attenuation"_a.noconvert(), "ranges"_a.noconvert(),
+          "kind"_a.noconvert(), "solid"_a.noconvert(), "rays"_a.noconvert(), "subrays"_a, "out"_a.noconvert(),
+          "Mean of e^-p over each pixel's rays through solids; rays: source, first end, down, right.");
     m.def(
         "all_finite", [](In<float, 1> values) { return all_finite(values.data(), int64_t(values.size())); },
         "values"_a.noconvert(), nb::call_guard<nb::gil_scoped_release>(), "Whether none is infinite or not a number.");

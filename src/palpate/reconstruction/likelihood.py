@@ -66,10 +66,9 @@ class Transmission:
     @classmethod
     def of(cls, scan: Scan) -> Self:
         """The likelihood of a scan; masked pixels get incident 0. Shares the scan's arrays where no pixel is masked."""
-        arrays = scan.counts, scan.incident, scan.background
-        if not scan.mask.all():
-            arrays = tuple(np.where(scan.mask, a, np.float32(0)) for a in arrays)
-        return cls(*(np.ascontiguousarray(a) for a in arrays))
+        whole = bool(scan.mask.all())
+        arrays = (scan.counts, scan.incident, scan.background)
+        return cls(*(np.ascontiguousarray(a if whole else np.where(scan.mask, a, np.float32(0))) for a in arrays))
 
     @property
     def measured(self) -> Bool:
@@ -88,9 +87,7 @@ class Transmission:
     def value_and_slope(self, l: Float32, slope: Float32) -> float:
         """Both in one pass, the slope written to an array given."""
         l = self._checked(l)
-        return _core.transmission_value_and_slope(
-            self.counts, self.incident, self.background, l, self._noise, slope
-        )
+        return _core.transmission_value_and_slope(self.counts, self.incident, self.background, l, self._noise, slope)
 
     def slope(self, l: Float32) -> Float32:
         """h'(l), photons; for Poisson b e^-l (y/m − 1)."""
