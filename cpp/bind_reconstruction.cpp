@@ -96,6 +96,15 @@ void bind_likelihood(nb::module_& m) {
     m.def("transmission_curvature", &slope_or_curvature, "counts"_a.noconvert(), "incident"_a.noconvert(),
           "background"_a.noconvert(), "l"_a.noconvert(), "noise"_a, "kind"_a);
     m.def(
+        "transmission_value_and_slope",
+        [](In<float, 3> y, In<float, 3> b, In<float, 3> r, In<float, 3> l, int noise, Array<float, 3> slope) {
+            same_size(y, b, r, l, slope);
+            nb::gil_scoped_release release;
+            return transmission_value_and_slope(pixels(y, b, r), l.data(), Noise(noise), slope.data());
+        },
+        "counts"_a.noconvert(), "incident"_a.noconvert(), "background"_a.noconvert(), "l"_a.noconvert(), "noise"_a,
+        "slope"_a.noconvert());
+    m.def(
         "least_squares_value",
         [](In<float, 3> weight, In<float, 3> p, In<float, 3> l) {
             same_size(weight, p, l);
@@ -221,25 +230,32 @@ void bind_subspace(nb::module_& m) {
         "curvature"_a.noconvert(), "l"_a.noconvert(), "previous"_a.noconvert(), "q"_a.noconvert());
     m.def(
         "steer",
-        [](In<float, 3> gradient, In<float, 3> slope, In<float, 3> bend, In<float, 3> data, double beta, In<float, 3> f,
-           In<float, 3> previous, Array<float, 3> u) {
-            same_size(f, gradient, slope, bend, data, previous, u);
+        [](In<float, 3> f, In<float, 3> previous, Array<float, 3> u, In<float, 3> data, int step, double beta,
+           Spacing spacing, const Bond& bond, double edge) {
+            same_size(f, previous, u);
+            const auto cells = [step](size_t n) { return (n + size_t(step) - 1) / size_t(step); };
+            if ((step != 1 && step != coarse_step) || data.shape(0) != f.shape(0) ||
+                data.shape(1) != cells(f.shape(1)) || data.shape(2) != cells(f.shape(2)))
+                throw std::invalid_argument("data: wrong size");
             std::array<double, 2> slopes;
             nb::gil_scoped_release release;
-            steer({gradient.data(), slope.data(), bend.data(), data.data(), float(beta)}, f.data(), previous.data(),
-                  int64_t(f.size()), u.data(), slopes.data());
+            steer(around(f, spacing, bond, edge),
+                  {data.data(), int64_t(data.shape(1)), int64_t(data.shape(2)), int64_t(step)}, float(beta), f.data(),
+                  previous.data(), u.data(), slopes.data());
             return slopes;
         },
-        "gradient"_a.noconvert(), "slope"_a.noconvert(), "bend"_a.noconvert(), "data"_a.noconvert(), "beta"_a,
-        "f"_a.noconvert(), "previous"_a.noconvert(), "u"_a.noconvert());
+        "f"_a.noconvert(), "previous"_a.noconvert(), "u"_a.noconvert(), "data"_a.noconvert(), "step"_a, "beta"_a,
+        "spacing"_a, "potential"_a, "edge"_a, "Turns the data's gradient u into the direction, in place.");
+    m.attr("COARSE_STEP") = int(coarse_step);
     m.def(
         "advance",
-        [](In<float, 3> f, In<float, 3> previous, In<float, 3> u, std::array<double, 2> w, Array<float, 3> moved) {
-            same_size(f, previous, u, moved);
+        [](In<float, 3> f, In<float, 3> previous, std::array<double, 2> w, Array<float, 3> u) {
+            same_size(f, previous, u);
             nb::gil_scoped_release release;
-            advance(f.data(), previous.data(), u.data(), w.data(), int64_t(f.size()), moved.data());
+            advance(f.data(), previous.data(), w.data(), int64_t(f.size()), u.data());
         },
-        "f"_a.noconvert(), "previous"_a.noconvert(), "u"_a.noconvert(), "w"_a, "moved"_a.noconvert());
+        "f"_a.noconvert(), "previous"_a.noconvert(), "w"_a, "u"_a.noconvert(),
+        "Turns u into the next iterate, in place.");
 }
 
 } // namespace

@@ -60,4 +60,11 @@ PALPATE_INLINE void choose(const LaneMask& mask, const Lanes& v, const Lanes& w,
     std::memcpy(&out, &a, sizeof a);
 }
 
+PALPATE_INLINE void magnitude(const Lanes& v, Lanes& out) {
+    LaneMask bits;
+    std::memcpy(&bits, &v, sizeof bits);
+    bits &= 0x7fffffff;
+    std::memcpy(&out, &bits, sizeof bits);
+}
+
 } // namespace palpate

@@ -28,6 +28,12 @@ struct Poisson {
         const double primary = b * fast_exp(-l);
         return primary * (y / (primary + r) - 1);
     }
+    // Both at the price of one exponential.
+    PALPATE_INLINE double value_and_slope(double l, double& slope) const {
+        const double primary = b * fast_exp(-l), m = primary + r, some = y > 0 ? y : 1, ratio = some / m;
+        slope = primary * ((y > 0 ? ratio : 0) - 1);
+        return m - y + (y > 0 ? y * fast_log(ratio) : 0);
+    }
     double precomputed() const { return y > r ? (y - r) * (y - r) / y : 0; }
 
     // h'' = b e^-l (1 − y r / m²) is largest over l >= 0 at l = 0, or negative everywhere it is not.
@@ -56,6 +62,11 @@ struct Gaussian {
     PALPATE_INLINE double slope(double l) const {
         const double primary = b * fast_exp(-l), m = primary + r;
         return 0.5 * primary / m * ((y - m) * (y + m) / m - 1);
+    }
+    PALPATE_INLINE double value_and_slope(double l, double& slope) const {
+        const double primary = b * fast_exp(-l), m = primary + r, some = y > 0.5 ? y : 0.5, inverse = 1 / m;
+        slope = 0.5 * primary * inverse * ((y - m) * (y + m) * inverse - 1);
+        return 0.5 * ((y - m) * (y - m) * inverse + fast_log(m / some));
     }
     double precomputed() const { return y > r ? (y - r) * ((y - r) + r / (2 * y)) / y : 0; }
 
@@ -123,6 +134,36 @@ PALPATE_KERNEL void slope_gaussian(const Counts& p, const float* l, int64_t begi
 }
 
 template <class Pixel>
+PALPATE_INLINE double values_and_slopes(const Counts& given, const float* __restrict l, int64_t begin, int64_t end,
+                                        float* __restrict slope) {
+    const Counts p = given;
+    double sums[lanes] = {}, total = 0, at;
+    int64_t i = begin;
+    for (; i + lanes <= end; i += lanes)
+        for (int k = 0; k < lanes; k++) {
+            double rises;
+            const double value = pixel_or_easy<Pixel>(p, i + k).value_and_slope(l[i + k], rises);
+            const bool measured = p.incident[i + k] > 0;
+            sums[k] += measured ? value : 0;
+            slope[i + k] = measured ? float(rises) : 0;
+        }
+    for (; i < end; i++) {
+        const double value = pixel_or_easy<Pixel>(p, i).value_and_slope(l[i], at);
+        total += p.incident[i] > 0 ? value : 0;
+        slope[i] = p.incident[i] > 0 ? float(at) : 0;
+    }
+    for (double sum : sums) total += sum;
+    return total;
+}
+
+PALPATE_KERNEL double explain_poisson(const Counts& p, const float* l, int64_t begin, int64_t end, float* slope) {
+    return values_and_slopes<Poisson>(p, l, begin, end, slope);
+}
+PALPATE_KERNEL double explain_gaussian(const Counts& p, const float* l, int64_t begin, int64_t end, float* slope) {
+    return values_and_slopes<Gaussian>(p, l, begin, end, slope);
+}
+
+template <class Pixel>
 void curvatures(const Counts& p, const float* l, Curvature kind, int64_t begin, int64_t end, float* c) {
     for (int64_t i = begin; i < end; i++) {
         const Pixel at = pixel<Pixel>(p, i);
@@ -155,6 +196,13 @@ void transmission_slope(const Counts& pixels, const float* l, Noise noise, float
     parallel(pixels.size, [&](int64_t begin, int64_t end, int) {
         noise == Noise::poisson ? slope_poisson(pixels, l, begin, end, slope)
                                 : slope_gaussian(pixels, l, begin, end, slope);
+    });
+}
+
+double transmission_value_and_slope(const Counts& pixels, const float* l, Noise noise, float* slope) {
+    return blockwise(pixels.size, [&](int64_t begin, int64_t end) {
+        return noise == Noise::poisson ? explain_poisson(pixels, l, begin, end, slope)
+                                       : explain_gaussian(pixels, l, begin, end, slope);
     });
 }
 

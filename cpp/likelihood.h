@@ -25,6 +25,7 @@ double transmission_value(const Counts& pixels, const float* l, Noise noise);
 // Slope of what transmission_value sums, and the curvature of a parabola in l that touches it. l: (size), >= 0, no
 // unit. Erdogan & Fessler, IEEE Trans. Med. Imaging 18:801 (1999).
 void transmission_slope(const Counts& pixels, const float* l, Noise noise, float* slope);
+double transmission_value_and_slope(const Counts& pixels, const float* l, Noise noise, float* slope); // in one pass
 void transmission_curvature(const Counts& pixels, const float* l, Noise noise, Curvature kind, float* curvature);
 
 // Σ weight (l − p)²/2 over all pixels.

@@ -1,6 +1,5 @@
 #include "prior.h"
 #include "dispatch.h"
-#include "elementary.h"
 #include "parallel.h"
 #include <algorithm>
 #include <cmath>
@@ -141,100 +140,6 @@ void add_neighbours(const Neighbourhood& n, const float* f, int64_t z, int64_t y
         }
 }
 
-constexpr int lanes = 8;
-constexpr int64_t run = 16; // factors of one product: far from overflow in double
-
-// Σ ψ₁(s) over a row. Lange: Σ s − log(1+s) with one logarithm for `run` factors instead of one each.
-PALPATE_KERNEL double sum_lange(const Law& law, const float* __restrict a, const float* __restrict b, int64_t count) {
-    double sums[lanes] = {}, total = 0, inverse = 1 / double(law.edge);
-    int64_t x = 0;
-    while (x + lanes <= count) {
-        double product[lanes] = {1, 1, 1, 1, 1, 1, 1, 1};
-        for (int64_t k = 0; k < run && x + lanes <= count; k++, x += lanes)
-            for (int i = 0; i < lanes; i++) {
-                double s = std::abs(double(a[x + i]) - b[x + i]) * inverse;
-                sums[i] += s;
-                product[i] *= 1 + s;
-            }
-        for (int i = 0; i < lanes; i++) sums[i] -= fast_log(product[i]);
-    }
-    for (int i = 0; i < lanes; i++) total += sums[i];
-    double product = 1;
-    for (; x < count; x++) {
-        double s = std::abs(double(a[x]) - b[x]) * inverse;
-        total += s;
-        product *= 1 + s;
-    }
-    return total - fast_log(product);
-}
-
-// ψ₁(s) of the others, s >= 0.
-template <Potential potential> PALPATE_INLINE double value_at(const Law& law, double s) {
-    if constexpr (potential == Potential::huber) return s < 1 ? s * s / 2 : s - 0.5;
-    if constexpr (potential == Potential::hyperbola) return s * s / (1 + std::sqrt(1 + s * s));
-    if constexpr (potential == Potential::generalised)
-        return s * s / 2 / (1 + double(fast_power(float(s) + 1e-30f, 2 - law.exponent)));
-    if constexpr (potential == Potential::tabulated) {
-        // From entry i on: ψ₁ = V + ∫ u (w + k (u − s_i)) du, u from s_i to s; d = s − s_i.
-        const Place at = place(float(s));
-        const float w = law.table->weight[at.index];
-        const int32_t octave = at.index >> Table::bits, part = at.index & (Table::steps - 1);
-        const float unit = float_of((127 - Table::octaves + octave) << 23), step = unit * (1.0f / Table::steps);
-        const float start = unit + step * float(part), k = (law.table->weight[at.index + 1] - w) / step;
-        const float d = float(s) - start, c = at.share * step; // c: d, but 0 below the table
-        return double(law.table->value[at.index] + d * (start * w + d * (0.5f * w)) +
-                      c * c * k * (0.5f * start + c * (1 / 3.0f)));
-    }
-    return s * s / 2;
-}
-
-template <Potential potential>
-PALPATE_INLINE double sum_row(const Law& given, const float* __restrict a, const float* __restrict b, int64_t count) {
-    const Law law = given;
-    double sums[lanes] = {}, total = 0, inverse = 1 / double(law.edge);
-    int64_t x = 0;
-    for (; x + lanes <= count; x += lanes)
-        for (int i = 0; i < lanes; i++)
-            sums[i] += value_at<potential>(law, std::abs(double(a[x + i]) - b[x + i]) * inverse);
-    for (; x < count; x++) total += value_at<potential>(law, std::abs(double(a[x]) - b[x]) * inverse);
-    for (int i = 0; i < lanes; i++) total += sums[i];
-    return total;
-}
-
-PALPATE_KERNEL double sum_step(const Law& law, const float* a, const float* b, int64_t count) {
-    switch (law.potential) {
-    case Potential::huber:
-        return sum_row<Potential::huber>(law, a, b, count);
-    case Potential::hyperbola:
-        return sum_row<Potential::hyperbola>(law, a, b, count);
-    case Potential::generalised:
-        return sum_row<Potential::generalised>(law, a, b, count);
-    case Potential::tabulated:
-        return sum_row<Potential::tabulated>(law, a, b, count);
-    default:
-        return sum_row<Potential::quadratic>(law, a, b, count);
-    }
-}
-
-// Σ ω ψ over the 13 steps that lead forward, from the voxels of one row.
-double row_value(const Neighbourhood& n, const float* f, int64_t z, int64_t y) {
-    const float* row = f + (z * n.ny + y) * n.nx;
-    const auto sum = n.law.potential == Potential::lange ? sum_lange : sum_step;
-    double total = 0;
-    for (int64_t dz = 0; dz <= 1; dz++)
-        for (int64_t dy = -1; dy <= 1; dy++)
-            for (int64_t dx = -1; dx <= 1; dx++) {
-                if (dz * 9 + dy * 3 + dx <= 0) continue;
-                if (z + dz >= n.nz || y + dy < 0 || y + dy >= n.ny) continue;
-                const float* other = f + ((z + dz) * n.ny + y + dy) * n.nx;
-                const double weight = n.weight[dz + 1][dy + 1][dx + 1];
-                if (weight == 0) continue;
-                int64_t first = dx < 0 ? 1 : 0, count = n.nx - (dx != 0);
-                total += weight * sum(n.law, row + first, other + first + dx, count);
-            }
-    return total * n.law.edge * n.law.edge; // a quadratic one has edge 1: see neighbourhood()
-}
-
 } // namespace
 
 Neighbourhood neighbourhood(const int64_t shape[3], const double spacing[3], const Law& law, int neighbours) {
@@ -252,16 +157,6 @@ Neighbourhood neighbourhood(const int64_t shape[3], const double spacing[3], con
                 n.weight[dz + 1][dy + 1][dx + 1] = near ? float(volume / (d * smallest)) : 0;
             }
     return n;
-}
-
-double prior_value(const Neighbourhood& n, const float* f) {
-    std::vector<double> part(n.nz * n.ny); // a sum a row: the total does not depend on the number of threads
-    parallel(n.nz * n.ny, [&](int64_t begin, int64_t end, int) {
-        for (int64_t row = begin; row < end; row++) part[row] = row_value(n, f, row / n.ny, row % n.ny);
-    });
-    double total = 0;
-    for (double value : part) total += value;
-    return total;
 }
 
 void prior_surrogate(const Neighbourhood& n, const float* f, float* gradient, float* curvature) {

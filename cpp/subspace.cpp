@@ -97,30 +97,9 @@ PALPATE_KERNEL void bend_pixels(const float* __restrict curvature, const float* 
     add_up(lane, 1, sums);
 }
 
-PALPATE_INLINE void steer_one(const Prediction& at, const float* f, const float* previous, int64_t i, float* u,
-                              float& along, float& back) {
-    const float g = at.gradient[i] + at.beta * at.slope[i], bend = at.data[i] + 2 * at.beta * at.bend[i];
-    const bool held = !(bend > 0) | ((f[i] <= 0) & (g > 0));
-    const float v = held ? 0.0f : -g / (held ? 1.0f : bend);
-    u[i] = v;
-    along += g * v;
-    back += g * (f[i] - previous[i]);
-}
-
-PALPATE_KERNEL void steer_block(const Prediction& at, const float* f, const float* previous, int64_t begin, int64_t end,
-                                float* u, double* sums) {
-    float lane[2][lanes] = {};
-    int64_t i = begin;
-    for (; i + lanes <= end; i += lanes)
-        for (int k = 0; k < lanes; k++) steer_one(at, f, previous, i + k, u, lane[0][k], lane[1][k]);
-    for (; i < end; i++) steer_one(at, f, previous, i, u, lane[0][0], lane[1][0]);
-    add_up(lane, 1, sums);
-}
-
-PALPATE_KERNEL void advance_block(const float* __restrict f, const float* __restrict previous,
-                                  const float* __restrict u, float w0, float w1, int64_t begin, int64_t end,
-                                  float* __restrict moved) {
-    for (int64_t i = begin; i < end; i++) moved[i] = std::max(0.0f, f[i] + (w0 * u[i] + w1 * (f[i] - previous[i])));
+PALPATE_KERNEL void advance_block(const float* __restrict f, const float* __restrict previous, float w0, float w1,
+                                  int64_t begin, int64_t end, float* __restrict u) {
+    for (int64_t i = begin; i < end; i++) u[i] = std::max(0.0f, f[i] + (w0 * u[i] + w1 * (f[i] - previous[i])));
 }
 
 int64_t blocks(int64_t size) { return (size + block - 1) / block; }
@@ -151,15 +130,9 @@ void data_bends(const float* curvature, const float* l, const float* previous, c
     });
 }
 
-void steer(const Prediction& at, const float* f, const float* previous, int64_t size, float* u, double slopes[2]) {
-    summed<2>(blocks(size), slopes, [&](int64_t k, double* sums) {
-        steer_block(at, f, previous, k * block, std::min(size, (k + 1) * block), u, sums);
-    });
-}
-
-void advance(const float* f, const float* previous, const float* u, const double w[2], int64_t size, float* moved) {
+void advance(const float* f, const float* previous, const double w[2], int64_t size, float* u) {
     parallel(size, [&](int64_t begin, int64_t end, int) {
-        advance_block(f, previous, u, float(w[0]), float(w[1]), begin, end, moved);
+        advance_block(f, previous, float(w[0]), float(w[1]), begin, end, u);
     });
 }
 

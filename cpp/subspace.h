@@ -15,15 +15,21 @@ void prior_bends(const Neighbourhood& n, const float* f, const float* previous, 
 void data_bends(const float* curvature, const float* l, const float* previous, const float* q, int64_t size,
                 double bends[3]);
 
-// The scaled direction u = −g / (data + 2β bend) with g = gradient + β slope; 0 where f is 0 and would sink, or where
-// nothing is known. slopes: g·u and g·p.
-struct Prediction {
-    const float *gradient, *slope, *bend, *data; // of the data, of the prior (two), and Σ_j of the data's curvature
-    float beta;
+// A diagonal above the data's curvature, Σ_i a_ij c_i Σ_k a_ik, on cells of step x step voxels of a slice: it is
+// smooth.
+constexpr int64_t coarse_step = 8; // or 1
+struct Majoriser {
+    const float* values; // (nz, ny, nx) cells
+    int64_t ny, nx, step;
 };
-void steer(const Prediction& at, const float* f, const float* previous, int64_t size, float* u, double slopes[2]);
 
-// moved = [f + w0 u + w1 (f − previous)]₊.
-void advance(const float* f, const float* previous, const float* u, const double w[2], int64_t size, float* moved);
+// Turns the data's gradient in u into the scaled direction: u = −g / (data + 2β bend) with g = gradient + β slope,
+// slope and bend those of the prior at f; 0 where f is 0 and would sink, or where nothing is known. slopes: g·u and
+// g·p.
+void steer(const Neighbourhood& n, const Majoriser& data, float beta, const float* f, const float* previous, float* u,
+           double slopes[2]);
+
+// u becomes [f + w0 u + w1 (f − previous)]₊.
+void advance(const float* f, const float* previous, const double w[2], int64_t size, float* u);
 
 } // namespace palpate

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 import palpate as pp
 from palpate.errors import DataError
-from palpate.reconstruction.likelihood import Gaussian, Transmission, WeightedLeastSquares
+from palpate.reconstruction.likelihood import Gaussian, Transmission, WeightedLeastSquares, value_and_slope
 
 counts = st.one_of(st.just(0.0), st.floats(0.1, 3e5))
 incidents = st.floats(1, 3e5)
@@ -284,3 +284,19 @@ def test_objective_has_the_same_bits_for_one_and_two_threads():
         values.append(model.value(l))
     _core.set_threads(0)
     assert values[0] == values[1] == values[2] != 0
+
+
+@pytest.mark.parametrize("kind", [Transmission, Gaussian])
+def test_value_and_slope_in_one_pass_are_the_same(kind):
+    rng = np.random.default_rng(4)
+    y, b, r = (rng.uniform(low, high, (2, 61, 83)).astype(np.float32) for low, high in ((0, 90), (1, 200), (1, 20)))
+    y[rng.random(y.shape) < 0.1] = 0
+    b[rng.random(y.shape) < 0.1] = 0  # not measured: what lies there must not matter
+    y[(b == 0) & (rng.random(y.shape) < 0.5)] = np.nan
+    model, l = kind(y, b, r), rng.uniform(0, 8, y.shape).astype(np.float32)
+    slope = np.full(y.shape, np.nan, np.float32)
+    assert value_and_slope(model, l, slope) == pytest.approx(model.value(l), rel=1e-12)
+    np.testing.assert_allclose(slope, model.slope(l), rtol=1e-6, atol=1e-6)
+    fitted = WeightedLeastSquares(l, np.where(b > 0, r, 0))
+    assert value_and_slope(fitted, l + 1, slope) == fitted.value(l + 1)
+    assert (slope == fitted.slope(l + 1)).all()

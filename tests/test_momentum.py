@@ -1,5 +1,6 @@
 """The memory gradient against textbook conjugate gradients, coordinate descent, and its own promises."""
 
+import tracemalloc
 from itertools import islice
 
 import numpy as np
@@ -89,7 +90,7 @@ def test_on_a_quadratic_away_from_the_bound_it_is_conjugate_gradients():
     H = M.T @ (w.ravel()[:, None] * M)
     diagonal = H.sum(axis=1)
     assert np.linalg.eigvalsh(np.diag(diagonal) - H).min() > -1e-6 * diagonal.max()
-    np.testing.assert_allclose(majoriser(A, w.astype(np.float32)).ravel(), diagonal, rtol=1e-4)
+    np.testing.assert_allclose(majoriser(A, w.astype(np.float32))[0].ravel(), diagonal, rtol=1e-4)
     L = laplacian(A)
     H += beta * L
     diagonal = diagonal + 2 * beta * np.diag(L)
@@ -125,6 +126,94 @@ def test_sums_over_pairs_and_pixels_are_those_of_the_definition():
     np.testing.assert_allclose(
         _core.data_bends(c, l, old, q), [(c * q * q).sum(), (c * q * s).sum(), (c * s * s).sum()], rtol=1e-5, atol=1e-2
     )
+
+
+def pairs(shape, spacing):
+    """Each of the 26 steps with its weight and the slices of voxel and neighbour."""
+    for step in np.ndindex(3, 3, 3):
+        d = np.array(step) - 1
+        if not d.any():
+            continue
+        here = tuple(slice(max(0, -s), n - max(0, s)) for s, n in zip(d, shape, strict=True))
+        there = tuple(slice(max(0, s), n - max(0, -s)) for s, n in zip(d, shape, strict=True))
+        yield np.prod(spacing) / (np.linalg.norm(d * spacing) * min(spacing)), here, there
+
+
+@pytest.mark.parametrize("shape", [(3, 5, 21), (1, 4, 9), (2, 1, 1), (2, 34, 35)])
+@pytest.mark.parametrize("potential", ["lange", "huber", "quadratic", "generalised"])
+def test_the_direction_is_that_of_the_definition(shape, potential):
+    """u = −g / (d + 2β bend), held at 0 where it would sink; the majoriser's map of cells of 8 linear between middles."""
+    rng, spacing, edge, beta = np.random.default_rng(6), (2.0, 1.0, 0.5), 0.004, 30.0
+    f, before, gradient = (rng.normal(0, 0.01, shape).astype(np.float32) for _ in range(3))
+    f = np.maximum(f, 0)
+    prior = pp.Prior(potential, edge=None if potential == "quadratic" else edge)
+    slope, bend = np.zeros(shape), np.zeros(shape)
+    for weight, here, there in pairs(shape, spacing):
+        t = f[here].astype(np.float64) - f[there]
+        s = np.abs(t) / edge + 1e-30
+        u = s ** (2 - prior.exponent)
+        k = {
+            "lange": 1 / (1 + s),
+            "huber": np.minimum(1, 1 / s),
+            "generalised": (1 + prior.exponent / 2 * u) / (1 + u) ** 2,
+        }.get(potential, np.ones_like(s))
+        slope[here] += weight * k * t
+        bend[here] += weight * k
+    for step in (1, 8):
+        cells = rng.uniform(1, 2, (shape[0], -(-shape[1] // step), -(-shape[2] // step))).astype(np.float32)
+        data = cells.astype(np.float64)
+        if step > 1:
+            for axis in (1, 2):
+                at = np.clip((np.arange(shape[axis]) + 0.5) / step - 0.5, 0, cells.shape[axis] - 1)
+                low = at.astype(int)
+                high, share = np.minimum(low + 1, cells.shape[axis] - 1), (at - low).reshape(-1, *[1] * (2 - axis))
+                data = data.take(low, axis) * (1 - share) + data.take(high, axis) * share
+        g = gradient + beta * slope
+        expected = np.where((f <= 0) & (g > 0), 0, -g / (data + 2 * beta * bend))
+        u = gradient.copy()
+        slopes = _core.steer(f, before, u, cells, step, beta, spacing, *prior.law)
+        np.testing.assert_allclose(u, expected, rtol=2e-5, atol=1e-6 * np.abs(expected).max())
+        size = np.abs(g * expected).sum()
+        assert slopes[0] == pytest.approx((g * expected).sum(), abs=1e-5 * size)
+        assert slopes[1] == pytest.approx((g * (f - before)).sum(), abs=1e-5 * np.abs(g * (f - before)).sum())
+
+
+def test_the_coarse_majoriser_is_the_mean_of_the_fine_one():
+    """To a few hundredths where rays see whole cells: it only scales the direction."""
+    panel = pp.Panel((96, 120), (0.5, 0.5), (-29.75, -23.75, 0))
+    views = pp.arc_views(panel, np.linspace(-20, 20, 5), radius=500, pivot=(0, 0, 24))
+    A = pp.Projector(views, pp.Grid((6, 70, 90), (2, 0.5, 0.5), (-22.25, -17.25, 15)))
+    c = np.random.default_rng(2).uniform(50, 150, A.range_shape).astype(np.float32)
+    fine, one = majoriser(A, c)
+    coarse, eight = majoriser(A, c, 8)
+    assert (one, eight) == (1, 8)
+    assert coarse.shape == (6, 9, 12)
+    means = fine[:, :64, :88].reshape(6, 8, 8, 11, 8).mean(axis=(2, 4))
+    np.testing.assert_allclose(coarse[:, 1:7, 1:10], means[:, 1:7, 1:10], rtol=0.05)
+
+
+def test_three_volumes_live_at_once_and_none_given_is_written_to():
+    """Over the arrays of the scan's size, which are small here."""
+    panel = pp.Panel((44, 60), (1, 1), (-29.5, -21.5, 0))
+    views = pp.arc_views(panel, np.linspace(-25, 25, 3), radius=500, pivot=(0, 0, 24))
+    grid = pp.Grid((40, 96, 112), (0.4, 0.4, 0.4), (-22.2, -19, 16))
+    A = pp.Projector(views, grid)
+    data = WeightedLeastSquares(A(np.full(grid.shape, 0.02, np.float32)), np.full(A.range_shape, 50, np.float32))
+    start = np.random.default_rng(0).uniform(0, 0.04, grid.shape).astype(np.float32)
+    kept = start.copy()
+    steps = accelerate(A, data, PRIOR, BETA, start)
+    for _ in range(2):
+        next(steps)
+    tracemalloc.start()  # what lives already is two iterates
+    for _ in range(3):
+        f, _ = next(steps)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 3.2 * start.nbytes + 12 * A(f).nbytes
+    assert (start == kept).all()
+    last = f.copy()
+    next(steps)
+    assert (f == last).all()
 
 
 def test_the_plane_minimum_is_one():

@@ -237,3 +237,17 @@ def test_what_is_no_potential_is_refused(value, weight, told):
     with pytest.raises(DataError) as refusal:
         pp.Prior(own)
     assert told in str(refusal.value)
+
+
+@pytest.mark.parametrize("size", [1e-6, 1e-3, 0.1, 1.0, 40.0, 1e5, 1e12])
+def test_lange_keeps_its_digits_from_tiny_to_huge_differences(size):
+    """In edges: s²/2 where s − log(1 + s) as written has none left, and sums of products where those would overflow."""
+    for n in (2, 9, 70, 333):
+        grid = pp.Grid((1, 2, n), (1, 1, 1), (0, 0, 0))
+        f = (np.random.default_rng(n).uniform(0, 1, grid.shape) * size).astype(np.float32)
+        prior, d = pp.Prior("lange", 1, edge=1.0, neighbours=6), []
+        for a, b in ((f[:, 1:], f[:, :-1]), (f[..., 1:], f[..., :-1])):
+            d.append(np.abs(a - b).astype(np.float64).ravel())
+        s = np.concatenate(d)
+        exact = np.where(s < 1e-3, s**2 / 2 - s**3 / 3 + s**4 / 4, s - np.log1p(s)).sum()
+        assert prior.value(f, grid) == pytest.approx(exact, rel=1e-6)

@@ -65,8 +65,10 @@ class Transmission:
 
     @classmethod
     def of(cls, scan: Scan) -> Self:
-        """The likelihood of a scan; masked pixels get incident 0."""
-        return cls(*(np.where(scan.mask, a, np.float32(0)) for a in (scan.counts, scan.incident, scan.background)))
+        """The likelihood of a scan; masked pixels get incident 0. Shares the scan's arrays where no pixel is masked."""
+        whole = bool(scan.mask.all())
+        arrays = (scan.counts, scan.incident, scan.background)
+        return cls(*(np.ascontiguousarray(a if whole else np.where(scan.mask, a, np.float32(0))) for a in arrays))
 
     @property
     def measured(self) -> Bool:
@@ -81,6 +83,11 @@ class Transmission:
     def value(self, l: Float32) -> float:
         """Sum of h over measured pixels; for Poisson half the deviance, about half a pixel where the model is right."""
         return _core.transmission_value(self.counts, self.incident, self.background, self._checked(l), self._noise)
+
+    def value_and_slope(self, l: Float32, slope: Float32) -> float:
+        """Both in one pass, the slope written to an array given."""
+        l = self._checked(l)
+        return _core.transmission_value_and_slope(self.counts, self.incident, self.background, l, self._noise, slope)
 
     def slope(self, l: Float32) -> Float32:
         """h'(l), photons; for Poisson b e^-l (y/m − 1)."""
@@ -169,6 +176,14 @@ class WeightedLeastSquares:
     def curvature(self, l: Float32, kind: Curvature = "optimal") -> Float32:
         """The weights: a parabola is its own surrogate."""
         return self.weights
+
+
+def value_and_slope(likelihood: Likelihood, l: Float32, slope: Float32) -> float:
+    """The value; the slope is written to `slope`. In one pass where the likelihood offers it."""
+    if type(likelihood) in (Transmission, Gaussian) and isinstance(likelihood, Transmission):
+        return likelihood.value_and_slope(l, slope)
+    np.copyto(slope, likelihood.slope(l))
+    return likelihood.value(l)
 
 
 def _line_integrals(counts: Float32, incident: Float32, background: Float32) -> Float32:

@@ -5,12 +5,15 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from palpate import _core
-from palpate.arrays import Float32, Float64
-from palpate.reconstruction.likelihood import Curvature, Likelihood
+from palpate.arrays import Float32
+from palpate.reconstruction.likelihood import Curvature, Likelihood, value_and_slope
 from palpate.reconstruction.prior import Prior
 from palpate.reconstruction.projector import Projector
+from palpate.scans.views import Panel, Views
+from palpate.volumes.grid import Grid
 
-HALVINGS = 12  # of a step that does not lower the objective, before the iterate is taken for the minimiser
+SHORTER = 7  # times that a step which does not lower the objective is made a quarter as long, before it is given up
+STEP = _core.COARSE_STEP  # voxels and pixels along a cell of the majoriser's map
 
 
 def accelerate(
@@ -27,97 +30,146 @@ def accelerate(
     Each iteration goes along two directions at once: u, the slope over a separable majoriser's curvature, and p, the last
     step. How far along each is the minimum, in their plane, of the paraboloid that lies above Φ (Chouzenoux, Idier &
     Moussaoui, IEEE TIP 20:1517, 2011); on a quadratic without bounds that is conjugate gradients. It costs two
-    projections (of u and of the new iterate), one backprojection and two passes over the neighbours. Voxels at 0 that
+    projections (of u and of the new iterate), one backprojection and three passes over the neighbours. Voxels at 0 that
     would sink stay there, and the step is cut at 0.
 
     Yields each iterate and its objective, without end; it never rises: a step that raised it is made again with the
     "optimal" curvature, then without p, then shorter. previous: the iterate before `values`, None at a start. Both
     together are all that is carried from one iteration to the next, so a run that goes on from them goes on exactly as
-    the one that made them. The yielded volume is a working array: copy it to keep it.
+    the one that made them. No array given or yielded is ever written to, and none may be while the run goes on: three
+    volumes live at a time, the last two iterates and the gradient, which becomes the direction and the next iterate.
     """
     run = _Run(A, likelihood, prior, beta, curvature)
-    here = run.point(np.array(values, np.float32))
-    before = here if previous is None else run.projected(np.array(previous, np.float32))
-    spare = np.empty_like(here.f)
+    f, before = np.ascontiguousarray(values, np.float32), previous
+    objective = run.look(f, before)
     while True:
-        following = run.step(here, before, spare)
-        if following is not here:
-            spare, before, here = (np.empty_like(here.f) if before is here else before.f), here, following
-        else:
-            before = here
-        yield here.f, here.objective
-
-
-class _Point:
-    """An iterate with its line integrals, and its objective where that is known."""
-
-    def __init__(self, f: Float32, l: Float32, objective: float = np.inf) -> None:
-        self.f, self.l, self.objective = f, l, objective
+        following, objective = run.step(f, f if before is None else before, objective)
+        f, before = following, f
+        yield f, objective
 
 
 class _Run:
-    """The problem, and what stays the same over all iterations."""
+    """The problem, what stays the same over all iterations, and what the last two iterates project to.
+
+    l, l_before: their line integrals. slope: the likelihood's there, and then what the direction projects to. spare: for
+    the line integrals of the next iterate. With the curvature five arrays of the scan's size.
+    """
 
     def __init__(self, A: Projector, likelihood: Likelihood, prior: Prior, beta: float, curvature: Curvature) -> None:
         self.A, self.likelihood, self.prior, self.beta, self.kind = A, likelihood, prior, beta, curvature
-        nothing = np.zeros(A.range_shape, np.float32)
-        self.bend = np.ascontiguousarray(likelihood.curvature(nothing, "precomputed"))
-        self.majoriser = majoriser(A, self.bend)
-        self.u, self.gradient = (np.zeros(A.domain_shape, np.float32) for _ in range(2))
-        self.nothing = np.zeros(A.domain_shape, np.float32) if beta == 0 else None
+        self.l, self.l_before, self.spare, self.slope = (np.zeros(A.range_shape, np.float32) for _ in range(4))
+        self.bend = np.ascontiguousarray(likelihood.curvature(self.l, "precomputed"))
+        self.majoriser, self.cell = majoriser(A, self.bend, STEP)
+        if curvature != "precomputed":
+            self.bend = self.l  # never read
+        self.law = prior.law if beta > 0 else Prior("quadratic").law
 
-    def projected(self, f: Float32) -> _Point:
-        return _Point(f, _project(self.A, f))
+    def look(self, f: Float32, before: Float32 | None) -> float:
+        """The objective at f, from which `step` goes on."""
+        _core.project(self.A.geometry, f, self.l)
+        if before is not None:
+            _core.project(self.A.geometry, before, self.l_before)
+        else:
+            np.copyto(self.l_before, self.l)
+        return value_and_slope(self.likelihood, self.l, self.slope) + self._roughness(f)
 
-    def point(self, f: Float32) -> _Point:
-        point = self.projected(f)
-        point.objective = self.likelihood.value(point.l)
+    def step(self, f: Float32, before: Float32, objective: float) -> tuple[Float32, float]:
+        """The next iterate and its objective; f itself where nothing lowers it."""
+        for attempt in range(SHORTER + 2):
+            if attempt == 1 and self.kind != "precomputed":
+                continue  # there is nothing more careful in the plane
+            if attempt > 0:
+                value_and_slope(self.likelihood, self.l, self.slope)
+            u = np.empty_like(f)
+            weights = self._direction(f, before, u, attempt)
+            if weights is None:
+                break
+            _core.advance(f, before, weights, u)
+            _core.project(self.A.geometry, u, self.spare)
+            now = value_and_slope(self.likelihood, self.spare, self.slope) + self._roughness(u)
+            if now <= objective:
+                self.l_before, self.l, self.spare = self.l, self.spare, self.l_before
+                return u, now
+        value_and_slope(self.likelihood, self.l, self.slope)
+        np.copyto(self.l_before, self.l)
+        return f, objective
+
+    def _direction(self, f: Float32, before: Float32, u: Float32, attempt: int) -> tuple[float, float] | None:
+        """Writes u and tells how far to go along it and along p, ever more carefully; None where there is no slope.
+
+        Needs the likelihood's slope in `slope`, and leaves what u projects to there.
+        """
+        spacing = self.A.grid.spacing
+        _core.backproject(self.A.geometry, self.slope, u)
+        slopes = _core.steer(f, before, u, self.majoriser, self.cell, self.beta, spacing, *self.law)
+        _core.project(self.A.geometry, u, self.slope)
+        if self.kind == "precomputed" and attempt > 0:
+            bend = np.ascontiguousarray(self.likelihood.curvature(self.l, "optimal"))
+        elif self.kind == "precomputed":
+            bend = self.bend
+        else:
+            bend = np.ascontiguousarray(self.likelihood.curvature(self.l, self.kind))
+        bends = np.array(_core.data_bends(bend, self.l, self.l_before, self.slope))
         if self.beta > 0:
-            point.objective += self.beta * self.prior.value(f, self.A.grid)
-        return point
+            bends += self.beta * np.array(_core.prior_bends(f, before, u, spacing, *self.law))
+        uu, up, pp = bends.tolist()
+        if not uu > 0:
+            return None
+        if attempt < 2:
+            return plane_minimum(slopes, uu, up, pp)
+        return -slopes[0] / uu / 4 ** (attempt - 2), 0.0
 
-    def step(self, here: _Point, before: _Point, spare: Float32) -> _Point:
-        """The next iterate, written to `spare`, or `here` where nothing lowers the objective."""
-        g, grid = self.gradient, self.A.grid
-        _core.backproject(self.A.geometry, np.ascontiguousarray(self.likelihood.slope(here.l)), g)
-        slope, bend = (self.nothing,) * 2 if self.nothing is not None else self.prior.surrogate(here.f, grid)
-        slopes = _core.steer(g, slope, bend, self.majoriser, self.beta, here.f, before.f, self.u)
-        q = _project(self.A, self.u)
-        smooth = np.zeros(3)
-        if self.beta > 0:
-            smooth += _core.prior_bends(here.f, before.f, self.u, grid.spacing, *self.prior.law)
-            smooth *= self.beta
-        for weights in self._weights(here, before, q, slopes, smooth):
-            _core.advance(here.f, before.f, self.u, weights, spare)
-            following = self.point(spare)
-            if following.objective <= here.objective:
-                return following
-        return here
-
-    def _weights(
-        self, here: _Point, before: _Point, q: Float32, slopes: Sequence[float], smooth: Float64
-    ) -> Iterator[tuple[float, float]]:
-        """How far along u and p: the minimum of the parabola, and then ever more careful ones."""
-        kinds: tuple[Curvature, ...] = (self.kind, "optimal") if self.kind == "precomputed" else (self.kind,)
-        along = 0.0
-        for kind in kinds:
-            bend = np.ascontiguousarray(self.likelihood.curvature(here.l, kind))
-            uu, up, pp = np.array(_core.data_bends(bend, here.l, before.l, q)) + smooth
-            if not uu > 0:
-                return
-            yield plane_minimum(slopes, uu, up, pp)
-            along = -slopes[0] / uu
-        for _ in range(HALVINGS):
-            yield along, 0.0
-            along /= 2
+    def _roughness(self, f: Float32) -> float:
+        return self.beta * self.prior.value(f, self.A.grid) if self.beta > 0 else 0.0
 
 
-def majoriser(A: Projector, curvature: Float32) -> Float32:
-    """Σ_i a_ij c_i Σ_k a_ik (z, y, x): a diagonal above Aᵀ diag(c) A (De Pierro, IEEE TMI 14:132, 1995)."""
-    length = _project(A, np.ones(A.domain_shape, np.float32))
-    out = np.empty(A.domain_shape, np.float32)
-    _core.backproject(A.geometry, curvature * length, out)
-    return out
+def majoriser(A: Projector, curvature: Float32, step: int = 1) -> tuple[Float32, int]:
+    """Σ_i a_ij c_i Σ_k a_ik: a diagonal above Aᵀ diag(c) A (De Pierro, IEEE TMI 14:132, 1995), and the step it is on.
+
+    step: on cells of step x step voxels, from pixels as much larger; it only scales the direction, and is smooth, so that a
+    map of so few cells serves. The mean over a cell is that of the voxels. (z, y/step, x/step); 1 for small grids.
+    """
+    if min(*A.grid.shape[1:], *A.range_shape[1:]) < 4 * step:
+        step = 1
+    coarse = A if step == 1 else _coarser(A, step)
+    out = np.empty(coarse.domain_shape, np.float32)
+    weights = curvature if step == 1 else _summed(curvature, step)
+    length = np.empty(coarse.range_shape, np.float32)
+    _core.project(coarse.geometry, np.ones(coarse.domain_shape, np.float32), length)
+    _core.backproject(coarse.geometry, weights * length, out)
+    out /= step * step
+    return out, step
+
+
+def _coarser(A: Projector, step: int) -> Projector:
+    """The same rays through cells of step x step voxels to cells of step x step pixels."""
+    grid = A.grid
+    shape = (grid.shape[0], -(-grid.shape[1] // step), -(-grid.shape[2] // step))
+    shift = (step - 1) / 2
+    offset = grid.direction @ np.array([shift * grid.spacing[2], shift * grid.spacing[1], 0])
+    cells = Grid(
+        shape,
+        (grid.spacing[0], step * grid.spacing[1], step * grid.spacing[2]),
+        np.array(grid.origin) + offset,
+        grid.direction,
+    )
+    panels = [
+        Panel(
+            (-(-p.shape[0] // step), -(-p.shape[1] // step)),
+            (step * p.pitch[0], step * p.pitch[1]),
+            p.points([shift, shift])[0],
+            p.row_axis,
+            p.column_axis,
+        )
+        for p in A.views.panels
+    ]
+    return Projector(Views(A.views.source, panels), cells, A.tolerance)
+
+
+def _summed(curvature: Float32, step: int) -> Float32:
+    """Sums over step x step pixels; what is missing of the last ones is 0."""
+    rows = np.add.reduceat(curvature, np.arange(0, curvature.shape[1], step), axis=1)
+    return np.ascontiguousarray(np.add.reduceat(rows, np.arange(0, curvature.shape[2], step), axis=2))
 
 
 def plane_minimum(slopes: Sequence[float], uu: float, up: float, pp: float) -> tuple[float, float]:
@@ -126,9 +178,3 @@ def plane_minimum(slopes: Sequence[float], uu: float, up: float, pp: float) -> t
     if not determinant > 1e-6 * uu * pp:
         return -slopes[0] / uu, 0.0
     return (up * slopes[1] - pp * slopes[0]) / determinant, (up * slopes[0] - uu * slopes[1]) / determinant
-
-
-def _project(A: Projector, f: Float32) -> Float32:
-    out = np.empty(A.range_shape, np.float32)
-    _core.project(A.geometry, f, out)
-    return out

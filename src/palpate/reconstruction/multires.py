@@ -62,34 +62,40 @@ def coarser_scan(scan: Scan, downsample: Downsample = "sum") -> Scan:
     Odd sizes are filled up with unmeasured pixels.
     """
     mask = _quads(scan.mask)
-    measured = np.count_nonzero(mask, axis=0) >= 2
-    if downsample == "nearest":
-        measured = mask[0]
+    count = np.zeros(mask[0].shape, np.uint8)
+    for quarter in mask:
+        count += quarter
+    measured = mask[0] if downsample == "nearest" else count >= 2
     if not measured.any():
         raise DataError("levels: no coarse pixel has half of its fine pixels measured; take fewer levels")
-    y, b, r = (_merged(_quads(a), mask, downsample) for a in (scan.counts, scan.incident, scan.background))
+    arrays = scan.counts, scan.incident, scan.background
+    y, b, r = (_merged(_quads(a), mask, count, downsample) for a in arrays)
     panels = [coarser_panel(p, downsample) for p in scan.views.panels]
     return Scan(y, b, Views(scan.views.source, panels), r, measured)
 
 
-def _quads(a: AnyArray) -> AnyArray:
-    """(views, rows, columns) to (4, views, rows/2, columns/2), filled up with zeros."""
+def _quads(a: AnyArray) -> list[AnyArray]:
+    """(views, rows, columns) to four of (views, rows/2, columns/2), views of it, filled up with zeros."""
     _, rows, columns = a.shape
     if rows % 2 or columns % 2:
         a = np.pad(a, ((0, 0), (0, rows % 2), (0, columns % 2)))
-    return np.stack([a[:, i::2, j::2] for i in (0, 1) for j in (0, 1)])
+    return [a[:, i::2, j::2] for i in (0, 1) for j in (0, 1)]
 
 
-def _merged(quads: AnyArray, mask: AnyArray, downsample: Downsample) -> Float32:
+def _merged(quads: list[AnyArray], mask: list[AnyArray], count: AnyArray, downsample: Downsample) -> Float32:
+    merged: Float32
     if downsample == "nearest":
-        merged: AnyArray = quads[0]
+        merged = quads[0].astype(np.float32)
     elif downsample == "median":
-        count = np.count_nonzero(mask, axis=0)
         held = np.sort(np.where(mask, quads, np.inf), axis=0)
-        low, high = (np.take_along_axis(held, i[None], 0)[0] for i in (np.maximum(count - 1, 0) // 2, count // 2 % 4))
+        middle = (np.maximum(count, 1) - 1) // 2, count // 2 % 4
+        low, high = (np.take_along_axis(held, i[None], 0)[0] for i in middle)
         merged = np.where(count > 0, (np.where(np.isfinite(low), low, 0) + np.where(np.isfinite(high), high, 0)) / 2, 0)
+        merged = merged.astype(np.float32)
     else:
-        merged = np.einsum("q...,q...->...", quads, mask.astype(np.float32))
+        merged = np.zeros(count.shape, np.float32)
+        for quarter, there in zip(quads, mask, strict=True):
+            np.add(merged, quarter, out=merged, where=there)
         if downsample == "linear":
-            merged = merged / np.maximum(np.count_nonzero(mask, axis=0), 1)
-    return merged.astype(np.float32)
+            merged /= np.maximum(count, 1)
+    return merged

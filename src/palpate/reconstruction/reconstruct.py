@@ -46,21 +46,24 @@ LIKELIHOODS: dict[str, Callable[[Scan], Likelihood]] = {
     "least-squares": WeightedLeastSquares.of,
 }
 TOLERANCE = 1e-3
-COARSER = 4.0  # times the tolerance a level, see _Rule
+COARSE = 160.0  # see _Rule
 
 
 @dataclass(frozen=True)
 class _Rule:
     """When a level is finished: after so many iterations, or when one gains less than a share of the objective.
 
-    The share is COARSER times larger a level: a coarse level is but a start, and its own posterior is not wanted.
+    The share is `tolerance` on the finest level. A coarse level is but a start: once what it still gains is small beside
+    what the step to the finer grid costs and brings, its own posterior is not wanted. Level 1 ends at 40 times the
+    tolerance. An iteration costs a quarter as much a level further down, so it is worth making there for a quarter of the
+    gain: each level down the share is a quarter, yet never below the tolerance.
     """
 
     iterations: Sequence[int]
     tolerance: float
 
     def finished(self, level: int, iteration: int, objective: float, previous: float | None) -> bool:
-        share = self.tolerance * COARSER**level
+        share = self.tolerance * (max(1.0, COARSE / 4**level) if level else 1.0)
         gained = previous is not None and abs(previous - objective) > share * abs(objective)
         return iteration >= self.iterations[level] or (previous is not None and not gained)
 
@@ -96,8 +99,8 @@ def iterates(
     (`accelerate`), "descent" (`descend`), "subsets" (`ordered_subsets`), or "auto", which is momentum: it reached the
     converged posterior soonest.
     iterations: at most so many a level, one number or one a level, finest first. tolerance: a level ends when an iteration
-    lowers the objective by less
-    than this share, four times as much a coarser level. downsample, interpolation: see `pyramid`, `resample`. window,
+    lowers the objective by less than this share; coarse levels end sooner, 40 times it on level 1, a quarter of that a
+    level down. downsample, interpolation: see `pyramid`, `resample`. window,
     cutoff: of `fbp`. relaxation: of `sart`. resume: the step after which to go on, exactly as if never stopped. Raises
     `DataError` and `GeometryError` at once, before any work.
     """
@@ -178,7 +181,10 @@ def _run(
             solver = _solver(method, A, data, prior, weight, values, curvature, knobs)
         for iteration, (f, now) in enumerate(solver, done + 1):
             finished = method in DIRECT or rule.finished(level, iteration, now, objective)
-            volume = Volume(f.copy(), grid)
+            handed = remembers and pace is None  # the run goes on from it; no copy, for a volume can be gigabytes
+            if handed and not finished:
+                f.flags.writeable = False
+            volume = Volume(f if handed else f.copy(), grid)
             previous, told = (values, ()) if pace is None else pace.state()
             if finished or not remembers:
                 previous, told = None, ()

@@ -156,5 +156,5 @@ class _Subsets:
             )
             likelihood = self.part(chosen)
             bend = likelihood.curvature(np.zeros(A.range_shape, np.float32), self.kind)
-            np.maximum(self.bound, majoriser(A, np.ascontiguousarray(bend)), out=self.bound)
+            np.maximum(self.bound, majoriser(A, np.ascontiguousarray(bend))[0], out=self.bound)
             self.groups.append((A, likelihood))

@@ -3,10 +3,11 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
+from palpate import _core
 from palpate.arrays import Float64
 from palpate.errors import DataError, GeometryError
 from palpate.scans import motion as motions
-from palpate.scans.phantom import Phantom
+from palpate.scans.phantom import Box, Common, Ellipsoid, Phantom, Solid
 from palpate.scans.scan import Scan
 from palpate.scans.views import Panel, Views
 
@@ -47,6 +48,58 @@ def simulate_scan(
 
 def transmission(phantom: Phantom, source: Float64, panel: Panel, subrays: int = 2) -> Float64:
     """(rows, columns): mean over each pixel's area of e^-p, p the line integral from the source."""
+    known = [_primitives(solid) for solid, _ in phantom.parts]
+    if not all(known):  # a solid of the user's own
+        return _transmission(phantom, source, panel, subrays)
+    fine = [p / subrays for p in panel.pitch]
+    down, right = fine[0] * np.asarray(panel.row_axis), fine[1] * np.asarray(panel.column_axis)
+    start = panel.points([(0.5 / subrays - 0.5,) * 2])[0]
+    passed = np.empty(panel.shape)
+    _core.transmission(
+        np.cumsum([0] + [len(solids) for solids in known]),
+        np.array([attenuation for _, attenuation in phantom.parts], np.float64),
+        np.array([_rays_that_meet(solid.bounds(), source, panel, subrays) for solid, _ in phantom.parts], np.int64),
+        np.array([kind for solids in known for kind, _ in solids], np.int64),
+        np.array([numbers for solids in known for _, numbers in solids], np.float64),
+        np.ascontiguousarray(np.stack([source, start, down, right]), np.float64),
+        subrays,
+        passed,
+    )
+    return passed
+
+
+def _primitives(solid: Solid) -> list[tuple[int, Float64]]:
+    """Kind and numbers (cpp/shadow.h) of the convex solids of which a solid is the common part; none if there is no such."""
+    if type(solid) is Ellipsoid:
+        turn = np.asarray(solid.axes) / np.asarray(solid.radii)
+        return [(0, np.concatenate([turn.ravel(), np.asarray(solid.centre)]))]
+    if type(solid) is Box:
+        return [(1, np.concatenate([solid.bounds().ravel(), np.zeros(6)]))]
+    if type(solid) is Common:
+        parts = [_primitives(part) for part in solid.solids]
+        return [primitive for part in parts for primitive in part] if all(parts) else []
+    return []
+
+
+def _rays_that_meet(bounds: Float64, source: Float64, panel: Panel, subrays: int) -> tuple[int, int, int, int]:
+    """First and last row and column of the panel's rays between which the shadow of a box lies, rather too many."""
+    rows, columns = (n * subrays for n in panel.shape)
+    corners = np.array([[x, y, z] for x in bounds[:, 0] for y in bounds[:, 1] for z in bounds[:, 2]])
+    depth, whole = (corners - source) @ panel.normal, (np.asarray(panel.origin) - source) @ panel.normal
+    if (depth / whole <= 1e-6).any():  # beside or behind the source: no bound
+        return 0, rows - 1, 0, columns - 1
+    landed = source + (whole / depth)[:, None] * (corners - source) - np.asarray(panel.origin)
+    r = (landed @ panel.row_axis / panel.pitch[0] + 0.5) * subrays
+    c = (landed @ panel.column_axis / panel.pitch[1] + 0.5) * subrays
+    low_r, high_r, low_c, high_c = (
+        int(np.clip(v, -2, n + 2))
+        for v, n in ((r.min() - 2, rows), (r.max() + 2, rows), (c.min() - 2, columns), (c.max() + 2, columns))
+    )
+    return low_r, high_r, low_c, high_c
+
+
+def _transmission(phantom: Phantom, source: Float64, panel: Panel, subrays: int) -> Float64:
+    """The same for solids of any kind, which need only tell where lines enter and leave them."""
     offsets = (np.arange(subrays) + 0.5) / subrays - 0.5
     passed = np.empty(panel.shape)
     rows, columns = panel.shape
