@@ -29,13 +29,6 @@ void rows_around(const Neighbourhood& n, const float* row, int64_t z, int64_t y,
     }
 }
 
-PALPATE_INLINE void size_of(const Lanes& t, Lanes& out) {
-    LaneMask bits;
-    std::memcpy(&bits, &t, sizeof bits);
-    bits &= 0x7fffffff;
-    std::memcpy(&out, &bits, sizeof bits);
-}
-
 // Two pairs of voxels of Lange's prior, with one division. push: Σ weight · t / (edge + |t|); pull: Σ weight / (edge +
 // |t|).
 PALPATE_INLINE void add_two(const Lanes& f, const float* first, float first_weight, const float* second,
@@ -45,8 +38,8 @@ PALPATE_INLINE void add_two(const Lanes& f, const float* first, float first_weig
     load(u, second);
     t = f - t;
     u = f - u;
-    size_of(t, a);
-    size_of(u, b);
+    magnitude(t, a);
+    magnitude(u, b);
     a += edge;
     b += edge;
     const Lanes inverse = 1 / (a * b);
@@ -60,7 +53,7 @@ PALPATE_INLINE void add_one(const Lanes& f, const float* other, float weight, fl
     Lanes t, a;
     load(t, other);
     t = f - t;
-    size_of(t, a);
+    magnitude(t, a);
     const Lanes k = weight / (a + edge);
     push += k * t;
     pull += k;

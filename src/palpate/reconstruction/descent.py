@@ -6,7 +6,7 @@ import numpy as np
 
 from palpate import _core
 from palpate.arrays import Float32
-from palpate.reconstruction.likelihood import Curvature, Likelihood
+from palpate.reconstruction.likelihood import Curvature, Likelihood, value_and_slope
 from palpate.reconstruction.prior import Prior
 from palpate.reconstruction.projector import Projector
 
@@ -32,30 +32,30 @@ def descend(
     """
     values = np.array(values, np.float32)
     old = values.copy()
-    l = A(values)
-    objective = _objective(A, likelihood, prior, beta, values, l)
+    l, slope, following = A(values), np.empty(A.range_shape, np.float32), np.empty(A.range_shape, np.float32)
+    objective = value_and_slope(likelihood, l, slope) + _roughness(A, prior, beta, values)
     kinds: tuple[Curvature, ...] = (curvature, "optimal") if curvature == "precomputed" else (curvature,)
     data, held = _core.Paraboloid(A.geometry), ""
     while True:
-        slope, l_old = likelihood.slope(l), l
         np.copyto(old, values)
         for kind in kinds:
             data.set_slope(slope)
             if kind != "precomputed" or kind != held:  # that one is the same at every l
-                data.set_curvature(np.ascontiguousarray(likelihood.curvature(l_old, kind)))
+                data.set_curvature(np.ascontiguousarray(likelihood.curvature(l, kind)))
                 held = kind
             _core.descend(data, values, *prior.law, beta, relaxation)
-            l = A(values)
-            now = _objective(A, likelihood, prior, beta, values, l)
+            _core.project(A.geometry, values, following)
+            now = value_and_slope(likelihood, following, slope) + _roughness(A, prior, beta, values)
             if now <= objective or kind == kinds[-1]:
                 break
             np.copyto(values, old)
-        objective = now
+            value_and_slope(likelihood, l, slope)
+        objective, l, following = now, following, l
         yield values, objective
 
 
-def _objective(A: Projector, likelihood: Likelihood, prior: Prior, beta: float, values: Float32, l: Float32) -> float:
-    return likelihood.value(l) + (beta * prior.value(values, A.grid) if beta > 0 else 0.0)
+def _roughness(A: Projector, prior: Prior, beta: float, values: Float32) -> float:
+    return beta * prior.value(values, A.grid) if beta > 0 else 0.0
 
 
 def data_curvature(A: Projector, likelihood: Likelihood) -> Float32:
