@@ -115,7 +115,8 @@ class _Subsets:
         self.A, self.likelihood, self.prior, self.beta, self.part = A, likelihood, prior, beta, part
         self.kind: Curvature = "precomputed" if curvature == "precomputed" else "maximum"
         self.groups: list[tuple[Projector, Likelihood]] = []
-        self.bound, self.z, self.gradient, self.u = (np.zeros(A.domain_shape, np.float32) for _ in range(4))
+        self.bound, self.z = (np.zeros(A.domain_shape, np.float32) for _ in range(2))
+        self.law = prior.law if beta > 0 else Prior("quadratic").law
 
     def objective(self, f: Float32) -> float:
         smooth = self.beta * self.prior.value(f, self.A.grid) if self.beta > 0 else 0.0
@@ -126,14 +127,12 @@ class _Subsets:
         if len(self.groups) != pace.subsets:
             self._split(pace.subsets)
         t, beta = pace.t, self.beta / len(self.groups)
-        slope = bend = np.zeros((0, 0, 0), np.float32)
         for A, likelihood in self.groups:
             following = (1 + np.sqrt(1 + 4 * t * t)) / 2 if pace.accelerated else 1.0
-            _core.advance(x, previous, x, (0.0, (t - 1) / following), self.z)
-            _core.backproject(A.geometry, np.ascontiguousarray(likelihood.slope(A(self.z))), self.gradient)
-            slope, bend = self.prior.surrogate(self.z, self.A.grid) if beta > 0 else (self.gradient, self.gradient)
-            _core.steer(self.gradient, slope, bend, self.bound, beta, self.z, self.z, self.u)
-            _core.advance(self.z, self.z, self.u, (pace.share, 0.0), previous)
+            _core.advance(x, previous, (0.0, (t - 1) / following), self.z)
+            _core.backproject(A.geometry, np.ascontiguousarray(likelihood.slope(A(self.z))), previous)
+            _core.steer(self.z, self.z, previous, self.bound, 1, beta, self.A.grid.spacing, *self.law)
+            _core.advance(self.z, self.z, (pace.share, 0.0), previous)
             x, previous, t = previous, x, following
         return x, previous, t
 
