@@ -57,4 +57,6 @@ def upright(path: Path, stored: Stored) -> tuple[AnyArray, Grid]:
         affine[:3, 3] += affine[:3, 0] * (values.shape[2] - 1)
         axes[:, 0] = -axes[:, 0]
     u, _, vt = np.linalg.svd(axes)  # nearest rotation: headers round their cosines to float32
-    return values, Grid(values.shape, spacing[::-1], affine[:3, 3], u @ vt)
+    # Decimal texts and products of them: 1.5 mm that came back as 1.5000000000000353 is 1.5.
+    rounded = [float(f"{length:.12g}") for length in spacing[::-1]]
+    return values, Grid(values.shape, rounded, affine[:3, 3], u @ vt)
