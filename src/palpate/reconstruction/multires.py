@@ -69,7 +69,7 @@ def coarser_scan(scan: Scan, downsample: Downsample = "sum") -> Scan:
         raise DataError("levels: no coarse pixel has half of its fine pixels measured; take fewer levels")
     y, b, r = (_merged(_quads(a), mask, downsample) for a in (scan.counts, scan.incident, scan.background))
     panels = [coarser_panel(p, downsample) for p in scan.views.panels]
-    return Scan(y, b, Views(scan.views.source, panels), r, measured)
+    return Scan(y, b, Views(scan.views.source, panels, scan.views.direction), r, measured)
 
 
 def _quads(a: AnyArray) -> AnyArray:

@@ -1,6 +1,5 @@
 """Volumes in DICOM: CT series (a file a slice), enhanced multi-frame CT, breast tomosynthesis."""
 
-from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
@@ -11,7 +10,18 @@ from pydicom import Dataset
 
 from palpate.arrays import AnyArray, Float64
 from palpate.errors import DataError, FileError
-from palpate.volumes.dicom_files import careful, dicom_paths, frames_of, group, has, named, number, numbers, opened, pixels
+from palpate.volumes.dicom_files import (
+    careful,
+    frames_of,
+    group,
+    has,
+    named,
+    number,
+    numbers,
+    opened,
+    pixels,
+    series_in,
+)
 from palpate.volumes.stored import Stored
 
 CLASSES = {  # storage SOP classes that hold volumes
@@ -22,7 +32,6 @@ CLASSES = {  # storage SOP classes that hold volumes
     "1.2.840.10008.5.1.4.1.1.13.1.2": "X-Ray 3D Craniofacial Image",
     "1.2.840.10008.5.1.4.1.1.13.1.3": "Breast Tomosynthesis Image",
 }
-SPECIAL = ("LOCALIZER",)  # a CT's overview lies in the series of its slices
 UNITS = {"[hnsf'U]": "HU", "/mm": "1/mm", "mm-1": "1/mm"}  # UCUM codes
 UNEQUAL = 0.01  # steps between slices may differ by this share: positions are rounded decimal texts
 ALIKE = 1e-4  # cosines and mm
@@ -63,24 +72,8 @@ def read(path: Path) -> Stored:
 
 def _series(folder: Path, wanted: str | None) -> list[Slice]:
     """The slices of the one series in a folder, or of the series with the UID `wanted`."""
-    headers = {}
-    for path in dicom_paths(folder):
-        with careful(path):
-            header = opened(path, pixels=False)
-            if not set(SPECIAL) & set(header.get("ImageType") or []):
-                headers[path] = header
-    series = Counter(str(h.get("SeriesInstanceUID", "")) for h in headers.values())
-    if wanted is None and len(series) > 1:
-        examples = [
-            f"{next(p.name for p, h in headers.items() if h.get('SeriesInstanceUID', '') == uid)} ({count} files)"
-            for uid, count in series.most_common(6)
-        ]
-        raise FileError(
-            f"{folder}: holds {len(series)} series; name one file of the series that you want: {', '.join(examples)}"
-        )
-    chosen = [p for p, h in headers.items() if wanted is None or str(h.get("SeriesInstanceUID", "")) == wanted]
     slices = []
-    for path in chosen:
+    for path in series_in(folder, wanted):
         with careful(path):
             dataset = opened(path)
             _refuse_other_kinds(path, dataset)
@@ -184,7 +177,7 @@ def _step(path: Path, slices: list[Slice], normal: Float64) -> Float64:
             )
         return normal * between
     steps = np.diff([float(s.position @ normal) for s in slices])
-    usual = float(np.median(steps))
+    usual = float(np.sort(steps)[(len(steps) - 1) // 2])
     for step, (a, b) in zip(steps, pairwise(slices), strict=True):
         if step < ALIKE:
             raise FileError(f"{b.where}: lies where {a.where} does; keep one phase or series of the volume")

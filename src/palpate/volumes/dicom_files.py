@@ -1,24 +1,38 @@
 """DICOM files: opening them, naming the tags that they lack, and the numbers in their pixels."""
 
-import warnings
+import io
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from pydicom import Dataset, config, dcmread
 from pydicom.datadict import dictionary_description, tag_for_keyword
-from pydicom.pixels import get_decoder
+from pydicom.pixels.decoders.base import get_decoder
+from pydicom.uid import RLELossless
 
 from palpate.arrays import AnyArray, Float64
 from palpate.errors import DataError, FileError, PalpateError
+from palpate.volumes.quiet import quiet
 
 INFLATION = 2000  # no lossless image is so much smaller compressed: a header that claims more is damaged
 # What decodes a compression that palpate does not bring a decoder for; permissively licensed, all of them.
 PLUGINS = {"1.2.840.10008.1.2.4.80": "pyjpegls", "1.2.840.10008.1.2.4.81": "pyjpegls"}
 OTHER_PLUGIN = "python-gdcm"
+OVERVIEW = "LOCALIZER"  # a CT's overview often lies in the series of its slices
 GROUPS = ("PerFrameFunctionalGroupsSequence", "SharedFunctionalGroupsSequence")
+
+
+class Bounded(io.BufferedReader):
+    """A file that never reserves memory for more bytes than it has, whatever length a damaged header asks for."""
+
+    def __init__(self, path: Path) -> None:
+        self.size = path.stat().st_size
+        super().__init__(io.FileIO(path))
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """At most `size` bytes, at most to the end."""
+        return super().read(size if size is None or size < 0 else min(size, max(self.size - self.tell(), 0)))
 
 
 def is_dicom(path: Path) -> bool:
@@ -38,14 +52,36 @@ def dicom_paths(folder: Path) -> list[Path]:
     return found
 
 
+def series_in(folder: Path, wanted: str | None) -> list[Path]:
+    """The files of the one series in a folder, or of that with the UID `wanted`; overviews of a CT are passed over.
+
+    Raises `FileError`, which names a file of each, when there are several.
+    """
+    members: dict[str, list[Path]] = {}
+    for path in dicom_paths(folder):
+        with careful(path):
+            header = opened(path, pixels=False)
+            if OVERVIEW not in (header.get("ImageType") or []):
+                if not has(header, "SeriesInstanceUID"):
+                    raise FileError(f"{path}: lacks {named('SeriesInstanceUID')}; copy or export it again")
+                members.setdefault(str(header.SeriesInstanceUID), []).append(path)
+    if wanted is not None:
+        return members.get(wanted, [])
+    if len(members) > 1:
+        examples = [f"{paths[0].name} ({len(paths)} files)" for paths in list(members.values())[:6]]
+        raise FileError(
+            f"{folder}: holds {len(members)} series; name one file of the series that you want: {', '.join(examples)}"
+        )
+    return [path for paths in members.values() for path in paths]
+
+
 @contextmanager
 def careful(path: Path) -> Iterator[None]:
     """What pydicom makes of a damaged file, almost any exception, becomes a `FileError`; its warnings stay unheard."""
     before = config.settings.reading_validation_mode
     config.settings.reading_validation_mode = config.IGNORE
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with quiet():
             yield
     except (PalpateError, MemoryError):
         raise
@@ -61,7 +97,8 @@ def opened(path: Path, pixels: bool = True) -> Dataset:
     if not is_dicom(path):
         raise FileError(f"{path}: not a DICOM file (no DICM after 128 bytes); check the name")
     with careful(path):
-        dataset = dcmread(path, stop_before_pixels=not pixels)
+        with Bounded(path) as file:
+            dataset = dcmread(file, stop_before_pixels=not pixels)
         if "TransferSyntaxUID" not in dataset.file_meta:
             raise FileError(f"{path}: lacks {named('TransferSyntaxUID')}; export it again")
         return dataset
@@ -90,7 +127,9 @@ def numbers(where: str, dataset: Dataset, keyword: str, count: int, remedy: str 
     except (TypeError, ValueError):
         array = np.full(count, np.nan)
     if array.shape != (count,) or not np.isfinite(array).all():
-        raise FileError(f"{where}: {named(keyword)} is {str(value)[:60]!r}, expected {count} finite number(s); {remedy}")
+        raise FileError(
+            f"{where}: {named(keyword)} is {str(value)[:60]!r}, expected {count} finite number(s); {remedy}"
+        )
     return array
 
 
@@ -159,6 +198,8 @@ def _decoded(path: Path, dataset: Dataset, shape: tuple[int, int, int], width: i
     wanted, there = int(np.prod(shape)) * width, len(dataset.PixelData)
     if wanted > INFLATION * there + 65536:
         raise FileError(f"{path}: says {shape} pixels, {wanted} bytes, in {there} compressed ones; copy it again")
+    own = syntax == RLELossless  # pydicom's is in Python; another that may be installed panics on damaged files
+    dataset.pixel_array_options(decoding_plugin="pydicom" if own else "")
     values: AnyArray = dataset.pixel_array
     if values.size != np.prod(shape):
         raise FileError(f"{path}: holds {values.shape} pixels, its header says {shape}; copy or export it again")

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from pydicom import Dataset
+from pydicom.datadict import tag_for_keyword
 from pydicom.dataset import FileDataset, FileMetaDataset
 from pydicom.uid import PYDICOM_IMPLEMENTATION_UID, ExplicitVRLittleEndian, generate_uid
 from pydicom.valuerep import format_number_as_ds
@@ -151,12 +152,14 @@ def _common(sop_class: str, modality: str, volume: Volume, tags: Mapping[str, st
         },
     )
     for keyword, value in tags.items():
-        if keyword not in ("FrameLaterality", "ViewPosition"):
-            try:
-                setattr(dataset, keyword, value)
-                dataset[keyword]
-            except (KeyError, ValueError, TypeError) as problem:
-                raise DataError(f"tags: {keyword!r} = {value!r} is no DICOM keyword and value ({problem})") from None
+        if keyword in ("FrameLaterality", "ViewPosition"):
+            continue  # they have places of their own
+        try:
+            if tag_for_keyword(keyword) is None:
+                raise ValueError("no such keyword")
+            setattr(dataset, keyword, value)
+        except (ValueError, TypeError) as problem:
+            raise DataError(f"tags: {keyword!r} = {value!r} is no DICOM keyword and value ({problem})") from None
     return dataset
 
 

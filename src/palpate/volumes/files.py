@@ -119,7 +119,7 @@ def there(path: str | Path) -> Path:
 
 def _read(path: str | Path) -> tuple[Path, Stored]:
     path = Path(path)
-    if path.is_dir() and not path.name.lower().endswith(".zarr") or is_dicom(path):
+    if (path.is_dir() and not path.name.lower().endswith(".zarr")) or is_dicom(path):
         form: ModuleType = ome_zarr if ome_zarr.is_zarr(path) else dicom
     elif path.suffix.lower() in DICOM:
         form = dicom

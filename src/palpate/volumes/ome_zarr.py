@@ -8,7 +8,7 @@ import numpy as np
 from palpate.arrays import AnyArray
 from palpate.errors import FileError
 from palpate.volumes.placed import place_text, placed
-from palpate.volumes.stored import Stored
+from palpate.volumes.stored import Stored, lengths
 
 TO_MM = {"meter": 1000.0, "centimeter": 10.0, "millimeter": 1.0, "micrometer": 0.001, "nanometer": 1e-6}
 CHUNK = 64
@@ -33,9 +33,13 @@ def read(path: Path) -> Stored:
         array = group[level["path"]]
         spatial = [i for i, axis in enumerate(axes) if axis.get("type", "space") == "space"]
         if len(spatial) != 3 or any(n != 1 for i, n in enumerate(array.shape) if i not in spatial):
-            raise FileError(f"{path}: expected 3 axes of space and one channel, got shape {array.shape}; export one volume")
+            raise FileError(
+                f"{path}: expected 3 axes of space and one channel, got shape {array.shape}; export one volume"
+            )
         length = np.array([TO_MM[axes[i]["unit"]] for i in spatial])
-        steps = {t["type"]: np.array(t[t["type"]], dtype=np.float64)[spatial] for t in level["coordinateTransformations"]}
+        steps = {
+            t["type"]: np.array(t[t["type"]], dtype=np.float64)[spatial] for t in level["coordinateTransformations"]
+        }
         values: AnyArray = np.asarray(array[...]).reshape([array.shape[i] for i in spatial])
     except FileError:
         raise
@@ -50,7 +54,7 @@ def read(path: Path) -> Stored:
 def write(path: Path, stored: Stored) -> None:
     """One level, chunks of 64 voxels a side. Raises `FileError` without zarr."""
     zarr = _zarr()
-    spacing = np.linalg.norm(stored.affine[:3, :3], axis=0)[::-1]
+    spacing = lengths(stored.affine)[::-1]
     group = zarr.open_group(path, mode="w", zarr_format=2)
     chunks = tuple(min(CHUNK, n) for n in stored.values.shape)
     array = group.create_array("0", shape=stored.values.shape, dtype=stored.values.dtype, chunks=chunks)
