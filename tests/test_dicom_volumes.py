@@ -1,12 +1,22 @@
 """Volumes in DICOM: what is written passes a validator and other readers; what others write is read or refused."""
 
+import io
 from types import SimpleNamespace
 
 import numpy as np
 import pydicom
 import pytest
 from dicoms import CT, ENHANCED_CT, MR, changed, complaints, ct_slice, item, save
-from pydicom.uid import JPEG2000Lossless, JPEGLSLossless, RLELossless
+from PIL import Image
+from pydicom.uid import (
+    DeflatedExplicitVRLittleEndian,
+    ExplicitVRBigEndian,
+    ImplicitVRLittleEndian,
+    JPEG2000Lossless,
+    JPEGBaseline8Bit,
+    JPEGLSLossless,
+    RLELossless,
+)
 from scipy.spatial.transform import Rotation
 
 import palpate as pp
@@ -187,6 +197,33 @@ def enhanced(path, stack=STACK, **tags):
     frames = [item(PlanePositionSequence=[item(ImagePositionPatient=[10, 10, 10 + 2.5 * k])]) for k in order]
     given = {"Modality": "CT", "SharedFunctionalGroupsSequence": [shared], "PerFrameFunctionalGroupsSequence": frames}
     return save(path, ENHANCED_CT, stack[order], **{**given, **tags})
+
+
+def test_deflated_and_big_endian_files_are_read(tmp_path):
+    for k, syntax in enumerate((DeflatedExplicitVRLittleEndian, ImplicitVRLittleEndian, ExplicitVRBigEndian)):
+        folder = tmp_path / str(k)
+        folder.mkdir()
+        dataset = pydicom.dcmread(ct_slice(folder / "a", STACK[0]))
+        if syntax == ExplicitVRBigEndian:
+            dataset.PixelData = STACK[0].astype(">u2").tobytes()
+        dataset.file_meta.TransferSyntaxUID = syntax
+        pydicom.dcmwrite(
+            folder / "a", dataset, implicit_vr=syntax.is_implicit_VR, little_endian=syntax.is_little_endian
+        )
+        assert np.array_equal(pp.read_volume(folder).values[0], STACK[0].astype(np.float32) - 1024)
+
+
+def test_an_image_of_lossy_jpeg_is_read(tmp_path):
+    smooth = np.add.outer(np.arange(64), np.arange(64)).astype(np.uint8)
+    stream = io.BytesIO()
+    Image.fromarray(smooth).save(stream, "JPEG", quality=95)
+    path = ct_slice(tmp_path / "a", smooth, BitsAllocated=8, BitsStored=8, HighBit=7, RescaleIntercept=0)
+    dataset = pydicom.dcmread(path)
+    dataset.PixelData = pydicom.encaps.encapsulate([stream.getvalue()])
+    dataset["PixelData"].VR = "OB"
+    dataset.file_meta.TransferSyntaxUID = JPEGBaseline8Bit
+    dataset.save_as(path)
+    assert np.abs(pp.read_volume(path).values[0] - smooth).max() < 8
 
 
 @pytest.mark.parametrize("syntax", [None, RLELossless, JPEG2000Lossless])

@@ -3,6 +3,9 @@
 import mutations
 import pytest
 
+import palpate as pp
+from palpate.errors import FileError
+
 SAMPLE = 150
 
 
@@ -24,6 +27,22 @@ def test_a_mutant_is_the_same_again(tmp_path):
         kept.append(target.read_bytes())
         assert kept[0] != valid[0][1].read_bytes()
     assert kept[0] == kept[1]
+
+
+def test_a_heap_of_texts_without_end_is_refused(tmp_path):
+    """Mutant 220 of seed 2: the HDF5 library itself would read free space of no length for ever."""
+    panel = pp.Panel((3, 4), (1, 1), (0, 0, 0))
+    pp.write_scan(tmp_path / "s.h5", pp.Scan(mutations.np.ones((1, 3, 4)), 1, pp.Views([[0, 0, 600]], panel)))
+    whole = (tmp_path / "s.h5").read_bytes()
+    heap = whole.index(b"GCOL")
+    at = heap + 16
+    while whole[at : at + 2] != b"\0\0":  # past the texts to the free space
+        at += 16 + (int.from_bytes(whole[at + 8 : at + 16], "little") + 7) // 8 * 8
+    assert int.from_bytes(whole[at + 8 : at + 16], "little") > 0
+    (tmp_path / "s.h5").write_bytes(whole[: at + 8] + bytes(8) + whole[at + 16 :])
+    for reader in (pp.read_scan, pp.read_record):
+        with pytest.raises(FileError, match=rf"s\.h5: damaged HDF5 file \(a heap of texts without end at byte {at}\)"):
+            reader(tmp_path / "s.h5")
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from palpate.scans.importers import import_scan
 from palpate.scans.scan import Scan
 from palpate.scans.views import Panel, Views
 from palpate.volumes.files import readable
+from palpate.volumes.hdf5 import refuse_endless_heap
 
 FORMAT, VERSION = "palpate scan", 1
 PANEL = {"pitch": "mm", "origin": "mm", "row_axis": "1", "column_axis": "1"}  # each (1 or views, 2 or 3)
@@ -50,6 +51,7 @@ def read_scan(path: str | Path) -> Scan:
     path = readable(path)
     if not h5py.is_hdf5(path):
         raise FileError(f"{path}: not an HDF5 file; {WAY_OUT}")
+    refuse_endless_heap(path)
     try:
         with h5py.File(path, "r") as file:
             return _scan(path, file)
