@@ -260,6 +260,13 @@ def test_a_turned_mammograms_positioner_angle_is_not_enough(tmp_path):
         pp.read_scan(folder)
 
 
+def test_an_overview_of_a_ct_is_no_projection(tmp_path):
+    view(tmp_path / "v.dcm", counts()[0], ImageType=["ORIGINAL", "PRIMARY", "LOCALIZER"])
+    for path in (tmp_path, tmp_path / "v.dcm"):
+        with pytest.raises(FileError, match="no projections there, only overviews"):
+            pp.read_scan(path)
+
+
 def test_a_truncated_multi_frame_file_is_named(tmp_path):
     path = breast_projection(tmp_path / "p.dcm", counts(), ANGLES)
     path.write_bytes(path.read_bytes()[:-999])

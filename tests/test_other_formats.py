@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import sys
 
 import numpy as np
 import pytest
@@ -81,6 +82,13 @@ def test_other_makers_files_are_read(tmp_path):
     back = pp.read_volume(tmp_path / "v.zarr")
     assert np.array_equal(back.values, data[0])
     assert back.grid == pp.Grid((2, 3, 4), (0.5, 0.25, 0.125))
+
+
+def test_without_zarr_it_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "zarr", None)
+    with pytest.raises(FileError, match=r"pip install 'palpate\[zarr\]'"):
+        pp.write_volume(tmp_path / "v.zarr", pp.Volume(VALUES, GRID))
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_spacing_edited_in_another_program_is_heeded(tmp_path):

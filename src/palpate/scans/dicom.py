@@ -77,6 +77,8 @@ def dicom_projections(path: Path) -> tuple[Float32, Bool, list[Shot]]:
                 images.append(intensity)
                 masks.append(mask)
                 shots.append((at, shot))
+    if not shots:
+        raise FileError(f"{path}: no projections there, only overviews (localizers) of a CT; name the projections")
     order = sorted(range(len(shots)), key=lambda k: shots[k][0])
     return np.stack([images[k] for k in order]), np.stack([masks[k] for k in order]), [shots[k][1] for k in order]
 

@@ -63,7 +63,7 @@ def series_in(folder: Path, wanted: str | None) -> list[Path]:
             header = opened(path, pixels=False)
             if OVERVIEW not in (header.get("ImageType") or []):
                 if not has(header, "SeriesInstanceUID"):
-                    raise FileError(f"{path}: lacks {named('SeriesInstanceUID')}; copy or export it again")
+                    raise FileError(f"{path}: lacks {named('SeriesInstanceUID')}; copy it again, or move it elsewhere")
                 members.setdefault(str(header.SeriesInstanceUID), []).append(path)
     if wanted is not None:
         return members.get(wanted, [])
