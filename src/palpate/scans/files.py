@@ -87,7 +87,7 @@ def _scan(path: Path, file: Any) -> Scan:
             raise FileError(f"{path}: dataset /{name} is missing (there: {', '.join(there) or 'none'}); {WAY_OUT}")
         dataset = file[name]
         if dataset.dtype.kind not in "fiub":
-            raise DataError(f"/{name}: expected numbers, got {dataset.dtype}")
+            raise DataError(f"/{name}: expected real numbers, got {dataset.dtype}; convert them first")
         if dataset.nbytes > MOST * file.id.get_filesize():
             raise FileError(f"{path}: /{name} says {dataset.shape}, more than the file can hold; copy it again")
         return np.asarray(dataset[()])
