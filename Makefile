@@ -9,10 +9,11 @@ export PIP_NO_INPUT := 1
 export PYTHONNOUSERSITE := 1
 unexport PYTHONPATH
 
-.PHONY: help demo test lint bench wheel tools clean
+.PHONY: help demo test mutate lint bench wheel tools clean
 help:
 	@echo "make demo    set up, then X-ray counts to an organ in the browser"
 	@echo "make test    set up, then the tests against the built wheel"
+	@echo "make mutate  set up, then 5,000 damaged files, none of which may crash a reader (MUTANTS=\"9000 --seed 2\")"
 	@echo "make lint    ruff, strict mypy and clang-format over the built wheel and the sources"
 	@echo "make bench   set up with the peers, then every benchmark; on an otherwise idle machine"
 	@echo "make wheel   the wheel alone, in dist/"
@@ -23,6 +24,9 @@ demo: $(VENV)/installed
 
 test: $(VENV)/tested-with
 	$(BIN)/python -m pytest $(PYTEST)
+
+mutate: $(VENV)/tested-with
+	$(BIN)/python tests/mutations.py $(MUTANTS)
 
 lint: $(VENV)/linted-with
 	$(BIN)/ruff check .

@@ -19,7 +19,12 @@ AnyArray = NDArray[Any]
 
 def float32(name: str, values: ArrayLike, shape: Sequence[int | None] | None = None) -> Float32:
     """`values` as a finite, C-contiguous float32 array of `shape` (None leaves an axis free), or a `DataError`."""
-    return _checked(name, values, shape).astype(np.float32, order="C", copy=False)
+    array = _checked(name, values, shape)
+    with np.errstate(over="ignore"):
+        single = array.astype(np.float32, order="C", copy=False)
+    if array.dtype == np.float64 and not _finite(single):
+        raise DataError(f"{name}: {np.abs(array).max():g} is more than a float32 can hold; check the units")
+    return single
 
 
 def float64(name: str, values: ArrayLike, shape: Sequence[int | None] | None = None) -> Float64:

@@ -8,6 +8,7 @@ import contextlib
 import os
 import platform
 import re
+import shutil
 import signal
 import sys
 import threading
@@ -71,6 +72,37 @@ def replacing(path: str | Path) -> Iterator[Path]:
             temporary.unlink(missing_ok=True)
 
 
+def new_folder(path: str | Path) -> Path:
+    """`path`, once it is sure that a folder can be made there and that nothing would be lost. Raises `FileError`."""
+    path = Path(path)
+    if path.is_dir():
+        if any(path.iterdir()):
+            raise FileError(f"{path}: is there and holds files; remove it, or choose another name with -o")
+        return path
+    if path.exists():
+        raise FileError(f"{path}: is a file; choose another name with -o")
+    return writable(path)
+
+
+@contextlib.contextmanager
+def replacing_folder(path: str | Path) -> Iterator[Path]:
+    """Gives a temporary folder to fill; renames it to `path` when the block ends well, removes it when it does not.
+
+    `path` may be an empty folder, never one that holds files. Ctrl-C waits as in `replacing`.
+    """
+    path = new_folder(path)
+    temporary = _temporary(path)
+    with _interrupts_waiting():
+        try:
+            temporary.mkdir()
+            yield temporary
+            if path.is_dir():
+                path.rmdir()
+            temporary.replace(path)
+        finally:
+            shutil.rmtree(temporary, ignore_errors=True)
+
+
 @contextlib.contextmanager
 def _interrupts_waiting() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():  # only there do signals arrive
@@ -115,7 +147,11 @@ def _remove_abandoned(path: Path) -> None:
     for entry in os.listdir(path.parent):
         found = name.match(entry)
         if found and not _runs(int(found[1])):
-            (path.parent / entry).unlink(missing_ok=True)
+            left = path.parent / entry
+            if left.is_dir():
+                shutil.rmtree(left)
+            else:
+                left.unlink(missing_ok=True)
 
 
 def _runs(process: int) -> bool:

@@ -79,7 +79,10 @@ def add(app: typer.Typer) -> None:
 
 def reconstruct_command(
     scan: Annotated[Path, typer.Argument(help="Scan file (.h5); palpate scan import makes one.", show_default=False)],
-    output: Annotated[Path, typer.Option("-o", "--output", help="Volume to write: .nii.gz, .nrrd, .mha.")],
+    output: Annotated[
+        Path,
+        typer.Option("-o", "--output", help="Volume: .nii.gz, .nrrd, .mha, .dcm, .zarr, .tif; folder: CT."),
+    ],
     thickness: Annotated[float | None, typer.Option(help="Depth of the object from the panel up, mm.")] = None,
     spacing: Annotated[float | None, typer.Option(help="Voxel in the slice, mm. Default: the pixel's shadow.")] = None,
     like: Annotated[Path | None, typer.Option(help="Volume file whose grid is taken instead.")] = None,

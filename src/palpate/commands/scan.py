@@ -48,18 +48,24 @@ def import_command(
 
     Imports a stack of projections.
 
+    DICOM projections (a file, or a folder) tell their geometry.
     Your own: palpate scan template -o geometry.yaml, fill it in, then
     palpate scan import 'views/*.tif' --geometry geometry.yaml -o scan.h5
     """
     from palpate.atomic import writable
+    from palpate.scans.dicom import MEANING as DICOM_MEANING
+    from palpate.scans.dicom import is_dicom_stack
     from palpate.scans.importers import geometry_of
 
     writable(output)
-    meaning = geometry_of(str(stack), geometry)
+    dicom = is_dicom_stack(stack) and geometry is None
+    meaning = None if dicom else geometry_of(str(stack), geometry)
     scan = pp.import_scan(str(stack), meaning)
     pp.write_scan(output, scan)
     _tell(output, scan)
-    if meaning.values == "intensity":
+    if dicom:
+        typer.echo(DICOM_MEANING)
+    if meaning is None or meaning.values == "intensity":
         typer.echo("these are intensities, not photon counts: palpate reconstruct --likelihood least-squares")
 
 

@@ -14,7 +14,10 @@ def add(app: typer.Typer) -> None:
 
 
 def segment_command(
-    volume: Annotated[Path, typer.Argument(help="Volume: .nii, .nii.gz, .nrrd, .mha.", show_default=False)],
+    volume: Annotated[
+        Path,
+        typer.Argument(help="Volume file, or the folder of a CT series.", show_default=False),
+    ],
     output: Annotated[Path, typer.Option("-o", "--output", help="Labels to write.", show_default=False)],
     lower: Annotated[float | None, typer.Option(help="Lowest value, in the volume's unit. Default: Otsu's.")] = None,
     upper: Annotated[float | None, typer.Option(help="Highest value.")] = None,

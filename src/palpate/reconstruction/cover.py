@@ -53,7 +53,7 @@ def covering_grid(views: Views, thickness: float | None, spacing: float | None =
         )
     step = np.array([thickness / shape[0], width, width])
     corner = np.array([*((low + high) / 2 - shape[:0:-1] * width / 2), low_z])
-    return Grid(shape, step, corner + step[::-1] / 2)
+    return Grid(shape, step, corner + step[::-1] / 2, views.direction)
 
 
 def _field(source: Float64, panel: Panel, z: float) -> Float64:

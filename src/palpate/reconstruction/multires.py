@@ -71,7 +71,7 @@ def coarser_scan(scan: Scan, downsample: Downsample = "sum") -> Scan:
     arrays = scan.counts, scan.incident, scan.background
     y, b, r = (_merged(_quads(a), mask, count, downsample) for a in arrays)
     panels = [coarser_panel(p, downsample) for p in scan.views.panels]
-    return Scan(y, b, Views(scan.views.source, panels), r, measured)
+    return Scan(y, b, Views(scan.views.source, panels, scan.views.direction), r, measured)
 
 
 def _quads(a: AnyArray) -> list[AnyArray]:

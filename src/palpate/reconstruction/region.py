@@ -106,7 +106,7 @@ def cropped(scan: Scan, region: Grid) -> Scan:
         np.stack([a[k, v : v + size[0], u : u + size[1]] for k, (v, u) in enumerate(first)])
         for a in (scan.counts, scan.incident, scan.background, scan.mask)
     )
-    return Scan(y, b, Views(views.source, panels), r, mask)
+    return Scan(y, b, Views(views.source, panels, views.direction), r, mask)
 
 
 def overlapped(volume: Volume, grid: Grid) -> Float32:

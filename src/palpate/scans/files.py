@@ -10,12 +10,16 @@ import numpy as np
 from palpate.arrays import AnyArray
 from palpate.atomic import replacing
 from palpate.errors import DataError, FileError, GeometryError
+from palpate.scans.dicom import is_dicom_stack
+from palpate.scans.importers import import_scan
 from palpate.scans.scan import Scan
 from palpate.scans.views import Panel, Views
 from palpate.volumes.files import readable
+from palpate.volumes.hdf5 import refuse_endless_heap
 
 FORMAT, VERSION = "palpate scan", 1
 PANEL = {"pitch": "mm", "origin": "mm", "row_axis": "1", "column_axis": "1"}  # each (1 or views, 2 or 3)
+MOST = 2000  # times the file's size: gzip gains no more
 WAY_OUT = "write it with `palpate scan import` or palpate.write_scan"
 
 
@@ -28,16 +32,26 @@ def write_scan(path: str | Path, scan: Scan) -> None:
         _dataset(file, "background", smallest(scan.background), "photons")
         _dataset(file, "mask", smallest(scan.mask), "1", "True where the pixel was measured")
         _dataset(file, "views/source", scan.views.source, "mm", "focal spot (x, y, z) of each view")
+        if not np.array_equal(scan.views.direction, np.eye(3)):
+            _dataset(
+                file, "views/direction", scan.views.direction, "1", "columns: the world's axes in patient space, LPS"
+            )
         for name, unit in PANEL.items():
             values = np.array([getattr(panel, name) for panel in scan.views.panels])
             _dataset(file, f"views/panel/{name}", smallest(values, axes=(0,)), unit)
 
 
 def read_scan(path: str | Path) -> Scan:
-    """The scan in a palpate HDF5 file. Raises `FileError`, and naming the file `DataError` and `GeometryError`."""
+    """The scan in a palpate HDF5 file, or in DICOM projections (a file, or the folder of a file a view).
+
+    DICOM: as `import_scan` without a geometry. Raises `FileError`, and naming the file `DataError` and `GeometryError`.
+    """
+    if is_dicom_stack(Path(path)):
+        return import_scan(path)
     path = readable(path)
     if not h5py.is_hdf5(path):
         raise FileError(f"{path}: not an HDF5 file; {WAY_OUT}")
+    refuse_endless_heap(path)
     try:
         with h5py.File(path, "r") as file:
             return _scan(path, file)
@@ -45,7 +59,7 @@ def read_scan(path: str | Path) -> Scan:
         raise type(problem)(f"{path}: {problem}") from None
     except FileError:
         raise
-    except OSError as problem:
+    except Exception as problem:  # h5py raises almost anything on a damaged file
         raise FileError(f"{path}: truncated or damaged HDF5 file ({problem}); copy it again, or {WAY_OUT}") from None
 
 
@@ -71,8 +85,12 @@ def _scan(path: Path, file: Any) -> Scan:
             there: list[str] = []
             file.visititems(lambda key, item: there.append(key) if isinstance(item, h5py.Dataset) else None)
             raise FileError(f"{path}: dataset /{name} is missing (there: {', '.join(there) or 'none'}); {WAY_OUT}")
-        values: AnyArray = file[name][()]
-        return values
+        dataset = file[name]
+        if dataset.dtype.kind not in "fiub":
+            raise DataError(f"/{name}: expected real numbers, got {dataset.dtype}; convert them first")
+        if dataset.nbytes > MOST * file.id.get_filesize():
+            raise FileError(f"{path}: /{name} says {dataset.shape}, more than the file can hold; copy it again")
+        return np.asarray(dataset[()])
 
     counts = read("counts")
     if counts.ndim != 3:
@@ -88,7 +106,8 @@ def _scan(path: Path, file: Any) -> Scan:
         Panel(counts.shape[1:], **{name: values[k if len(values) > 1 else 0] for name, values in panel.items()})
         for k in range(moving)
     ]
-    views = Views(source, panels[0] if moving == 1 else panels)
+    direction = read("views/direction") if "views/direction" in file else None
+    views = Views(source, panels[0] if moving == 1 else panels, direction)
     return Scan(counts, read("incident"), views, read("background"), read("mask").astype(bool))
 
 

@@ -114,7 +114,11 @@ def _views(top: Mapping[str, Any], length: float) -> Views:
     name = _mapping("views", top["views"], ("motion",), None)["motion"]
     make, required, optional = MOTIONS[_one_of("views.motion", name, tuple(MOTIONS), "or list each view by itself")]
     given = _mapping("views", top["views"], ("motion", *required), optional)
-    values = {key: _value(f"views.{key}", given[key]) for key in (*required, *optional) if given.get(key) is not None}
+    values = {
+        key: _value(f"views.{key}", given[key])
+        for key in (*required, *optional)
+        if key in required or given.get(key) is not None
+    }
     scaled = {key: value * length if key in LENGTHS else value for key, value in values.items()}
     return make(_panel("panel", common, length), **scaled)
 
@@ -153,9 +157,10 @@ def _panel(where: str, given: Mapping[str, Any], length: float) -> Panel:
 
 def _stack(given: Any) -> Stack:
     s = _mapping("stack", given, (), ("files", "format", "dtype", "shape", "offset", "order", "axes", "variable"))
-    axes = tuple(s.get("axes", AXES))
-    if sorted(axes) != sorted(AXES):
-        raise GeometryError(f"stack.axes: expected view, row and column in the order of the file, got {list(axes)}")
+    axes = s.get("axes", AXES)
+    if not isinstance(axes, list | tuple) or sorted(map(str, axes)) != sorted(AXES):
+        raise GeometryError(f"stack.axes: expected view, row and column in the order of the file, got {axes!r}")
+    axes = tuple(axes)
     dtype = None if s.get("dtype") is None else str(s["dtype"])
     if dtype is not None and (dtype not in np.sctypeDict or np.dtype(dtype).kind not in "iuf"):
         raise GeometryError(f"stack.dtype: expected uint8, uint16, int32, float32 and so on, got {dtype!r}")

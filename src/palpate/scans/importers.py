@@ -1,4 +1,4 @@
-"""Stacks of projections from elsewhere: raw, TIFF, MATLAB and NumPy files, and the samples that ship with palpate."""
+"""Stacks of projections from elsewhere: DICOM, raw, TIFF, MATLAB and NumPy files, and the samples that ship with palpate."""
 
 import re
 import struct
@@ -13,10 +13,12 @@ from palpate.arrays import AnyArray, Bool
 from palpate.errors import DataError, FileError
 from palpate.samples import sample
 from palpate.scans.correct import equal_contrast, open_beam
+from palpate.scans.dicom import dicom_projections, dicom_scan, is_dicom_stack
 from palpate.scans.geometry_file import AXES, Geometry, Stack, read_geometry
 from palpate.scans.scan import Scan
 from palpate.volumes.files import readable
 
+BESIDE = "geometry.yaml"  # beside DICOM files, where their tags do not tell the geometry
 SAMPLES = ("breast", "head")
 FORMAT_OF = {".raw": "raw", ".bin": "raw", ".tif": "tiff", ".tiff": "tiff", ".mat": "mat", ".npy": "npy"}
 
@@ -26,8 +28,11 @@ def import_scan(stack: str | Path, geometry: str | Path | Geometry | None = None
 
     stack: a file, a folder, a pattern such as "view_*.tif" (several files follow each other in the order of their
     numbers), or the name of a sample, "breast" or "head", which needs no geometry. geometry: a YAML file
-    (`palpate scan template`). Raises `FileError`, `DataError`, `GeometryError`.
+    (`palpate scan template`). DICOM projections tell their geometry; one that is given, or lies beside them as
+    geometry.yaml, takes precedence. Raises `FileError`, `DataError`, `GeometryError`.
     """
+    if is_dicom_stack(Path(stack)):
+        return _of_dicom(Path(stack), geometry)
     g = geometry_of(stack, geometry)
     ours = str(stack) in SAMPLES and g.path.parent == sample(str(stack))
     paths = _files(g.path.parent / str(g.stack.files)) if ours else _files(Path(stack), g.stack)
@@ -37,6 +42,19 @@ def import_scan(stack: str | Path, geometry: str | Path | Geometry | None = None
         return _scan(values, g)
     except DataError as problem:
         raise DataError(f"{paths[0]}: {problem}") from None
+
+
+def _of_dicom(path: Path, geometry: str | Path | Geometry | None) -> Scan:
+    beside = (path if path.is_dir() else path.parent) / BESIDE
+    if geometry is None and not beside.exists():
+        return dicom_scan(path)
+    g = geometry if isinstance(geometry, Geometry) else read_geometry(geometry or beside)
+    values, measured, _ = dicom_projections(path)
+    _fits(path, values, g)
+    try:
+        return _scan(values, g, measured)
+    except DataError as problem:
+        raise DataError(f"{path}: {problem}") from None
 
 
 def geometry_of(stack: str | Path, geometry: str | Path | Geometry | None = None) -> Geometry:
@@ -54,12 +72,12 @@ def geometry_of(stack: str | Path, geometry: str | Path | Geometry | None = None
     )
 
 
-def _scan(values: AnyArray, g: Geometry) -> Scan:
-    mask = np.ones(values.shape, dtype=bool)
+def _scan(values: AnyArray, g: Geometry, measured: Bool | None = None) -> Scan:
+    mask = np.ones(values.shape, dtype=bool) if measured is None else measured
     if g.unmeasured is not None:
-        mask = ~np.isnan(values) if np.isnan(g.unmeasured) else values != g.unmeasured
+        mask = mask & (~np.isnan(values) if np.isnan(g.unmeasured) else values != g.unmeasured)
     if g.dead is not None:
-        mask &= ~_dead(g.dead, g.views.shape[1:])
+        mask = mask & ~_dead(g.dead, g.views.shape[1:])
     counts = np.where(mask, values, 0)
     incident = open_beam(counts, mask, g.values == "photons") if isinstance(g.incident, str) else g.incident
     if isinstance(g.background, str):

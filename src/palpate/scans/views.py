@@ -74,13 +74,15 @@ class Panel:
 class Views:
     """source: focal spots (views, 3) mm. panels: one panel a view, all of one shape. Raises `GeometryError`.
 
-    `views[::2]` is every second view.
+    direction: 3x3 rotation whose columns are the world's x, y, z axes in patient space (LPS), where it is known; a
+    volume inherits it. `views[::2]` is every second view.
     """
 
     source: Float64
     panels: tuple[Panel, ...]
+    direction: Float64
 
-    def __init__(self, source: ArrayLike, panel: Panel | Sequence[Panel]) -> None:
+    def __init__(self, source: ArrayLike, panel: Panel | Sequence[Panel], direction: ArrayLike | None = None) -> None:
         s = np.array(source, dtype=np.float64)
         if s.ndim != 2 or s.shape[1] != 3 or len(s) == 0:
             raise GeometryError(f"source: expected shape (views, 3), got {s.shape}")
@@ -104,13 +106,17 @@ class Views:
                 )
         object.__setattr__(self, "source", _frozen(s))
         object.__setattr__(self, "panels", panels)
+        turn = np.eye(3) if direction is None else np.array(direction, dtype=np.float64)
+        if turn.shape != (3, 3) or not np.allclose(turn.T @ turn, np.eye(3), atol=1e-4) or np.linalg.det(turn) < 0:
+            raise GeometryError(f"views direction: expected a 3x3 rotation, got {direction!r}")
+        object.__setattr__(self, "direction", _frozen(turn))
 
     def __len__(self) -> int:
         return len(self.source)
 
     def __getitem__(self, views: int | slice | Sequence[int]) -> "Views":
         chosen = np.atleast_1d(np.arange(len(self))[views])
-        return Views(self.source[chosen], [self.panels[i] for i in chosen])
+        return Views(self.source[chosen], [self.panels[i] for i in chosen], self.direction)
 
     @property
     def shape(self) -> tuple[int, int, int]:

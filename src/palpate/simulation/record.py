@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from palpate.arrays import Bool, Float64, Int64
 from palpate.atomic import replacing
 from palpate.errors import FileError
+from palpate.volumes.hdf5 import refuse_endless_heap
 
 FORMAT, VERSION = "palpate session", 1
 
@@ -68,6 +69,7 @@ def read_record(path: str | Path) -> Record:
     path = Path(path)
     if not path.is_file():
         raise FileError(f"{path}: no such file; record a session with: palpate touch tissue.vtu --record {path}")
+    refuse_endless_heap(path)
     try:
         with h5py.File(path) as file:
             kind = (file.attrs.get("format"), file.attrs.get("version"))

@@ -1,17 +1,16 @@
 """NIfTI-1 and -2 through nibabel."""
 
 import json
-import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from xml.etree import ElementTree
 
 import nibabel
 import numpy as np
-from nibabel.filebasedimages import ImageFileError
 from nibabel.spatialimages import HeaderDataError
 
 from palpate.errors import FileError
+from palpate.volumes.quiet import quiet
 from palpate.volumes.stored import UPRIGHT, Stored
 
 TO_MM = {"meter": 1000.0, "mm": 1.0, "micron": 0.001, "unknown": 1.0}
@@ -22,16 +21,19 @@ NOTE = "palpate unit="  # in the header's free text
 def read(path: Path) -> Stored:
     """Raises `FileError` when the file is not NIfTI or ends early."""
     try:
-        image = nibabel.load(path)
-        values = np.asanyarray(image.dataobj)  # applies the header's slope and intercept
-    except (OSError, EOFError, ValueError, zlib.error, ImageFileError) as problem:
-        raise FileError(f"{path}: not a whole NIfTI file ({problem}); copy or export it again") from None
+        with quiet():
+            image = nibabel.load(path)
+            values = np.asanyarray(image.dataobj)  # applies the header's slope and intercept
+            length = TO_MM.get(image.header.get_xyzt_units()[0], 1.0)
+            affine = UPRIGHT @ np.diag([length, length, length, 1.0]) @ image.affine
     except HeaderDataError as problem:
         raise FileError(f"{path}: NIfTI header cannot be read ({problem}); export it again") from None
+    except MemoryError:
+        raise
+    except Exception as problem:  # nibabel raises almost anything on a damaged file
+        raise FileError(f"{path}: not a whole NIfTI file ({problem}); copy or export it again") from None
     while values.ndim > 3 and values.shape[-1] == 1:
         values = values[..., 0]
-    length = TO_MM.get(image.header.get_xyzt_units()[0], 1.0)
-    affine = UPRIGHT @ np.diag([length, length, length, 1.0]) @ image.affine
     words = bytes(image.header["descrip"].tobytes()).split(b"\0")[0].decode("latin-1")
     unit = words.removeprefix(NOTE) if words.startswith(NOTE) else None
     return Stored(values.T, affine, unit, _names(image.header.extensions))

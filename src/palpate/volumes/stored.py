@@ -11,6 +11,7 @@ from palpate.errors import FileError
 from palpate.volumes.grid import Grid
 
 SKEW = 1e-3  # cosine between two axes; headers in float32 stay far below, a tilted CT gantry far above
+HUGE = 1e9  # mm; squares of more may overflow
 UPRIGHT = np.diag([-1.0, -1.0, 1.0, 1.0])  # RAS to LPS and back: right and anterior change sign
 
 
@@ -35,6 +36,11 @@ def affine_of(grid: Grid) -> Float64:
     return affine
 
 
+def lengths(affine: Float64) -> Float64:
+    """Voxel size (x, y, z) mm. Rounded to 12 digits: 1.5 mm that went through a rotation shall be 1.5 again."""
+    return np.array([float(f"{length:.12g}") for length in np.linalg.norm(affine[:3, :3], axis=0)])
+
+
 def upright(path: Path, stored: Stored) -> tuple[AnyArray, Grid]:
     """Values (z, y, x) and their grid; a left-handed file has its first axis reversed, which moves no voxel.
 
@@ -43,8 +49,11 @@ def upright(path: Path, stored: Stored) -> tuple[AnyArray, Grid]:
     values, affine = stored.values, np.array(stored.affine, dtype=np.float64)
     if values.ndim != 3:
         raise FileError(f"{path}: expected 3 axes, got shape {values.shape[::-1]}; save one volume a file")
-    spacing = np.linalg.norm(affine[:3, :3], axis=0)
-    if not np.isfinite(affine).all() or (spacing == 0).any():
+    if np.isfinite(affine).all() and np.abs(affine).max() < HUGE:
+        spacing = np.linalg.norm(affine[:3, :3], axis=0)
+    else:
+        spacing = np.full(3, np.nan)
+    if not (spacing > 0).all():
         raise FileError(f"{path}: its header gives no usable voxel size, {spacing.tolist()} mm; write the header anew")
     axes = affine[:3, :3] / spacing
     skew = np.abs(axes.T @ axes - np.eye(3)).max()
@@ -57,4 +66,4 @@ def upright(path: Path, stored: Stored) -> tuple[AnyArray, Grid]:
         affine[:3, 3] += affine[:3, 0] * (values.shape[2] - 1)
         axes[:, 0] = -axes[:, 0]
     u, _, vt = np.linalg.svd(axes)  # nearest rotation: headers round their cosines to float32
-    return values, Grid(values.shape, spacing[::-1], affine[:3, 3], u @ vt)
+    return values, Grid(values.shape, lengths(affine)[::-1], affine[:3, 3], u @ vt)

@@ -1,0 +1,288 @@
+"""Volumes written as DICOM: a Breast Tomosynthesis Image (one file, many frames), or a CT series (a file a slice)."""
+
+from collections.abc import Mapping
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+from pydicom import Dataset
+from pydicom.datadict import tag_for_keyword
+from pydicom.dataset import FileDataset, FileMetaDataset
+from pydicom.uid import PYDICOM_IMPLEMENTATION_UID, ExplicitVRLittleEndian, generate_uid
+from pydicom.valuerep import format_number_as_ds
+
+from palpate.arrays import AnyArray, Float32
+from palpate.atomic import replacing, replacing_folder
+from palpate.errors import DataError
+from palpate.version import __version__
+from palpate.volumes.grid import Grid
+from palpate.volumes.volume import Volume
+
+CT, TOMOSYNTHESIS = "1.2.840.10008.5.1.4.1.1.2", "1.2.840.10008.5.1.4.1.1.13.1.3"
+LEVELS = 65_000  # of 65,536: rounding at either end has room
+VIEWS = {  # view position: code and meaning, SNOMED CT (PS3.16 CID 4014)
+    "CC": ("399162004", "cranio-caudal"),
+    "MLO": ("399368009", "medio-lateral oblique"),
+    "ML": ("399260004", "medial-lateral"),
+    "LM": ("399352003", "latero-medial"),
+}
+UCUM = {"HU": ("[hnsf'U]", "Hounsfield unit"), "1/mm": ("/mm", "per millimeter")}
+HOW = "Volume reconstructed from X-ray projections, or resampled, by palpate"
+
+
+def quantised(values: Float32) -> tuple[AnyArray, float, float]:
+    """uint16 numbers q, slope a and intercept b: values = a · q + b, to half of a.
+
+    Whole numbers that span less than 65,536 keep a = 1 and are exact. Otherwise a is 1, 2 or 5 times a power of ten, as
+    small as the range allows, so that a decimal text holds it exactly.
+    """
+    low, high = float(values.min()), float(values.max())
+    if high - low < 65536 and abs(low) < 1e9 and (values == np.rint(values)).all():
+        slope, intercept = 1.0, low
+    elif high == low:
+        slope, intercept = 1.0, float(format_number_as_ds(low))
+    else:
+        least = (high - low) / LEVELS
+        power = int(np.floor(np.log10(least)))
+        slope = next(s for s in (float(f"{m}e{p}") for p in (power, power + 1) for m in (1, 2, 5)) if s >= least)
+        intercept = float(format_number_as_ds(np.floor(low / slope) * slope))
+    q = np.rint((values.astype(np.float64) - intercept) / slope)
+    return np.clip(q, 0, 65535).astype(np.uint16), slope, intercept
+
+
+def write(path: Path, volume: Volume, tags: Mapping[str, str]) -> None:
+    """A file (a name with a suffix) or a folder, whole or not at all. Raises `FileError`, `DataError`."""
+    if path.suffix and not path.is_dir():
+        with replacing(path) as temporary:
+            write_tomosynthesis(temporary, volume, tags)
+    else:
+        with replacing_folder(path) as temporary:
+            write_ct(temporary, volume, tags)
+
+
+def write_tomosynthesis(path: Path, volume: Volume, tags: Mapping[str, str]) -> None:
+    """One Breast Tomosynthesis Image; its real-world mapping says what the numbers mean. Raises `DataError`."""
+    q, slope, intercept = quantised(volume.values)
+    dataset = _common(TOMOSYNTHESIS, "MG", volume, tags)
+    _fill(dataset, _three_dimensional(len(q)))
+    now = datetime.now()
+    dataset.ContentDate, dataset.ContentTime = now.strftime("%Y%m%d"), now.strftime("%H%M%S")
+    dataset.ViewCodeSequence = [_view(tags.get("ViewPosition", "CC"))]
+    organisation = generate_uid(prefix=None)
+    dataset.DimensionOrganizationSequence = [_item(DimensionOrganizationUID=organisation)]
+    dataset.DimensionIndexSequence = [
+        _item(
+            DimensionOrganizationUID=organisation,
+            DimensionIndexPointer=0x00209057,
+            FunctionalGroupPointer=0x00209111,
+            DimensionDescriptionLabel="In-Stack Position Number",
+        )
+    ]
+    dataset.SharedFunctionalGroupsSequence = [_shared(volume, q, slope, intercept, tags)]
+    dataset.PerFrameFunctionalGroupsSequence = [_frame(volume.grid, k) for k in range(len(q))]
+    _image(dataset, q)
+    _save(path, dataset)
+
+
+def write_ct(folder: Path, volume: Volume, tags: Mapping[str, str]) -> None:
+    """A CT series, one file a slice of constant z, in `folder`, which is there."""
+    q, slope, intercept = quantised(volume.values)
+    same = _common(CT, "CT", volume, tags)
+    dz, dy, dx = volume.grid.spacing
+    _fill(
+        same,
+        {
+            "DerivationDescription": HOW,
+            "AcquisitionNumber": "1",
+            "KVP": None,
+            "Laterality": "",
+            "PatientPosition": "",
+            "PositionReferenceIndicator": None,
+            "SpacingBetweenSlices": _ds(dz),
+            "SliceThickness": _ds(dz),
+            "PixelSpacing": [_ds(dy), _ds(dx)],
+            "ImageOrientationPatient": _axes(volume.grid),
+            "RescaleSlope": _ds(slope),
+            "RescaleIntercept": _ds(intercept),
+            "RescaleType": volume.unit,
+            "WindowCenter": _ds((float(volume.values.min()) + float(volume.values.max())) / 2),
+            "WindowWidth": _ds(max(float(np.ptp(volume.values)), slope)),
+            "VOILUTFunction": "LINEAR_EXACT",  # the plain one needs a width of at least 1
+        },
+    )
+    digits = max(4, len(str(len(q))))
+    for k, plane in enumerate(q):
+        dataset = Dataset()
+        dataset.update(same)
+        dataset.SOPInstanceUID = generate_uid(prefix=None)
+        dataset.InstanceNumber = k + 1
+        dataset.ImagePositionPatient = _place(volume.grid, k)
+        _image(dataset, plane)
+        _save(folder / f"{k + 1:0{digits}d}.dcm", dataset)
+
+
+def _common(sop_class: str, modality: str, volume: Volume, tags: Mapping[str, str]) -> Dataset:
+    """Who, what, when: nothing of a patient is known unless `tags` says it."""
+    dataset = Dataset()
+    now = datetime.now()
+    _fill(
+        dataset,
+        {
+            "SOPClassUID": sop_class,
+            "SOPInstanceUID": generate_uid(prefix=None),
+            "StudyInstanceUID": generate_uid(prefix=None),
+            "SeriesInstanceUID": generate_uid(prefix=None),
+            "FrameOfReferenceUID": generate_uid(prefix=None),
+            "SpecificCharacterSet": "ISO_IR 192",
+            "InstanceCreationDate": now.strftime("%Y%m%d"),
+            "InstanceCreationTime": now.strftime("%H%M%S"),
+            "Modality": modality,
+            "Manufacturer": "palpate",
+            "ManufacturerModelName": "palpate",
+            "SoftwareVersions": __version__,
+            "SeriesNumber": "1",
+            "InstanceNumber": "1",
+            "ImageType": ["DERIVED", "PRIMARY", "AXIAL"],
+            "BurnedInAnnotation": "NO",
+            "LossyImageCompression": "00",
+            **dict.fromkeys(
+                ("PatientName", "PatientID", "PatientBirthDate", "PatientSex", "StudyID", "AccessionNumber"), ""
+            ),
+            **dict.fromkeys(("StudyDate", "StudyTime", "ReferringPhysicianName"), ""),
+        },
+    )
+    for keyword, value in tags.items():
+        if keyword in ("FrameLaterality", "ViewPosition"):
+            continue  # they have places of their own
+        try:
+            if tag_for_keyword(keyword) is None:
+                raise ValueError("no such keyword")
+            setattr(dataset, keyword, value)
+        except (ValueError, TypeError) as problem:
+            raise DataError(f"tags: {keyword!r} = {value!r} is no DICOM keyword and value ({problem})") from None
+    return dataset
+
+
+def _three_dimensional(frames: int) -> dict[str, object]:
+    """What a breast tomosynthesis image says of itself beside the pixels."""
+    return {
+        "ImageType": ["DERIVED", "PRIMARY", "TOMOSYNTHESIS", "NONE"],
+        "DeviceSerialNumber": "none",
+        "PositionReferenceIndicator": "",
+        "ContentQualification": "RESEARCH",
+        "NumberOfFrames": frames,
+        "PixelPresentation": "MONOCHROME",
+        "VolumetricProperties": "VOLUME",
+        "VolumeBasedCalculationTechnique": "NONE",
+        "PresentationLUTShape": "IDENTITY",
+        "BreastImplantPresent": "NO",
+        "AcquisitionContextSequence": [],
+    }
+
+
+def _shared(volume: Volume, q: AnyArray, slope: float, intercept: float, tags: Mapping[str, str]) -> Dataset:
+    """The functional groups that all frames share."""
+    dz, dy, dx = volume.grid.spacing
+    code, meaning = UCUM.get(volume.unit, ("1", "no units"))
+    real = _item(
+        RealWorldValueFirstValueMapped=0,
+        RealWorldValueLastValueMapped=65535,
+        RealWorldValueSlope=slope,
+        RealWorldValueIntercept=intercept,
+        LUTLabel=volume.unit[:16],
+        LUTExplanation="stored values to " + volume.unit,
+        MeasurementUnitsCodeSequence=[_code(code, "UCUM", meaning)],
+    )
+    low, high = int(q.min()), int(q.max())
+    return _item(
+        PixelMeasuresSequence=[
+            _item(PixelSpacing=[_ds(dy), _ds(dx)], SliceThickness=_ds(dz), SpacingBetweenSlices=_ds(dz))
+        ],
+        PlaneOrientationSequence=[_item(ImageOrientationPatient=_axes(volume.grid))],
+        FrameAnatomySequence=[
+            _item(
+                FrameLaterality=tags.get("FrameLaterality", "B"),
+                AnatomicRegionSequence=[_code("76752008", "SCT", "Breast")],
+            )
+        ],
+        PixelValueTransformationSequence=[_item(RescaleIntercept="0", RescaleSlope="1", RescaleType="US")],
+        DerivationImageSequence=[
+            _item(
+                DerivationDescription=HOW,
+                DerivationCodeSequence=[_code("113085", "DCM", "Spatial resampling")],
+                SourceImageSequence=[],
+            )
+        ],
+        FrameVOILUTSequence=[_item(WindowCenter=_ds((low + high + 1) / 2), WindowWidth=_ds(max(high - low, 1)))],
+        RealWorldValueMappingSequence=[real],
+    )
+
+
+def _frame(grid: Grid, k: int) -> Dataset:
+    """What is one frame's own: its place."""
+    content = _item(StackID="1", InStackPositionNumber=k + 1, DimensionIndexValues=[k + 1], FrameAcquisitionNumber=1)
+    return _item(
+        FrameContentSequence=[content],
+        PlanePositionSequence=[_item(ImagePositionPatient=_place(grid, k))],
+        XRay3DFrameTypeSequence=[
+            _item(
+                FrameType=["DERIVED", "PRIMARY", "TOMOSYNTHESIS", "NONE"],
+                PixelPresentation="MONOCHROME",
+                VolumetricProperties="VOLUME",
+                VolumeBasedCalculationTechnique="NONE",
+            )
+        ],
+    )
+
+
+def _view(position: str) -> Dataset:
+    if position not in VIEWS:
+        raise DataError(f"tags: ViewPosition is one of {', '.join(VIEWS)}, got {position!r}")
+    view = _code(VIEWS[position][0], "SCT", VIEWS[position][1])
+    view.ViewModifierCodeSequence = []
+    return view
+
+
+def _image(dataset: Dataset, q: AnyArray) -> None:
+    rows, columns = q.shape[-2:]
+    dataset.SamplesPerPixel, dataset.PhotometricInterpretation = 1, "MONOCHROME2"
+    dataset.Rows, dataset.Columns = rows, columns
+    dataset.BitsAllocated, dataset.BitsStored, dataset.HighBit, dataset.PixelRepresentation = 16, 16, 15, 0
+    body = q.astype("<u2").tobytes()
+    dataset.PixelData = body
+    dataset["PixelData"].VR = "OW"
+
+
+def _save(path: Path, dataset: Dataset) -> None:
+    meta = FileMetaDataset()
+    meta.MediaStorageSOPClassUID, meta.MediaStorageSOPInstanceUID = dataset.SOPClassUID, dataset.SOPInstanceUID
+    meta.TransferSyntaxUID, meta.ImplementationClassUID = ExplicitVRLittleEndian, PYDICOM_IMPLEMENTATION_UID
+    FileDataset(str(path), dataset, file_meta=meta, preamble=b"\0" * 128).save_as(path, enforce_file_format=True)
+
+
+def _place(grid: Grid, k: int) -> list[str]:
+    return [_ds(v) for v in grid.points([k, 0, 0])[0]]
+
+
+def _axes(grid: Grid) -> list[str]:
+    """Direction of a row (along which x grows), then of a column."""
+    return [_ds(v) for v in (*grid.direction[:, 0], *grid.direction[:, 1])]
+
+
+def _ds(value: float) -> str:
+    """The best decimal text of at most 16 characters."""
+    return str(format_number_as_ds(float(value) + 0.0))
+
+
+def _code(value: str, scheme: str, meaning: str) -> Dataset:
+    return _item(CodeValue=value, CodingSchemeDesignator=scheme, CodeMeaning=meaning)
+
+
+def _item(**values: object) -> Dataset:
+    return _fill(Dataset(), values)
+
+
+def _fill(dataset: Dataset, values: Mapping[str, object]) -> Dataset:
+    for keyword, value in values.items():
+        setattr(dataset, keyword, value)
+    return dataset
