@@ -115,7 +115,7 @@ class _Subsets:
         self.A, self.likelihood, self.prior, self.beta, self.part = A, likelihood, prior, beta, part
         self.kind: Curvature = "precomputed" if curvature == "precomputed" else "maximum"
         self.groups: list[tuple[Projector, Likelihood]] = []
-        self.bound, self.z, self.u = (np.zeros(A.domain_shape, np.float32) for _ in range(3))
+        self.bound, self.z = (np.zeros(A.domain_shape, np.float32) for _ in range(2))
         self.law = prior.law if beta > 0 else Prior("quadratic").law
 
     def objective(self, f: Float32) -> float:
@@ -123,17 +123,17 @@ class _Subsets:
         return self.likelihood.value(self.A(f)) + smooth
 
     def passed(self, x: Float32, previous: Float32, pace: Pace) -> tuple[Float32, Float32, float]:
-        """The iterate after each subset had its step, the one before it, and t. Both arrays are taken over."""
+        """The iterate after each subset had its step, the one before it, and t. Both arrays are written to."""
         if len(self.groups) != pace.subsets:
             self._split(pace.subsets)
-        t, beta, spacing = pace.t, self.beta / len(self.groups), self.A.grid.spacing
+        t, beta = pace.t, self.beta / len(self.groups)
         for A, likelihood in self.groups:
             following = (1 + np.sqrt(1 + 4 * t * t)) / 2 if pace.accelerated else 1.0
             _core.advance(x, previous, (0.0, (t - 1) / following), self.z)
-            _core.backproject(A.geometry, np.ascontiguousarray(likelihood.slope(A(self.z))), self.u)
-            _core.steer(self.z, self.z, self.u, self.bound, 1, beta, spacing, *self.law)
-            _core.advance(self.z, self.z, (pace.share, 0.0), self.u)
-            x, previous, self.u, t = self.u, x, previous, following
+            _core.backproject(A.geometry, np.ascontiguousarray(likelihood.slope(A(self.z))), previous)
+            _core.steer(self.z, self.z, previous, self.bound, 1, beta, self.A.grid.spacing, *self.law)
+            _core.advance(self.z, self.z, (pace.share, 0.0), previous)
+            x, previous, t = previous, x, following
         return x, previous, t
 
     def _split(self, count: int) -> None:
