@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from dicoms import CT, RADIOGRAPH, breast_projection, changed, view
+from dicoms import CT, RADIOGRAPH, breast_projection, changed, ct_slice, view
 from typer.testing import CliRunner
 
 import palpate as pp
@@ -265,6 +265,16 @@ def test_an_overview_of_a_ct_is_no_projection(tmp_path):
     for path in (tmp_path, tmp_path / "v.dcm"):
         with pytest.raises(FileError, match="no projections there, only overviews"):
             pp.read_scan(path)
+
+
+def test_projections_are_told_from_volumes(tmp_path):
+    folder = tmp_path / "slices"
+    folder.mkdir()
+    slices = ct_slice(folder / "1.dcm", np.zeros((4, 5), np.int16)).parent
+    assert pp.is_scan(breast_projection(tmp_path / "p.dcm", counts(), ANGLES))
+    assert pp.is_scan("anything.h5")
+    assert not pp.is_scan(slices)
+    assert not pp.is_scan(tmp_path / "volume.nii.gz")
 
 
 def test_a_truncated_multi_frame_file_is_named(tmp_path):

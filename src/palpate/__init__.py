@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from palpate.reconstruction.two_materials import two_material_likelihood as two_material_likelihood
     from palpate.scans.correct import equal_contrast as equal_contrast
     from palpate.scans.correct import open_beam as open_beam
+    from palpate.scans.files import is_scan as is_scan
     from palpate.scans.files import read_scan as read_scan
     from palpate.scans.files import write_scan as write_scan
     from palpate.scans.geometry_file import read_geometry as read_geometry
@@ -117,6 +118,7 @@ _HOME = {
     "rotating_views": "scans.motion",
     "hypocycloid_views": "scans.motion",
     "Scan": "scans.scan",
+    "is_scan": "scans.files",
     "read_scan": "scans.files",
     "write_scan": "scans.files",
     "plot_scan": "scans.plots",

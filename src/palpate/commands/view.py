@@ -11,8 +11,6 @@ if TYPE_CHECKING:
     from palpate.scans.scan import Scan
     from palpate.volumes.volume import Volume
 
-SCANS = (".h5", ".hdf5")
-
 
 def add(app: typer.Typer) -> None:
     """Adds the command to `app`."""
@@ -20,7 +18,9 @@ def add(app: typer.Typer) -> None:
 
 
 def view_command(
-    file: Annotated[Path, typer.Argument(help="A volume (.nii.gz, .nrrd, .mha ...) or a scan (.h5).")],
+    file: Annotated[
+        Path, typer.Argument(help="A volume (.nii.gz, .nrrd, .mha, DICOM ...) or a scan (.h5, DICOM projections).")
+    ],
     other: Annotated[Path | None, typer.Argument(help="A second one of the same kind, to compare.")] = None,
     water: Annotated[
         float | None, typer.Option(help="Attenuation of water, 1/mm: values are then read in HU too.")
@@ -51,4 +51,4 @@ def view_command(
 
 
 def _read(path: Path) -> "Volume | Scan":
-    return pp.read_scan(path) if path.suffix.lower() in SCANS else pp.read_volume(path)
+    return pp.read_scan(path) if pp.is_scan(path) else pp.read_volume(path)

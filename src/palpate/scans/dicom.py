@@ -46,6 +46,17 @@ def is_dicom_stack(path: Path) -> bool:
     return path.is_file() and is_dicom(path)
 
 
+def holds_projections(path: Path) -> bool:
+    """Whether `path` is a DICOM stack whose first file is of a kind that `dicom_projections` reads.
+
+    Raises `FileError` when that file is damaged.
+    """
+    if not is_dicom_stack(path):
+        return False
+    first = dicom_paths(path)[0] if path.is_dir() else path
+    return str(opened(first, pixels=False).get("SOPClassUID", "")) in CLASSES
+
+
 def dicom_projections(path: Path) -> tuple[Float32, Bool, list[Shot]]:
     """Intensities (views, rows, columns), what was measured of them, and each view's header.
 

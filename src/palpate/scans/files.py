@@ -10,7 +10,7 @@ import numpy as np
 from palpate.arrays import AnyArray
 from palpate.atomic import replacing
 from palpate.errors import DataError, FileError, GeometryError
-from palpate.scans.dicom import is_dicom_stack
+from palpate.scans.dicom import holds_projections, is_dicom_stack
 from palpate.scans.importers import import_scan
 from palpate.scans.scan import Scan
 from palpate.scans.views import Panel, Views
@@ -61,6 +61,11 @@ def read_scan(path: str | Path) -> Scan:
         raise
     except Exception as problem:  # h5py raises almost anything on a damaged file
         raise FileError(f"{path}: truncated or damaged HDF5 file ({problem}); copy it again, or {WAY_OUT}") from None
+
+
+def is_scan(path: str | Path) -> bool:
+    """Whether `read_scan` is what reads it: an HDF5 name, or DICOM projections. Raises `FileError` on damaged DICOM."""
+    return Path(path).suffix.lower() in (".h5", ".hdf5") or holds_projections(Path(path))
 
 
 def smallest(values: AnyArray, axes: Sequence[int] = (0, 1, 2)) -> AnyArray:
