@@ -12,6 +12,7 @@ from palpate.scans.dicom_geometry import WAY, Shot, isocentric_views, pivoted_vi
 from palpate.scans.scan import Scan
 from palpate.volumes.dicom_files import (
     careful,
+    dicom_paths,
     frames_of,
     has,
     is_dicom,
