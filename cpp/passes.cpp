@@ -10,15 +10,18 @@ namespace {
 constexpr int pair = 2;         // rows that fit into registers with two vectors each
 constexpr int soon = 2 * group; // rows to call for in advance: as long as memory takes
 
+// Where tap t of a column is, counted from its first; see Columns.
+PALPATE_INLINE int64_t place(int t, int near, int64_t jump) { return t < near ? t : t - near + jump; }
+
 // out[moment][row][0..8] = sum over taps of weight * source[row][first + tap], for `rows` rows. `fixed` is the number
 // of taps, or 0 where only `taps` knows it. Numerical kernel.
-template <int moments, int vectors, int rows, int fixed>
+template <int moments, int vectors, int rows, int fixed, bool halved>
 PALPATE_INLINE void resample_eight(const float* source, int64_t stride, const int32_t* places, const float* weight,
-                                   int taps, int64_t moment_size, float* out) {
+                                   int taps, int64_t jump, int64_t moment_size, float* out) {
     LaneMask order;
     std::memcpy(&order, places, sizeof order);
     Lanes sum[moments][rows];
-    const int count = fixed ? fixed : taps;
+    const int count = fixed ? fixed : taps, near = halved ? (count + 1) / 2 : count;
 #pragma GCC unroll 4
     for (int m = 0; m < moments; m++)
 #pragma GCC unroll 4
@@ -26,14 +29,15 @@ PALPATE_INLINE void resample_eight(const float* source, int64_t stride, const in
 #pragma GCC unroll 8
     for (int t = 0; t < count; t++) {
         Lanes w[moments];
+        const float* from = source + (halved ? place(t, near, jump) : t);
 #pragma GCC unroll 4
         for (int m = 0; m < moments; m++) load(w[m], weight + (m * taps + t) * run);
 #pragma GCC unroll 4
         for (int r = 0; r < rows; r++) {
             Lanes x, y;
-            load(x, source + r * stride + t);
+            load(x, from + r * stride);
             if (vectors == 2) {
-                load(y, source + r * stride + t + lanes);
+                load(y, from + r * stride + lanes);
                 x = __builtin_shuffle(x, y, order);
             } else {
                 x = __builtin_shuffle(x, order);
@@ -48,54 +52,25 @@ PALPATE_INLINE void resample_eight(const float* source, int64_t stride, const in
         for (int r = 0; r < rows; r++) store(out + m * moment_size + r * width, sum[m][r]);
 }
 
-// Likewise, where eight results reach beyond one vector: both vectors stay in registers, and each tap picks from them.
-// Up to `most_taps(order)` taps. Numerical kernel.
-template <int moments, int rows>
-PALPATE_INLINE void resample_wide(const float* source, int64_t stride, const int32_t* places, const float* weight,
-                                  int taps, int64_t moment_size, float* out) {
-    Lanes sum[moments][rows], low[rows], high[rows];
-    LaneMask order;
-    std::memcpy(&order, places, sizeof order);
-#pragma GCC unroll 4
-    for (int r = 0; r < rows; r++) load(low[r], source + r * stride), load(high[r], source + r * stride + lanes);
-#pragma GCC unroll 4
-    for (int m = 0; m < moments; m++)
-#pragma GCC unroll 4
-        for (int r = 0; r < rows; r++) sum[m][r] = Lanes{};
-    for (int t = 0; t < taps; t++, order += 1) {
-        Lanes w[moments];
-        const LaneMask beyond = order > 7;
-#pragma GCC unroll 4
-        for (int m = 0; m < moments; m++) load(w[m], weight + (m * taps + t) * run);
-#pragma GCC unroll 4
-        for (int r = 0; r < rows; r++) {
-            const Lanes x = __builtin_shuffle(low[r], order), y = __builtin_shuffle(high[r], order);
-            const Lanes picked = beyond ? y : x;
-#pragma GCC unroll 4
-            for (int m = 0; m < moments; m++) sum[m][r] += picked * w[m];
-        }
-    }
-#pragma GCC unroll 4
-    for (int m = 0; m < moments; m++)
-#pragma GCC unroll 4
-        for (int r = 0; r < rows; r++) store(out + m * moment_size + r * width, sum[m][r]);
-}
-
 // The same, one by one: for any reach.
 template <int moments>
-PALPATE_INLINE void gather_eight(const float* source, int64_t stride, int rows, const int32_t* first,
-                                 const float* weight, int taps, int64_t moment_size, float* out) {
-    for (int m = 0; m < moments; m++, weight += taps * run, out += moment_size)
+PALPATE_INLINE void gather_eight(const float* source, int64_t stride, int rows, const Columns& columns, int j,
+                                 int64_t moment_size, float* out) {
+    const Spans& c = columns.spans;
+    const float* weight = c.weight.data() + j;
+    for (int m = 0; m < moments; m++, weight += c.taps * run, out += moment_size)
         for (int r = 0; r < rows; r++) {
             float sum[lanes] = {};
-            for (int t = 0; t < taps; t++)
-                for (int i = 0; i < lanes; i++) sum[i] += weight[t * run + i] * source[r * stride + first[i] + t];
+            for (int t = 0; t < c.taps; t++) {
+                const float* from = source + r * stride + place(t, columns.near(), columns.jump);
+                for (int i = 0; i < lanes; i++) sum[i] += weight[t * run + i] * from[c.first[j + i]];
+            }
             for (int i = 0; i < lanes; i++) out[r * width + i] = sum[i];
         }
 }
 
 // `rows` rows of the source, resampled. plain: see Columns.
-template <int moments, int rows, int fixed, bool plain>
+template <int moments, int rows, int fixed, bool plain, bool halved>
 PALPATE_INLINE void resample_rows(const float* source, int64_t stride, const Columns& columns, int64_t moment_size,
                                   float* out) {
     const Spans& c = columns.spans;
@@ -106,15 +81,13 @@ PALPATE_INLINE void resample_rows(const float* source, int64_t stride, const Col
 #pragma GCC unroll 4
             for (int r = 0; r < rows; r++) __builtin_prefetch(from + (r + soon) * stride, 0, 3);
         if (plain || reach.vectors == Reach::one)
-            resample_eight<moments, 1, rows, fixed>(from, stride, reach.order, weight, c.taps, moment_size, out + j);
-        else if (reach.vectors == Reach::two && reach.order[lanes - 1] + c.taps <= 2 * lanes)
-            for (int r = 0; r < rows; r += pair)
-                resample_wide < moments, rows<pair ? rows : pair>(from + r * stride, stride, reach.order, weight,
-                                                                  c.taps, moment_size, out + j + r * width);
+            resample_eight<moments, 1, rows, fixed, halved>(from, stride, reach.order, weight, c.taps, columns.jump,
+                                                            moment_size, out + j);
         else if (reach.vectors == Reach::two)
-            resample_eight<moments, 2, rows, 0>(from, stride, reach.order, weight, c.taps, moment_size, out + j);
+            resample_eight<moments, 2, rows, 0, halved>(from, stride, reach.order, weight, c.taps, columns.jump,
+                                                        moment_size, out + j);
         else
-            gather_eight<moments>(source, stride, rows, c.first + j, weight, c.taps, moment_size, out + j);
+            gather_eight<moments>(source, stride, rows, columns, j, moment_size, out + j);
     }
 }
 
@@ -157,7 +130,7 @@ PALPATE_INLINE void add_row_of(const float* ring, int row, int mask, int64_t mom
 }
 
 // Numerical kernel.
-template <int moments, int fixed, bool plain>
+template <int moments, int fixed, bool plain, bool halved>
 PALPATE_INLINE void add_slice_by(const Source& source, const Spans& rows, const Columns& columns, Ring& ring,
                                  float* sum) {
     const int count = rows.end - rows.begin, mask = ring.size - 1;
@@ -171,10 +144,12 @@ PALPATE_INLINE void add_slice_by(const Source& source, const Spans& rows, const 
         while (done < last) {
             float* out = to + (done & mask) * width;
             if (done + group <= count) {
-                resample_rows<moments, group, fixed, plain>(from + done * stride, stride, columns, moment_size, out);
+                resample_rows<moments, group, fixed, plain, halved>(from + done * stride, stride, columns, moment_size,
+                                                                    out);
                 done += group;
             } else {
-                resample_rows<moments, 1, fixed, plain>(from + done * stride, stride, columns, moment_size, out);
+                resample_rows<moments, 1, fixed, plain, halved>(from + done * stride, stride, columns, moment_size,
+                                                                out);
                 done++;
             }
         }
@@ -185,16 +160,28 @@ PALPATE_INLINE void add_slice_by(const Source& source, const Spans& rows, const 
 template <int moments>
 PALPATE_INLINE void add_slice_of(const Source& source, const Spans& rows, const Columns& columns, Ring& ring,
                                  float* sum) {
-    if (!columns.plain) return add_slice_by<moments, 0, false>(source, rows, columns, ring, sum);
+    if (columns.jump) {
+        if (!columns.plain) return add_slice_by<moments, 0, false, true>(source, rows, columns, ring, sum);
+        switch (columns.spans.taps) {
+        case 4:
+            return add_slice_by<moments, 4, true, true>(source, rows, columns, ring, sum);
+        case 5:
+            return add_slice_by<moments, 5, true, true>(source, rows, columns, ring, sum);
+        case 6:
+            return add_slice_by<moments, 6, true, true>(source, rows, columns, ring, sum);
+        }
+        return add_slice_by<moments, 0, true, true>(source, rows, columns, ring, sum);
+    }
+    if (!columns.plain) return add_slice_by<moments, 0, false, false>(source, rows, columns, ring, sum);
     switch (columns.spans.taps) {
     case 2:
-        return add_slice_by<moments, 2, true>(source, rows, columns, ring, sum);
+        return add_slice_by<moments, 2, true, false>(source, rows, columns, ring, sum);
     case 3:
-        return add_slice_by<moments, 3, true>(source, rows, columns, ring, sum);
+        return add_slice_by<moments, 3, true, false>(source, rows, columns, ring, sum);
     case 4:
-        return add_slice_by<moments, 4, true>(source, rows, columns, ring, sum);
+        return add_slice_by<moments, 4, true, false>(source, rows, columns, ring, sum);
     }
-    add_slice_by<moments, 0, true>(source, rows, columns, ring, sum);
+    add_slice_by<moments, 0, true, false>(source, rows, columns, ring, sum);
 }
 
 } // namespace
@@ -220,11 +207,46 @@ void add_slice(const Source& source, const Spans& rows, const Columns& columns, 
 }
 
 void Columns::prepare(int columns_of_source) {
+    jump = 0;
+    see(columns_of_source);
+}
+
+void Columns::see(int columns_of_source) {
     plain = true;
     for (int j = 0; j < spans.count; j += lanes) {
-        reach[j / lanes] = Reach(spans.first + j, spans.taps, columns_of_source);
+        reach[j / lanes] = Reach(spans.first + j, near(), columns_of_source);
         plain = plain && reach[j / lanes].vectors == Reach::one;
     }
+}
+
+// An element's tap t is of the even half where first + t is even. Its taps there begin with first / 2, and so do those
+// of the odd half: a first that is odd leaves a gap in the even one.
+PALPATE_KERNEL void halve(const int32_t* first, int taps, const float* weight, float* even, float* odd) {
+    for (int k = 0; 2 * k <= taps; k++)
+        for (int i = 0; i < run; i++) {
+            const float before = k > 0 ? weight[(2 * k - 1) * run + i] : 0;
+            const float here = 2 * k < taps ? weight[2 * k * run + i] : 0;
+            even[k * run + i] = first[i] & 1 ? before : here;
+        }
+    for (int k = 0; 2 * k < taps; k++)
+        for (int i = 0; i < run; i++) {
+            const float after = 2 * k + 1 < taps ? weight[(2 * k + 1) * run + i] : 0;
+            odd[k * run + i] = first[i] & 1 ? weight[2 * k * run + i] : after;
+        }
+}
+
+void Columns::prepare_halved(int columns_of_half, int64_t jump_to_odd) {
+    jump = jump_to_odd;
+    const int taps = spans.taps, size = (taps + 1) * run;
+    if (int(halves.size()) < spans.moments * size) halves.resize(spans.moments * size);
+    for (int m = 0; m < spans.moments; m++) {
+        float* even = &halves[m * size];
+        halve(spans.first, taps, &spans.weight[m * taps * run], even, even + (taps / 2 + 1) * run);
+    }
+    spans.weight.swap(halves);
+    spans.taps = taps + 1;
+    for (int i = 0; i < run; i++) spans.first[i] /= 2;
+    see(columns_of_half);
 }
 
 void Ring::prepare(int taps, int moments) {

@@ -33,12 +33,21 @@ struct Reach {
     }
 };
 
-// The columns of a tile, ready for the first pass.
+// The columns of a tile, ready for the first pass. Where the source is finer than they, eight of them reach beyond one
+// vector; its rows are then stored `halved`: the even elements, and `jump` after them the odd ones. Of each half they
+// reach half as far: the first (taps + 1) / 2 taps are those of the even half, the others those of the odd one.
 struct Columns {
     Spans spans;
+    int64_t jump; // 0: not halved
     Reach reach[width / lanes];
     bool plain; // every eight are within one vector's reach
     void prepare(int columns_of_source);
+    void prepare_halved(int columns_of_half, int64_t jump_to_odd);        // takes spans over, of the whole source
+    int near() const { return jump ? (spans.taps + 1) / 2 : spans.taps; } // taps side by side
+
+private:
+    Buffer halves;
+    void see(int columns_of_source);
 };
 
 // Rows that the second pass may ask for at once, of all moments: `size` of them, a power of two, turn by turn.

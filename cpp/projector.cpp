@@ -148,31 +148,43 @@ void to_fine(const View& v, int64_t pixels, const float* p, std::vector<float>& 
 
 constexpr int padding = 2 * lanes; // columns beyond a window, so that whole vectors fit
 
-// The part of a view's image under a tile: rows b0 to b1, columns a0 to a1, in s.window from `at` on.
+// The part of a view's image under a tile: rows b0 to b1, columns a0 to a1, in s.window from `at` on. Where pixels are
+// finer than voxels its rows are halved (see Columns): a0 is even, and the odd columns begin `jump` after the even
+// ones.
 struct Window {
     int b0, b1, a0, a1;
     size_t at;
-    int64_t stride;
+    int64_t stride, jump;
 };
 
 void copy_window(const View& v, const float* p, const float* fine, const Window& w, Scratch& s) {
     const int columns = w.a1 - w.a0;
-    s.path.resize(std::max(s.path.size(), size_t(columns)));
+    if (int(s.path.size()) < 2 * columns) s.path.resize(2 * columns);
+    float *path = s.path.data(), *halved = path + columns;
     for (int b = w.b0; b < w.b1; b++) {
         float* to = &s.window[w.at + (b - w.b0) * w.stride];
+        float* whole = w.jump ? halved : to;
         if (fine) {
-            std::copy_n(fine + int64_t(b) * v.na + w.a0, columns, to);
+            std::copy_n(fine + int64_t(b) * v.na + w.a0, columns, whole);
         } else {
             const int64_t first = v.start + b * v.step_b + w.a0 * v.step_a;
-            v.path(first, v.step_a, columns, s.path.data());
+            v.path(first, v.step_a, columns, path);
             for (int a = 0; a < columns + line - 1; a += line)
                 __builtin_prefetch(p + first + soon * v.step_b + a * v.step_a, 0, 3);
             if (v.step_a == 1)
-                for (int a = 0; a < columns; a++) to[a] = p[first + a] * s.path[a];
+                for (int a = 0; a < columns; a++) whole[a] = p[first + a] * path[a];
             else
-                for (int a = 0; a < columns; a++) to[a] = p[first + a * v.step_a] * s.path[a];
+                for (int a = 0; a < columns; a++) whole[a] = p[first + a * v.step_a] * path[a];
         }
-        std::fill(to + columns, to + w.stride, 0.0f);
+        if (w.jump) {
+            const int odd = columns / 2, even = columns - odd;
+            for (int a = 0; a < odd; a++) to[a] = whole[2 * a], to[w.jump + a] = whole[2 * a + 1];
+            if (even > odd) to[odd] = whole[2 * odd];
+            std::fill(to + even, to + w.jump, 0.0f);
+            std::fill(to + w.jump + odd, to + w.stride, 0.0f);
+        } else {
+            std::fill(to + columns, to + w.stride, 0.0f);
+        }
     }
 }
 
@@ -223,7 +235,7 @@ struct Backprojection {
         for (size_t k = 0; k < g.views.size(); k++) {
             const View& v = g.views[k];
             Window& w = windows[k];
-            w = {v.nb, 0, v.na, 0, size, 0};
+            w = {v.nb, 0, v.na, 0, size, 0, 0};
             for (size_t i = rows_of[k]; i < rows_of[k + 1]; i++) {
                 const Spans& rows = s.rows[i];
                 if (!rows.reached) continue;
@@ -238,7 +250,13 @@ struct Backprojection {
                 }
             }
             if (w.b0 >= w.b1 || w.a0 >= w.a1) continue;
-            w.stride = (w.a1 - w.a0 + padding + lanes - 1) / lanes * lanes;
+            if (shadow(g, v, z0, 0, Axis::x).slope[0] > 1) { // eight voxels shadow more than eight pixels
+                w.a0 -= w.a0 % 2;
+                w.jump = ((w.a1 - w.a0 + 1) / 2 + padding + lanes - 1) / lanes * lanes;
+                w.stride = 2 * w.jump;
+            } else {
+                w.stride = (w.a1 - w.a0 + padding + lanes - 1) / lanes * lanes;
+            }
             size += (w.b1 - w.b0) * w.stride;
         }
         if (s.window.size() < size) s.window.resize(size);
@@ -255,9 +273,10 @@ struct Backprojection {
             under_voxels(shadow(g, v, z, sub, Axis::x), v.moments, x0, x1 - x0, v.na, s.columns.spans);
             if (!s.columns.spans.reached) continue;
             // Pixel (0, 0) of the image, were the window all of it.
-            const float* image = s.window.data() + w.at - w.b0 * w.stride - w.a0;
-            const Source source{image, w.stride, int(w.a0 + w.stride)};
-            s.columns.prepare(source.columns);
+            const float* image = s.window.data() + w.at - w.b0 * w.stride - (w.jump ? w.a0 / 2 : w.a0);
+            const int end = int(w.jump ? w.a0 / 2 + w.jump : w.a0 + w.stride);
+            w.jump ? s.columns.prepare_halved(end, w.jump) : s.columns.prepare(end);
+            const Source source{image, w.stride, end};
             add_slice(source, y, s.columns, s.ring, s.sum.data());
         }
     }
