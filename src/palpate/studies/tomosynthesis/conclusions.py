@@ -1,0 +1,216 @@
+"""What the study found: numbers first, and sentences built from them, whatever they turn out to be."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.studies.tomosynthesis.experiments import GAPS, Record
+from palpate.studies.tomosynthesis.setting import Setting
+from palpate.studies.tomosynthesis.tables import Row, best_posterior, error_at, said, seconds_to, spread, where
+
+# What is compared: name, fixed resolution, multi-resolution; each (optimiser, start).
+PAIRS = (
+    ("descent, uniform start", ("descent", "uniform"), ("descent", "uniform")),
+    ("descent, backprojection start", ("descent", "backprojection"), ("descent", "backprojection")),
+    ("momentum, uniform start", ("momentum", "uniform"), ("momentum", "uniform")),
+    ("momentum, backprojection start", ("momentum", "backprojection"), ("momentum", "backprojection")),
+    ("fixed by descent from uniform, multi as by default", ("descent", "uniform"), ("momentum", "backprojection")),
+)
+SAME = 0.02  # share below which two image errors or times count as equal
+
+
+@dataclass(frozen=True)
+class Factor:
+    """F-MAP over M-MAP-3 at a dose: above 1, multi-resolution is better.
+
+    time: processor seconds to the same posterior, geometric mean over the seeds, and least and most. bound: one of the
+    two never came so far, and its seconds spent in vain were taken: "at least" or "at most", "" if both did, "neither".
+    equal_time: region NMSE of F-MAP when M-MAP-3 stopped, over that of M-MAP-3. at_rule: each at its own stop.
+    """
+
+    pair: str
+    dose: int
+    time: tuple[float, float, float]
+    bound: str
+    equal_time: tuple[float, float, float]
+    at_rule: tuple[float, float, float]
+
+    @property
+    def row(self) -> Row:
+        """As a row of a table."""
+        row: Row = {"pair": self.pair, "dose": self.dose, "time_bound": self.bound}
+        for name in ("time", "equal_time", "at_rule"):
+            row[name], row[f"{name}_least"], row[f"{name}_most"] = getattr(self, name)
+        return row
+
+
+def factors(records: Sequence[Record], setting: Setting) -> list[Factor]:
+    """Every pair at every dose."""
+    runs, best, found = where(records, experiment="convergence"), best_posterior(records), []
+    for pair, (optimiser, start), (optimiser_m, start_m) in PAIRS:
+        for dose in setting.doses:
+            fixed = where(runs, dose=dose, method="F-MAP", optimiser=optimiser, start=start)
+            multi = where(runs, dose=dose, method="M-MAP-3", optimiser=optimiser_m, start=start_m)
+            times, equal, rule, bounds = [], [], [], set()
+            for f, m in zip(fixed, multi, strict=True):
+                star = best[dose, f["seed"]]
+                (a, came_f), (b, came_m) = seconds_to(f, star, GAPS[0]), seconds_to(m, star, GAPS[0])
+                times.append(a / b)
+                bounds.add({(1, 1): "", (0, 1): "at least", (1, 0): "at most", (0, 0): "neither"}[came_f, came_m])
+                error = m["quality"]["nmse_region"]
+                equal.append(error_at(f, m["trace"]["cpu"][m["stop"]]) / error)
+                rule.append(f["quality"]["nmse_region"] / error)
+            bounds.discard("")
+            bound = "" if not bounds else bounds.pop() if len(bounds) == 1 else "neither"
+            found.append(Factor(pair, dose, _ranged(times), bound, _ranged(equal), _ranged(rule)))
+    return found
+
+
+def _ranged(values: Sequence[float]) -> tuple[float, float, float]:
+    x = np.asarray(values)
+    return float(np.exp(np.log(x).mean())), float(x.min()), float(x.max())
+
+
+def _times(f: Factor) -> str:
+    mean, least, most = f.time
+    if f.bound == "neither":
+        return "not to be said: a run of each did not come so far"
+    return f"{f.bound} {mean:.2f} times ({least:.2f} to {most:.2f})".strip()
+
+
+def time_and_quality(found: Sequence[Factor]) -> list[str]:
+    """By what factor multi-resolution is sooner, and its image better, at each dose."""
+    lines = []
+    for pair, *_ in PAIRS:
+        mine = [f for f in found if f.pair == pair]
+        time = "; ".join(f"{_photons(f.dose)}: {_times(f)}" for f in mine)
+        image = "; ".join(
+            f"{_photons(f.dose)}: {f.equal_time[0]:.2f} ({f.equal_time[1]:.2f} to {f.equal_time[2]:.2f})" for f in mine
+        )
+        stops = "; ".join(f"{_photons(f.dose)}: {f.at_rule[0]:.2f}" for f in mine)
+        lines.append(
+            f"{pair[0].upper()}{pair[1:]}. Processor time of F-MAP over that of M-MAP-3 until the negative log-posterior is "
+            f"within {GAPS[0]:.0%} of the best: {time}. Error (NMSE of the region) of F-MAP over that of M-MAP-3 once "
+            f"M-MAP-3 stops: {image}; each at its own stop: {stops}."
+        )
+    return lines
+
+
+def _photons(dose: int) -> str:
+    return f"{dose // 1000}k" if dose % 1000 == 0 else str(dose)
+
+
+def _verdict(ratios: Sequence[tuple[float, float]]) -> str:
+    """Of (least, most) over the seeds at each dose, against 1."""
+    if all(least > 1 + SAME for least, _ in ratios):
+        return "holds at every dose"
+    if all(most < 1 + SAME for _, most in ratios):
+        return "does not hold at any dose"
+    return "does not hold at every dose"
+
+
+def claims(found: Sequence[Factor], tables: dict[str, list[Row]], setting: Setting) -> list[tuple[str, str]]:
+    """The dissertation's claims: (claim, what the numbers say of it)."""
+    said_of = []
+    for pair in (PAIRS[0][0], PAIRS[3][0]):
+        mine = [f for f in found if f.pair == pair]
+        times = [(0.0, 0.0) if f.bound in ("neither", "at most") else f.time[1:] for f in mine]
+        for claim, ratios, middle in (
+            ("M-MAP needs less computation than F-MAP", times, [f.time[0] for f in mine]),
+            ("M-MAP's images are better than F-MAP's after the same time", [f.equal_time[1:] for f in mine],
+             [f.equal_time[0] for f in mine]),
+        ):  # fmt: skip
+            numbers = ", ".join(f"{_photons(f.dose)} {m:.2f}" for f, m in zip(mine, middle, strict=True))
+            said_of.append((f"{claim} ({pair})", f"{_verdict(ratios)}: factors {numbers}"))
+    for what, column, better in (("error of the region", "nmse_region", "lower"), ("contrast to noise", "cnr", "higher")):
+        ratios, numbers = [], []
+        for dose in setting.doses:
+            back = where(tables["baselines"], dose=dose, method="backprojection")
+            multi = where(tables["convergence"], dose=dose, method="M-MAP-3", optimiser="descent", start="uniform")
+            each = [
+                (b[column] / m[column] if better == "lower" else m[column] / b[column])
+                for b in back
+                for m in multi
+                if b["seed"] == m["seed"]
+            ]
+            ratios.append((min(each), max(each)))
+            numbers.append(f"{_photons(dose)} {_ranged(each)[0]:.2f}")
+        claim = f"M-MAP-3 (descent, uniform start) is better than backprojection: {what}"
+        said_of.append((claim, f"{_verdict(ratios)}: factors {', '.join(numbers)}"))
+    return said_of
+
+
+def winner(rows: Sequence[Row], by: str, column: str, form: str, lower: bool = True) -> str:
+    """Which choice of `by` is best in a column, compared scan by scan, and whether the seeds agree."""
+    names = list(dict.fromkeys(row[by] for row in rows))
+    means = {name: spread(row[column] for row in rows if row[by] == name)[0] for name in names}
+    order = sorted(names, key=lambda name: means[name] if lower else -means[name])
+    first = order[0]
+    parts = [f"{name} {said((r[column] for r in rows if r[by] == name), form)}" for name in order]
+    ties = [name for name in order[1:] if not _always_better(rows, by, column, first, name, lower)]
+    if not ties:
+        verdict = f"{first} wins, on every scan"
+    elif len(ties) == len(names) - 1:
+        verdict = "no clear winner"
+    else:
+        verdict = f"{first} leads, but not surely before {' and '.join(ties)}"
+    return f"{verdict} ({', '.join(parts)})"
+
+
+def _always_better(rows: Sequence[Row], by: str, column: str, first: str, other: str, lower: bool) -> bool:
+    """On every scan, and by more than what counts as equal on the mean."""
+    a, b = ([r[column] for r in rows if r[by] == name] for name in (first, other))
+    sign = 1 if lower else -1
+    ahead = np.array([sign * (y - x) for x, y in zip(a, b, strict=True)])
+    return bool((ahead > 0).all() and ahead.mean() > SAME * abs(np.mean(b)))
+
+
+def sampling(rows: Sequence[Row]) -> list[str]:
+    """Which interpolator and down-sampler win."""
+    lines = []
+    for what, by, other, fixed in (
+        ("Interpolator", "interpolation", "downsample", "sum"),
+        ("Down-sampler", "downsample", "interpolation", "linear"),
+    ):
+        some = where(rows, **{other: fixed})
+        for column, of, form in (
+            ("nmse_region_at_finest_start", "error of the region when the finest level starts", ".3f"),
+            ("nmse_region", "error of the region at the stop", ".3f"),
+            (f"cpu_s_to_{GAPS[0]:g}", f"processor seconds to within {GAPS[0]:.0%} of the best posterior", ".2f"),
+        ):
+            late = sum(not r[f"reached_{GAPS[0]:g}"] for r in some) if column.startswith("cpu") else 0
+            note = f"; {late} of {len(some)} runs did not come so far, and count with the time they spent" if late else ""
+            lines.append(f"{what}, {of}: {winner(some, by, column, form)}{note}.")
+    return lines
+
+
+def beyond(tables: dict[str, list[Row]], setting: Setting) -> list[str]:
+    """Priors, baselines, dose, motion."""
+    lines = []
+    for dose in setting.doses:
+        some = where(tables["priors"], dose=dose)
+        lines.append(f"Priors at {_photons(dose)}, error of the region: {winner(some, 'prior', 'nmse_region', '.3f')}.")
+    for dose in setting.doses:
+        rivals = [{**r, "nmse_region": r["best_nmse_region"]} for r in where(tables["baselines"], dose=dose)]
+        multi = where(tables["priors"], dose=dose, prior="lange")
+        rows = rivals + [{**m, "method": "M-MAP-3"} for m in multi]
+        lines.append(
+            f"Baselines at {_photons(dose)}, error of the region, each rival at the iteration that suits it best (chosen "
+            f"with the truth at hand), M-MAP-3 at its own stop: {winner(rows, 'method', 'nmse_region', '.3f')}."
+        )
+    for dose in setting.curve:
+        some = where(tables["doses"], dose=dose, method="map")
+        lines.append(f"Strength at {_photons(dose)}, error of the region: {winner(some, 'strength', 'nmse_region', '.3f')}.")
+    motions = tables["motions"]
+    for method in ("backprojection", "map"):
+        some = where(motions, method=method)
+        name = "M-MAP-3" if method == "map" else method
+        each = ", ".join(f"{m} {said((r['streaks'] for r in where(some, motion=m)), '.2f')}" for m in ("circular", "linear"))
+        lines.append(
+            f"Motion, {name}: error of the region: {winner(some, 'motion', 'nmse_region', '.3f')}; spread in depth, mm: "
+            f"{winner(some, 'motion', 'depth_mm', '.1f')}; how directed the error is, 1 being not at all: {each}."
+        )
+    return lines
+
+
