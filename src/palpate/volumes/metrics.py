@@ -71,7 +71,8 @@ def artefact_spread(values: ArrayLike, inside: ArrayLike, outside: ArrayLike, at
     contrast: Float64 = x[:, a].mean(axis=1) - x[:, b].mean(axis=1)
     if contrast[at] == 0:
         raise DataError(f"the insert has no contrast in slice {at}, so nothing can be divided by it")
-    return contrast / contrast[at]
+    spread: Float64 = contrast / contrast[at]
+    return spread
 
 
 def width_at_half(curve: ArrayLike, spacing: float) -> float:

@@ -123,8 +123,11 @@ def claims(found: Sequence[Factor], tables: dict[str, list[Row]], setting: Setti
         ):  # fmt: skip
             numbers = ", ".join(f"{_photons(f.dose)} {m:.2f}" for f, m in zip(mine, middle, strict=True))
             said_of.append((f"{claim} ({pair})", f"{_verdict(ratios)}: factors {numbers}"))
-    for what, column, better in (("error of the region", "nmse_region", "lower"), ("contrast to noise", "cnr", "higher")):
-        ratios, numbers = [], []
+    for what, column, better in (
+        ("error of the region", "nmse_region", "lower"),
+        ("contrast to noise", "cnr", "higher"),
+    ):
+        ratios, each_dose = [], []
         for dose in setting.doses:
             back = where(tables["baselines"], dose=dose, method="backprojection")
             multi = where(tables["convergence"], dose=dose, method="M-MAP-3", optimiser="descent", start="uniform")
@@ -135,9 +138,9 @@ def claims(found: Sequence[Factor], tables: dict[str, list[Row]], setting: Setti
                 if b["seed"] == m["seed"]
             ]
             ratios.append((min(each), max(each)))
-            numbers.append(f"{_photons(dose)} {_ranged(each)[0]:.2f}")
+            each_dose.append(f"{_photons(dose)} {_ranged(each)[0]:.2f}")
         claim = f"M-MAP-3 (descent, uniform start) is better than backprojection: {what}"
-        said_of.append((claim, f"{_verdict(ratios)}: factors {', '.join(numbers)}"))
+        said_of.append((claim, f"{_verdict(ratios)}: factors {', '.join(each_dose)}"))
     return said_of
 
 
@@ -180,7 +183,9 @@ def sampling(rows: Sequence[Row]) -> list[str]:
             (f"cpu_s_to_{GAPS[0]:g}", f"processor seconds to within {GAPS[0]:.0%} of the best posterior", ".2f"),
         ):
             late = sum(not r[f"reached_{GAPS[0]:g}"] for r in some) if column.startswith("cpu") else 0
-            note = f"; {late} of {len(some)} runs did not come so far, and count with the time they spent" if late else ""
+            note = (
+                f"; {late} of {len(some)} runs did not come so far, and count with the time they spent" if late else ""
+            )
             lines.append(f"{what}, {of}: {winner(some, by, column, form)}{note}.")
     return lines
 
@@ -201,16 +206,18 @@ def beyond(tables: dict[str, list[Row]], setting: Setting) -> list[str]:
         )
     for dose in setting.curve:
         some = where(tables["doses"], dose=dose, method="map")
-        lines.append(f"Strength at {_photons(dose)}, error of the region: {winner(some, 'strength', 'nmse_region', '.3f')}.")
+        lines.append(
+            f"Strength at {_photons(dose)}, error of the region: {winner(some, 'strength', 'nmse_region', '.3f')}."
+        )
     motions = tables["motions"]
     for method in ("backprojection", "map"):
         some = where(motions, method=method)
         name = "M-MAP-3" if method == "map" else method
-        each = ", ".join(f"{m} {said((r['streaks'] for r in where(some, motion=m)), '.2f')}" for m in ("circular", "linear"))
+        each = ", ".join(
+            f"{m} {said((r['streaks'] for r in where(some, motion=m)), '.2f')}" for m in ("circular", "linear")
+        )
         lines.append(
             f"Motion, {name}: error of the region: {winner(some, 'motion', 'nmse_region', '.3f')}; spread in depth, mm: "
             f"{winner(some, 'motion', 'depth_mm', '.1f')}; how directed the error is, 1 being not at all: {each}."
         )
     return lines
-
-

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from palpate.reconstruction.potential import NAMES
 from palpate.reconstruction.prior import Prior
 from palpate.studies.tomosynthesis.judge import Judge
 from palpate.studies.tomosynthesis.traces import Problem, Watched, watch
@@ -16,7 +17,6 @@ Record = dict[str, Any]  # of one run, as it is kept in JSON
 # (Φ − Φ*) / Φ* of the negative log-posterior Φ, Φ* the least that any run found: where times are compared.
 GAPS, FAR = (1e-2, 3e-3), 3e-2
 SAMPLING_DOSE, MOTION_DOSE, BETA_DOSE = 2_000, 20_000, 20_000
-PRIORS = ("quadratic", "lange", "huber", "hyperbola", "generalised")
 BASELINES = ("backprojection", "fbp", "sart", "sirt", "ml", "tv")
 LIMITS = {"sart": 20, "sirt": 40, "ml": 40, "tv": 20}  # iterations: past the best of each
 STARTS = ("uniform", "backprojection")
@@ -82,7 +82,7 @@ def _sampling(dose: int, seed: int) -> Iterator[Cell]:
 
 
 def _priors(dose: int, seed: int) -> Iterator[Cell]:
-    for name in PRIORS:
+    for name in NAMES:
         about = {"experiment": "priors", "dose": dose, "seed": seed, "prior": name}
         yield _cell(about, {"prior": Prior(name)})
 
@@ -104,8 +104,14 @@ def _doses(dose: int, seed: int) -> Iterator[Cell]:
 
 def _cell(about: Mapping[str, Any], options: Mapping[str, Any], keep: bool = False) -> Cell:
     about = {"motion": "circular", **about}
-    name = "-".join(str(value).replace(" ", "_").lower() for value in about.values())
-    return Cell(name, about, options, keep)
+    known = ("experiment", "dose", "seed", "motion")
+    more = [str(value) for name, value in about.items() if name not in known]
+    return Cell(cell_name(*(about[n] for n in known[:3]), *more, motion=about["motion"]), about, options, keep)
+
+
+def cell_name(experiment: str, dose: int, seed: int, *more: str, motion: str = "circular") -> str:
+    """Of the files of a run."""
+    return "-".join(str(part).replace(" ", "_").lower() for part in (motion, experiment, dose, seed, *more))
 
 
 class Laboratory:

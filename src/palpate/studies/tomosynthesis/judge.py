@@ -38,7 +38,8 @@ class Judge:
         x, y, z = (
             (grid.axis(n) > low[i] + margins[i]) & (grid.axis(n) < high[i] - margins[i]) for i, n in enumerate("xyz")
         )
-        return z[:, None, None] & y[:, None] & x
+        box: Bool = z[:, None, None] & y[:, None] & x
+        return box
 
     @cached_property
     def inserts(self) -> list[Bool]:

@@ -47,7 +47,9 @@ class Setting:
         """Slices centred on whole millimetres where they are 1 mm thick."""
         d, dz = SIDE / self.voxels, THICKNESS / self.slices
         corner = -SIDE / 2 + d / 2
-        return Grid((self.slices, self.voxels, self.voxels), (dz, d, d), (corner + SHIFT[0], corner + SHIFT[1], 30.5 + dz / 2))
+        return Grid(
+            (self.slices, self.voxels, self.voxels), (dz, d, d), (corner + SHIFT[0], corner + SHIFT[1], 30.5 + dz / 2)
+        )
 
     def views(self, motion: str) -> Views:
         """Eight focal spots, circular or linear over the circle's diameter; the panel stays still, two pixels a voxel."""
@@ -60,7 +62,9 @@ class Setting:
 
     def passed(self, motion: str) -> Float64:
         """(views, rows, columns) share of the photons that pass the phantom, in closed form along each ray."""
-        return np.asarray(simulate_scan(phantom(), self.views(motion), 1.0, None, subrays=self.subrays).counts, np.float64)
+        return np.asarray(
+            simulate_scan(phantom(), self.views(motion), 1.0, None, subrays=self.subrays).counts, np.float64
+        )
 
     def scan(self, passed: Float64, motion: str, dose: int, seed: int) -> Scan:
         """Poisson counts of `dose` photons a pixel without the phantom."""

@@ -1,7 +1,7 @@
 """The records of the runs as tables: one row a run, one file a table."""
 
 import csv
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -66,9 +66,12 @@ def _about(record: Record) -> Row:
 def _judged(record: Record) -> Row:
     """Quality at the stopping rule (or the last iterate), and the best region NMSE of all iterates: an oracle's stop."""
     t = columns(record["trace"])
-    row = _about(record) | record["quality"] | {"cpu_s": t["cpu"][record["stop"]], "iterations": record["stop"] + 1}
+    row: Row = (
+        _about(record) | record["quality"] | {"cpu_s": t["cpu"][record["stop"]], "iterations": record["stop"] + 1}
+    )
     least = int(np.argmin(t["nmse_region"]))
-    return row | {"best_nmse_region": t["nmse_region"][least], "best_iteration": least + 1}
+    row |= {"best_nmse_region": t["nmse_region"][least], "best_iteration": least + 1}
+    return row
 
 
 def _converged(record: Record, best: dict[tuple[int, int], float]) -> Row:
@@ -142,7 +145,9 @@ def summary(rows: Sequence[Row], by: Sequence[str], of: Sequence[tuple[str, str,
     groups: dict[tuple[object, ...], list[Row]] = {}
     for row in rows:
         groups.setdefault(tuple(row[name] for name in by), []).append(row)
-    name: Callable[[object], str] = lambda v: f"{v:,}" if isinstance(v, int) else str(v)
     head = [*(b.replace("dose", "photons") for b in by), *(heading for _, heading, _ in of)]
-    body = [[*map(name, key), *(said((r[c] for r in some), f) for c, _, f in of)] for key, some in groups.items()]
+    body = [
+        [*(f"{v:,}" if isinstance(v, int) else str(v) for v in key), *(said((r[c] for r in some), f) for c, _, f in of)]
+        for key, some in groups.items()
+    ]
     return [head, *body]
