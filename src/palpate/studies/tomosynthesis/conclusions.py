@@ -7,7 +7,7 @@ import numpy as np
 
 from palpate.studies.tomosynthesis.experiments import GAPS, Record
 from palpate.studies.tomosynthesis.setting import Setting
-from palpate.studies.tomosynthesis.tables import Row, best_posterior, error_at, said, seconds_to, spread, where
+from palpate.studies.tomosynthesis.tables import Row, error_at, said, seconds_below, spread, where
 
 # What is compared: name, fixed resolution, multi-resolution; each (optimiser, start).
 PAIRS = (
@@ -24,8 +24,8 @@ SAME = 0.02  # share below which two image errors or times count as equal
 class Factor:
     """F-MAP over M-MAP-3 at a dose: above 1, multi-resolution is better.
 
-    time: processor seconds to the same posterior, geometric mean over the seeds, and least and most. bound: one of the
-    two never came so far, and its seconds spent in vain were taken: "at least" or "at most", "" if both did, "neither".
+    time: processor seconds until the posterior that M-MAP-3 had when it stopped, geometric mean over the seeds, and least
+    and most. bound: "at least" where F-MAP never came so far, and the seconds that it spent in vain were taken.
     equal_time: region NMSE of F-MAP when M-MAP-3 stopped, over that of M-MAP-3. at_rule: each at its own stop.
     """
 
@@ -47,22 +47,21 @@ class Factor:
 
 def factors(records: Sequence[Record], setting: Setting) -> list[Factor]:
     """Every pair at every dose."""
-    runs, best, found = where(records, experiment="convergence"), best_posterior(records), []
+    runs, found = where(records, experiment="convergence"), []
     for pair, (optimiser, start), (optimiser_m, start_m) in PAIRS:
         for dose in setting.doses:
             fixed = where(runs, dose=dose, method="F-MAP", optimiser=optimiser, start=start)
             multi = where(runs, dose=dose, method="M-MAP-3", optimiser=optimiser_m, start=start_m)
-            times, equal, rule, bounds = [], [], [], set()
+            times, equal, rule, came = [], [], [], []
             for f, m in zip(fixed, multi, strict=True):
-                star = best[dose, f["seed"]]
-                (a, came_f), (b, came_m) = seconds_to(f, star, GAPS[0]), seconds_to(m, star, GAPS[0])
-                times.append(a / b)
-                bounds.add({(1, 1): "", (0, 1): "at least", (1, 0): "at most", (0, 0): "neither"}[came_f, came_m])
+                stop = m["stop"]
+                seconds, reached = seconds_below(f, m["trace"]["posterior"][stop])
+                times.append(seconds / m["trace"]["cpu"][stop])
+                came.append(reached)
                 error = m["quality"]["nmse_region"]
-                equal.append(error_at(f, m["trace"]["cpu"][m["stop"]]) / error)
+                equal.append(error_at(f, m["trace"]["cpu"][stop]) / error)
                 rule.append(f["quality"]["nmse_region"] / error)
-            bounds.discard("")
-            bound = "" if not bounds else bounds.pop() if len(bounds) == 1 else "neither"
+            bound = "" if all(came) else "at least"
             found.append(Factor(pair, dose, _ranged(times), bound, _ranged(equal), _ranged(rule)))
     return found
 
@@ -72,33 +71,48 @@ def _ranged(values: Sequence[float]) -> tuple[float, float, float]:
     return float(np.exp(np.log(x).mean())), float(x.min()), float(x.max())
 
 
-def _times(f: Factor) -> str:
-    mean, least, most = f.time
-    if f.bound == "neither":
-        return "not to be said: a run of each did not come so far"
-    return f"{f.bound} {mean:.2f} times ({least:.2f} to {most:.2f})".strip()
-
-
 def time_and_quality(found: Sequence[Factor]) -> list[str]:
     """By what factor multi-resolution is sooner, and its image better, at each dose."""
     lines = []
-    for pair, *_ in PAIRS:
-        mine = [f for f in found if f.pair == pair]
-        time = "; ".join(f"{_photons(f.dose)}: {_times(f)}" for f in mine)
-        image = "; ".join(
-            f"{_photons(f.dose)}: {f.equal_time[0]:.2f} ({f.equal_time[1]:.2f} to {f.equal_time[2]:.2f})" for f in mine
-        )
-        stops = "; ".join(f"{_photons(f.dose)}: {f.at_rule[0]:.2f}" for f in mine)
-        lines.append(
-            f"{pair[0].upper()}{pair[1:]}. Processor time of F-MAP over that of M-MAP-3 until the negative log-posterior is "
-            f"within {GAPS[0]:.0%} of the best: {time}. Error (NMSE of the region) of F-MAP over that of M-MAP-3 once "
-            f"M-MAP-3 stops: {image}; each at its own stop: {stops}."
-        )
+    for pair, *_ in (PAIRS[0], PAIRS[3], PAIRS[4]):
+        for f in found:
+            if f.pair == pair:
+                bound = f"{f.bound} " if f.bound else ""
+                lines.append(
+                    f"{_photons(f.dose)} photons, {pair}: M-MAP-3 is {bound}{_of(f.time)} times as fast as F-MAP to the "
+                    f"posterior at which it stops; F-MAP's error is then {_of(f.equal_time)} times that of M-MAP-3, and "
+                    f"{_of(f.at_rule)} times when it stops by itself."
+                )
     return lines
+
+
+def factor_table(found: Sequence[Factor]) -> list[list[str]]:
+    """All pairs for the reader."""
+    head = [
+        "pair",
+        "photons",
+        "time of F-MAP / M-MAP-3",
+        "error of F-MAP / M-MAP-3 after the same time",
+        "at own stops",
+    ]
+    body = [
+        [f.pair, f"{f.dose:,}", f"{'≥ ' if f.bound else ''}{_of(f.time)}", _of(f.equal_time), _of(f.at_rule)]
+        for f in found
+    ]
+    return [head, *body]
+
+
+def _of(ranged: tuple[float, float, float]) -> str:
+    return f"{ranged[0]:.2f} ({ranged[1]:.2f} to {ranged[2]:.2f})"
 
 
 def _photons(dose: int) -> str:
     return f"{dose // 1000}k" if dose % 1000 == 0 else str(dose)
+
+
+def _best_share(rows: Sequence[Row]) -> float:
+    shares = sorted({row["share"] for row in rows})
+    return float(min(shares, key=lambda share: spread(r["nmse_region"] for r in rows if r["share"] == share)[0]))
 
 
 def _verdict(ratios: Sequence[tuple[float, float]]) -> str:
@@ -115,7 +129,7 @@ def claims(found: Sequence[Factor], tables: dict[str, list[Row]], setting: Setti
     said_of = []
     for pair in (PAIRS[0][0], PAIRS[3][0]):
         mine = [f for f in found if f.pair == pair]
-        times = [(0.0, 0.0) if f.bound in ("neither", "at most") else f.time[1:] for f in mine]
+        times = [f.time[1:] for f in mine]
         for claim, ratios, middle in (
             ("M-MAP needs less computation than F-MAP", times, [f.time[0] for f in mine]),
             ("M-MAP's images are better than F-MAP's after the same time", [f.equal_time[1:] for f in mine],
@@ -150,14 +164,14 @@ def winner(rows: Sequence[Row], by: str, column: str, form: str, lower: bool = T
     means = {name: spread(row[column] for row in rows if row[by] == name)[0] for name in names}
     order = sorted(names, key=lambda name: means[name] if lower else -means[name])
     first = order[0]
-    parts = [f"{name} {said((r[column] for r in rows if r[by] == name), form)}" for name in order]
+    parts = [f"{name}: {said((r[column] for r in rows if r[by] == name), form)}" for name in order]
     ties = [name for name in order[1:] if not _always_better(rows, by, column, first, name, lower)]
     if not ties:
         verdict = f"{first} wins, on every scan"
     elif len(ties) == len(names) - 1:
         verdict = "no clear winner"
     else:
-        verdict = f"{first} leads, but not surely before {' and '.join(ties)}"
+        verdict = f"{first} leads, but not surely before {' and '.join(map(str, ties))}"
     return f"{verdict} ({', '.join(parts)})"
 
 
@@ -197,12 +211,29 @@ def beyond(tables: dict[str, list[Row]], setting: Setting) -> list[str]:
         some = where(tables["priors"], dose=dose)
         lines.append(f"Priors at {_photons(dose)}, error of the region: {winner(some, 'prior', 'nmse_region', '.3f')}.")
     for dose in setting.doses:
+        some = where(tables["strengths"], dose=dose)
+        for column, of, form, lower in (
+            ("nmse_region", "error of the region", ".3f", True),
+            ("ssim", "SSIM", ".3f", False),
+            ("cnr", "contrast to noise", ".1f", False),
+        ):
+            lines.append(
+                f"Times the strength that the data choose, {_photons(dose)}, {of}: "
+                f"{winner(some, 'share', column, form, lower)}."
+            )
+    for dose in setting.doses:
         rivals = [{**r, "nmse_region": r["best_nmse_region"]} for r in where(tables["baselines"], dose=dose)]
         multi = where(tables["priors"], dose=dose, prior="lange")
+        best = _best_share(where(tables["strengths"], dose=dose))
         rows = rivals + [{**m, "method": "M-MAP-3"} for m in multi]
+        rows += [
+            {**m, "method": f"M-MAP-3 at {best:g} times the strength"}
+            for m in where(tables["strengths"], dose=dose, share=best)
+        ]
         lines.append(
             f"Baselines at {_photons(dose)}, error of the region, each rival at the iteration that suits it best (chosen "
-            f"with the truth at hand), M-MAP-3 at its own stop: {winner(rows, 'method', 'nmse_region', '.3f')}."
+            f"with the truth at hand), M-MAP-3 at its own stop, with the strength that the data choose and with the one "
+            f"that suits it best: {winner(rows, 'method', 'nmse_region', '.3f')}."
         )
     for dose in setting.curve:
         some = where(tables["doses"], dose=dose, method="map")

@@ -19,6 +19,7 @@ GAPS, FAR = (1e-2, 3e-3), 3e-2
 SAMPLING_DOSE, MOTION_DOSE, BETA_DOSE = 2_000, 20_000, 20_000
 BASELINES = ("backprojection", "fbp", "sart", "sirt", "ml", "tv")
 LIMITS = {"sart": 20, "sirt": 40, "ml": 40, "tv": 20}  # iterations: past the best of each
+SHARES = (0.3, 1.0, 3.0, 10.0, 30.0)  # times the strength that the data choose
 STARTS = ("uniform", "backprojection")
 
 
@@ -42,6 +43,7 @@ def cells(judge: Judge) -> Iterator[Cell]:
                 yield from _sampling(dose, seed)
             if seed < s.few:
                 yield from _priors(dose, seed)
+                yield from _strengths(dose, seed)
                 yield from _baselines(dose, seed)
         if seed < s.few:
             for dose in s.curve:
@@ -85,6 +87,11 @@ def _priors(dose: int, seed: int) -> Iterator[Cell]:
     for name in NAMES:
         about = {"experiment": "priors", "dose": dose, "seed": seed, "prior": name}
         yield _cell(about, {"prior": Prior(name)})
+
+
+def _strengths(dose: int, seed: int) -> Iterator[Cell]:
+    for share in SHARES:
+        yield _cell({"experiment": "strengths", "dose": dose, "seed": seed, "share": share}, {})
 
 
 def _baselines(dose: int, seed: int) -> Iterator[Cell]:
@@ -137,6 +144,9 @@ class Laboratory:
         options, extra = dict(cell.options), {"starts": problem.starts}
         if about["experiment"] == "doses" and about["method"] == "map":
             options = self._weighed(problem, options["strength"])
+        if about["experiment"] == "strengths":
+            assert problem.prior.strength is not None
+            options = {"prior": replace(problem.prior, strength=about["share"] * problem.prior.strength)}
         seen = self._watched(cell, problem, options)
         assert seen.volume is not None
         trace = {name: values for name, values in seen.trace.items() if not np.isnan(values).any()}
@@ -157,7 +167,9 @@ class Laboratory:
         gap = GAPS[-1] if experiment == "convergence" else GAPS[0]
         # A little below: the best of all runs, known only in the end, may lie below that of the reference.
         enough = self.converged[key] * (1 + 0.9 * gap)
-        return watch(problem, options, beyond=self.setting.beyond, enough=enough)
+        # Fixed resolution goes on until it is as far as multi-resolution was at its stop, or for long.
+        beyond = self.setting.beyond if cell.about.get("method") == "F-MAP" else self.setting.beyond // 4
+        return watch(problem, options, beyond=beyond, enough=enough)
 
     def learn(self, record: Record) -> None:
         """Takes note of a converged posterior, from a record made now or by an earlier run."""
@@ -181,8 +193,8 @@ def reference(dose: int, seed: int) -> str:
 
 
 def streaks(error: np.ndarray, judge: Judge) -> float:
-    """How directed an error is: mean square of its steps along y over those along x, in the region; 1 without direction."""
+    """How directed an error is: mean square of its steps along y over those along x, in the slab; 1 without direction."""
     part = error[judge.slices]
     across, along = np.diff(part, axis=1)[:, :, 1:], np.diff(part, axis=2)[:, 1:]
-    inside = judge.region[judge.slices][:, 1:, 1:]
+    inside = judge.slab[judge.slices][:, 1:, 1:]
     return float((across[inside] ** 2).mean() / (along[inside] ** 2).mean())

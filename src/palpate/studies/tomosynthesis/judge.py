@@ -31,7 +31,7 @@ class Judge:
         return phantom().volume(self.setting.grid, 4)
 
     @cached_property
-    def region(self) -> Bool:
+    def slab(self) -> Bool:
         """Inside the slab, off its walls."""
         (low, high), grid = phantom().parts[0][0].bounds(), self.setting.grid
         margins = (MARGIN, MARGIN, DEPTH_MARGIN)
@@ -57,15 +57,24 @@ class Judge:
             for k in np.flatnonzero(insert.any(axis=(1, 2))):
                 free = ndimage.distance_transform_edt(~taken[k], sampling=spacing) > APART
                 near = ndimage.distance_transform_edt(~insert[k], sampling=spacing) < AROUND
-                out[k] = free & near & self.region[k]
+                out[k] = free & near & self.slab[k]
             around.append(out)
         return around
+
+    @cached_property
+    def region(self) -> Bool:
+        """The inserts and the plain slab around them, in their slices: where a viewer would look.
+
+        Not all of the slab: its walls and faces, of which few views see only one side, cast slow gradients over it.
+        """
+        inside: Bool = np.any(self.inserts, axis=0) | np.any(self.surroundings, axis=0)
+        return inside
 
     def errors(self, values: AnyArray) -> tuple[float, float]:
         """NMSE of the full field as it is, and of the region after window and level: `nmse`, made quick for each iterate."""
         t, power = self._known
         d = (values - self.truth.values).ravel()
-        x = values[self._box].astype(np.float64).ravel()
+        x = values[self.region].astype(np.float64)
         x -= x.mean()
         inside = 1 - _dot(x, t) ** 2 / max(_dot(x, x) * _dot(t, t), np.finfo(float).tiny)
         return _dot(d, d) / power, inside
@@ -73,17 +82,11 @@ class Judge:
     @cached_property
     def _known(self) -> tuple[Float64, float]:
         """The truth in the region less its mean, and the full field's power."""
-        t = self.truth.values[self._box].astype(np.float64).ravel()
+        t = self.truth.values[self.region].astype(np.float64)
         return t - t.mean(), float((self.truth.values.astype(np.float64) ** 2).sum())
 
-    @cached_property
-    def _box(self) -> tuple[slice, ...]:
-        """The region as slices: it is a box."""
-        every = [np.flatnonzero(self.region.any(axis=a)) for a in ((1, 2), (0, 2), (0, 1))]
-        return tuple(slice(int(i[0]), int(i[-1]) + 1) for i in every)
-
     def spread(self, values: AnyArray) -> Float64:
-        """(slices of the region) artefact spread function of the ball, which has nothing above or below it."""
+        """(slices of the slab) artefact spread function of the ball, which has nothing above or below it."""
         spacing = self.setting.grid.spacing[1:]
         taken = np.any([insert.any(axis=0) for insert in self.inserts], axis=0)
         at = int(np.argmin(np.abs(self.setting.grid.axis("z") - phantom().parts[BALL][0].bounds()[:, 2].mean())))
@@ -94,8 +97,8 @@ class Judge:
 
     @cached_property
     def slices(self) -> slice:
-        """Those of the region."""
-        inside = np.flatnonzero(self.region.any(axis=(1, 2)))
+        """Those of the slab."""
+        inside = np.flatnonzero(self.slab.any(axis=(1, 2)))
         return slice(int(inside[0]), int(inside[-1]) + 1)
 
     def quality(self, values: AnyArray) -> dict[str, float]:
@@ -106,7 +109,7 @@ class Judge:
         return {
             "nmse": full,
             "nmse_region": region,
-            "ssim": structural_similarity(values, self.truth.values, self.region),
+            "ssim": structural_similarity(values, self.truth.values, self.slab),
             "cnr": float(np.mean([abs(contrast_to_noise(values, a, b)) for a, b in pairs])),
             "depth_mm": width_at_half(self.spread(values), self.setting.grid.spacing[0]),
         }

@@ -70,13 +70,8 @@ def sampling(records: Sequence[Record], by: str, other: str, fixed: str) -> Figu
     return figure
 
 
-def bars(
-    rows: Sequence[Row], by: str, doses: Sequence[int], of: Sequence[str], more: dict[str, str] | None = None
-) -> Figure:
-    """A panel a figure of merit: groups of bars by dose, one a choice; whiskers are the deviation over the seeds.
-
-    more: column of a figure of merit to mark by a short line on its bar, such as the best that an oracle would take.
-    """
+def bars(rows: Sequence[Row], by: str, doses: Sequence[int], of: Sequence[str]) -> Figure:
+    """A panel a figure of merit: groups of bars by dose, one a choice; whiskers are the deviation over the seeds."""
     figure, panels = canvas(len(of), 4.2)
     names = list(dict.fromkeys(row[by] for row in rows))
     wide = 0.8 / len(names)
@@ -86,9 +81,6 @@ def bars(
             some = [where(rows, dose=dose, **{by: name}) for dose in doses]
             means, deviations = np.array([spread(r[column] for r in each) for each in some]).T
             axes.bar(x, means, wide * 0.92, yerr=deviations, color=_colour(i), label=str(name), error_kw={"lw": 1})
-            if more and column in more:
-                marks = [spread(r[more[column]] for r in each)[0] for each in some]
-                axes.hlines(marks, x - wide / 2, x + wide / 2, color=TRUTH, lw=1.4)
         axes.set_xticks(np.arange(len(doses)), [f"{dose:,}" for dose in doses])
         finish(axes, "", "photons", _NAMES[column])
     _legend_below(figure, panels[0], len(names))
@@ -120,6 +112,23 @@ def dose_curves(rows: Sequence[Row], doses: Sequence[int]) -> Figure:
         axes.set_xscale("log")
         finish(axes, "", "photons", _NAMES[column])
     _legend_below(figure, panels[0], len(lines))
+    return figure
+
+
+def over_strength(rows: Sequence[Row], doses: Sequence[int]) -> Figure:
+    """Three figures of merit over the strength, a line a dose."""
+    figure, panels = canvas(3)
+    shares = sorted({row["share"] for row in rows})
+    for axes, column in zip(panels, ("nmse_region", "ssim", "cnr"), strict=True):
+        for i, dose in enumerate(doses):
+            each = [where(rows, dose=dose, share=share) for share in shares]
+            means, deviations = np.array([spread(r[column] for r in some) for some in each]).T
+            label = f"{dose:,} photons"
+            axes.errorbar(shares, means, deviations, color=_colour(i), marker="o", ms=4, lw=1.5, capsize=3, label=label)
+        axes.set_xscale("log")
+        axes.axvline(1, color=TRUTH, lw=0.8, ls=":")
+        finish(axes, "", "times the strength that the data choose", _NAMES[column])
+    _legend_below(figure, panels[0], len(doses))
     return figure
 
 

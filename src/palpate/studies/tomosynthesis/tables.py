@@ -16,7 +16,19 @@ from palpate.studies.tomosynthesis.traces import columns
 
 Row = dict[str, Any]
 QUALITIES = ("nmse", "nmse_region", "ssim", "cnr", "depth_mm")
-ABOUT = ("dose", "seed", "motion", "method", "optimiser", "start", "downsample", "interpolation", "prior", "strength")
+ABOUT = (
+    "dose",
+    "seed",
+    "motion",
+    "method",
+    "optimiser",
+    "start",
+    "downsample",
+    "interpolation",
+    "prior",
+    "strength",
+    "share",
+)
 
 
 def best_posterior(records: Sequence[Record]) -> dict[tuple[int, int], float]:
@@ -35,9 +47,14 @@ def gaps(record: Record, best: float) -> np.ndarray:
 
 
 def seconds_to(record: Record, best: float, gap: float) -> tuple[float, bool]:
-    """Processor seconds until the gap is reached on the finest level, or those spent in vain, and whether it was."""
+    """As `seconds_below`, for a posterior so much above the best."""
+    return seconds_below(record, best * (1 + gap))
+
+
+def seconds_below(record: Record, posterior: float) -> tuple[float, bool]:
+    """Processor seconds until the finest level's negative log-posterior is as low, or those spent in vain, and whether."""
     t = columns(record["trace"])
-    there = np.flatnonzero((gaps(record, best) <= gap) & (t["level"] == 0))
+    there = np.flatnonzero((t["posterior"] <= posterior) & (t["level"] == 0))
     return (float(t["cpu"][there[0]]), True) if there.size else (float(t["cpu"][-1]), False)
 
 
@@ -54,7 +71,7 @@ def make_tables(records: Sequence[Record], setting: Setting) -> dict[str, list[R
     tables = {"convergence": [_converged(r, best) for r in records if r["experiment"] == "convergence"]}
     tables["sampling"] = [_converged(r, best) for r in records if r["experiment"] == "sampling"]
     tables["levels"] = levels(setting, tables["convergence"])
-    for name in ("priors", "baselines", "doses", "motions"):
+    for name in ("priors", "strengths", "baselines", "doses", "motions"):
         tables[name] = [_judged(r) for r in records if r["experiment"] == name]
     return tables
 
