@@ -164,15 +164,19 @@ def winner(rows: Sequence[Row], by: str, column: str, form: str, lower: bool = T
     means = {name: spread(row[column] for row in rows if row[by] == name)[0] for name in names}
     order = sorted(names, key=lambda name: means[name] if lower else -means[name])
     first = order[0]
-    parts = [f"{name}: {said((r[column] for r in rows if r[by] == name), form)}" for name in order]
+    parts = [f"{_plain(name)} {said((r[column] for r in rows if r[by] == name), form)}" for name in order]
     ties = [name for name in order[1:] if not _always_better(rows, by, column, first, name, lower)]
     if not ties:
-        verdict = f"{first} wins, on every scan"
+        verdict = f"{_plain(first)} wins, on every scan"
     elif len(ties) == len(names) - 1:
         verdict = "no clear winner"
     else:
-        verdict = f"{first} leads, but not surely before {' and '.join(map(str, ties))}"
+        verdict = f"{_plain(first)} leads, but not surely before {' and '.join(map(_plain, ties))}"
     return f"{verdict} ({', '.join(parts)})"
+
+
+def _plain(choice: object) -> str:
+    return f"{choice:g} times" if isinstance(choice, float) else str(choice)
 
 
 def _always_better(rows: Sequence[Row], by: str, column: str, first: str, other: str, lower: bool) -> bool:
@@ -218,7 +222,7 @@ def beyond(tables: dict[str, list[Row]], setting: Setting) -> list[str]:
             ("cnr", "contrast to noise", ".1f", False),
         ):
             lines.append(
-                f"Times the strength that the data choose, {_photons(dose)}, {of}: "
+                f"Strength against that which the data choose, {_photons(dose)}, {of}: "
                 f"{winner(some, 'share', column, form, lower)}."
             )
     for dose in setting.doses:

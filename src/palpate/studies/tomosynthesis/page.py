@@ -60,8 +60,8 @@ class Page:
     def _conclusions(self) -> list[Section]:
         text = [
             "Every number here is computed in this run; the tables beside this report hold what it is made from. "
-            "Factors are geometric means over the seeds (least to most), errors means ± standard deviation; times are processor time of "
-            "all threads. A choice wins if it is better on every scan and by more than 2 % on the mean.",
+            "Factors are geometric means over the seeds (least to most), errors means ± standard deviation; times are "
+            "processor time of all threads. A choice wins if it is better on every scan and by more than 2 % on the mean.",
             *conclusions.time_and_quality(self.found),
             *conclusions.sampling(self.tables["sampling"]),
             *conclusions.beyond(self.tables, self.setting),
@@ -69,7 +69,7 @@ class Page:
         claims = [["claim", "here"], *conclusions.claims(self.found, self.tables, self.setting)]
         asked = ["As this phantom and these scans show them; above 1 means that M-MAP is better."]
         compared = [
-            "Above 1, multi-resolution is better. Time is counted to the log-posterior that M-MAP-3 had when its stopping rule "
+            "Above 1, multi-resolution is better. Time is counted to the log-posterior that M-MAP-3 had when its rule "
             "ended it; ≥ where F-MAP had not come so far when its run was given up."
         ]
         return [
@@ -92,7 +92,8 @@ class Page:
             "views leave open. NMSE of the region is over the inserts and the plain slab within 12 mm around them, in their "
             "slices, free of window and level: 1 means that nothing of the inserts is seen. SSIM is taken slice by slice "
             "inside the slab, 5 mm off its walls; contrast to noise is the mean over the eight inserts, each against the "
-            "plain slab around it; spread in depth is the width at half of the artefact spread function of the ball at z = 60 mm.",
+            "plain slab around it; spread in depth is the width at half of the artefact spread function of the ball at "
+            "z = 60 mm.",
         ]
         picture = figures.depth_slices({"phantom": self.judge.truth})
         caption = self._caption(

@@ -153,8 +153,9 @@ def spread(values: Iterable[float]) -> tuple[float, float]:
 
 def said(values: Iterable[float], form: str = ".3f") -> str:
     """Mean ± standard deviation as words."""
-    mean, deviation = spread(values)
-    return f"{mean:{form}} ± {deviation:{form}}"
+    x = list(values)
+    mean, deviation = spread(x)
+    return f"{mean:{form}} ± {deviation:{form}}" if len(x) > 1 else f"{mean:{form}}"
 
 
 def summary(rows: Sequence[Row], by: Sequence[str], of: Sequence[tuple[str, str, str]]) -> list[list[str]]:
