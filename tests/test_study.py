@@ -125,7 +125,7 @@ def test_factors_follow_from_the_traces_and_stand_in_the_report(study, report):
         (row,) = table(study, "factors", pair="descent, uniform start", dose=dose)
         for name, expected in (("time", times), ("equal_time", errors)):
             assert float(row[name]) == pytest.approx(np.prod(expected) ** (1 / len(expected)), rel=1e-4)
-            assert f"{float(row[name]):.2f} ({min(expected):.2f} to {max(expected):.2f}) times" in report
+            assert f"{float(row[name]):.2f} ({min(expected):.2f} to {max(expected):.2f})" in report
 
 
 def test_means_and_deviations_in_the_report_are_those_of_the_tables(study, report):

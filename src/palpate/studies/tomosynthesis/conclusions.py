@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.studies.tomosynthesis.experiments import GAPS, Record
+from palpate.studies.tomosynthesis.experiments import GAPS, SAMPLING_DOSE, Record
 from palpate.studies.tomosynthesis.setting import Setting
 from palpate.studies.tomosynthesis.tables import Row, error_at, said, seconds_below, spread, where
 
@@ -71,18 +71,17 @@ def _ranged(values: Sequence[float]) -> tuple[float, float, float]:
     return float(np.exp(np.log(x).mean())), float(x.min()), float(x.max())
 
 
-def time_and_quality(found: Sequence[Factor]) -> list[str]:
+def headlines(found: Sequence[Factor]) -> list[str]:
     """By what factor multi-resolution is sooner, and its image better, at each dose."""
     lines = []
     for pair, *_ in (PAIRS[0], PAIRS[3], PAIRS[4]):
-        for f in found:
-            if f.pair == pair:
-                bound = f"{f.bound} " if f.bound else ""
-                lines.append(
-                    f"{_photons(f.dose)} photons, {pair}: M-MAP-3 is {bound}{_of(f.time)} times as fast as F-MAP to the "
-                    f"posterior at which it stops; F-MAP's error is then {_of(f.equal_time)} times that of M-MAP-3, and "
-                    f"{_of(f.at_rule)} times when it stops by itself."
-                )
+        mine = [f for f in found if f.pair == pair]
+        times = ", ".join(f"{f.bound + ' ' if f.bound else ''}{f.time[0]:.2f} at {_photons(f.dose)}" for f in mine)
+        errors = ", ".join(f"{f.equal_time[0]:.2f} at {_photons(f.dose)}" for f in mine)
+        lines.append(
+            f"{pair[0].upper()}{pair[1:]}: M-MAP-3 is {times} photons times as fast as F-MAP to the posterior at which it "
+            f"stops; F-MAP's error is then {errors} times that of M-MAP-3."
+        )
     return lines
 
 
@@ -158,21 +157,19 @@ def claims(found: Sequence[Factor], tables: dict[str, list[Row]], setting: Setti
     return said_of
 
 
-def winner(rows: Sequence[Row], by: str, column: str, form: str, lower: bool = True) -> str:
-    """Which choice of `by` is best in a column, compared scan by scan, and whether the seeds agree."""
+def winner(rows: Sequence[Row], by: str, column: str, form: str, lower: bool = True) -> tuple[str, str]:
+    """Which choice of `by` is best in a column, compared scan by scan, and whether the seeds agree; and the numbers."""
     names = list(dict.fromkeys(row[by] for row in rows))
     means = {name: spread(row[column] for row in rows if row[by] == name)[0] for name in names}
     order = sorted(names, key=lambda name: means[name] if lower else -means[name])
     first = order[0]
-    parts = [f"{_plain(name)} {said((r[column] for r in rows if r[by] == name), form)}" for name in order]
+    numbers = ", ".join(f"{_plain(name)} {said((r[column] for r in rows if r[by] == name), form)}" for name in order)
     ties = [name for name in order[1:] if not _always_better(rows, by, column, first, name, lower)]
     if not ties:
-        verdict = f"{_plain(first)} wins, on every scan"
-    elif len(ties) == len(names) - 1:
-        verdict = "no clear winner"
-    else:
-        verdict = f"{_plain(first)} leads, but not surely before {' and '.join(map(_plain, ties))}"
-    return f"{verdict} ({', '.join(parts)})"
+        return _plain(first), numbers
+    if len(ties) == len(names) - 1:
+        return "no clear winner", numbers
+    return f"{_plain(first)}, not surely before {' and '.join(map(_plain, ties))}", numbers
 
 
 def _plain(choice: object) -> str:
@@ -187,72 +184,57 @@ def _always_better(rows: Sequence[Row], by: str, column: str, first: str, other:
     return bool((ahead > 0).all() and ahead.mean() > SAME * abs(np.mean(b)))
 
 
-def sampling(rows: Sequence[Row]) -> list[str]:
+def findings(tables: dict[str, list[Row]], setting: Setting) -> list[list[str]]:
+    """Every question that has a winner: question, answer, numbers."""
+    rows = [["question", "best", "numbers"], *_sampling(tables["sampling"])]
+    for dose in setting.doses:
+        ranked = winner(where(tables["priors"], dose=dose), "prior", "nmse_region", ".3f")
+        rows.append([f"prior, {_photons(dose)}: error of the region", *ranked])
+    for dose in setting.doses:
+        for column, of, form in (
+            ("nmse_region", "error of the region", ".3f"),
+            ("ssim", "SSIM", ".3f"),
+            ("cnr", "contrast to noise", ".1f"),
+        ):
+            ranked = winner(where(tables["strengths"], dose=dose), "share", column, form, lower=column == "nmse_region")
+            rows.append([f"strength of the prior against that which the data choose, {_photons(dose)}: {of}", *ranked])
+    for dose in setting.doses:
+        rows.append([f"M-MAP-3 and baselines, {_photons(dose)}: error of the region", *_rivals(tables, dose)])
+    for dose in setting.curve:
+        ranked = winner(where(tables["doses"], dose=dose, method="map"), "strength", "nmse_region", ".3f")
+        rows.append([f"strength over dose, {_photons(dose)}: error of the region", *ranked])
+    for method, name in (("backprojection", "backprojection"), ("map", "M-MAP-3")):
+        some = where(tables["motions"], method=method)
+        rows.append([f"motion, {name}: error of the region", *winner(some, "motion", "nmse_region", ".3f")])
+        rows.append([f"motion, {name}: spread in depth, mm", *winner(some, "motion", "depth_mm", ".1f")])
+    return rows
+
+
+def _rivals(tables: dict[str, list[Row]], dose: int) -> tuple[str, str]:
+    """Each rival at its best iterate; M-MAP-3 at its own stop, with the strength from the data and with the best one."""
+    rows = [{**r, "nmse_region": r["best_nmse_region"]} for r in where(tables["baselines"], dose=dose)]
+    rows += [{**m, "method": "M-MAP-3"} for m in where(tables["priors"], dose=dose, prior="lange")]
+    best = _best_share(where(tables["strengths"], dose=dose))
+    more = where(tables["strengths"], dose=dose, share=best)
+    rows += [{**m, "method": f"M-MAP-3 at {best:g} times the strength"} for m in more]
+    return winner(rows, "method", "nmse_region", ".3f")
+
+
+def _sampling(rows: Sequence[Row]) -> list[list[str]]:
     """Which interpolator and down-sampler win."""
     lines = []
     for what, by, other, fixed in (
-        ("Interpolator", "interpolation", "downsample", "sum"),
-        ("Down-sampler", "downsample", "interpolation", "linear"),
+        ("interpolator", "interpolation", "downsample", "sum"),
+        ("down-sampler", "downsample", "interpolation", "linear"),
     ):
         some = where(rows, **{other: fixed})
         for column, of, form in (
             ("nmse_region_at_finest_start", "error of the region when the finest level starts", ".3f"),
             ("nmse_region", "error of the region at the stop", ".3f"),
-            (f"cpu_s_to_{GAPS[0]:g}", f"processor seconds to within {GAPS[0]:.0%} of the best posterior", ".2f"),
+            (f"cpu_s_to_{GAPS[0]:g}", f"seconds to within {GAPS[0]:.0%} of the best posterior", ".2f"),
         ):
             late = sum(not r[f"reached_{GAPS[0]:g}"] for r in some) if column.startswith("cpu") else 0
-            note = (
-                f"; {late} of {len(some)} runs did not come so far, and count with the time they spent" if late else ""
-            )
-            lines.append(f"{what}, {of}: {winner(some, by, column, form)}{note}.")
-    return lines
-
-
-def beyond(tables: dict[str, list[Row]], setting: Setting) -> list[str]:
-    """Priors, baselines, dose, motion."""
-    lines = []
-    for dose in setting.doses:
-        some = where(tables["priors"], dose=dose)
-        lines.append(f"Priors at {_photons(dose)}, error of the region: {winner(some, 'prior', 'nmse_region', '.3f')}.")
-    for dose in setting.doses:
-        some = where(tables["strengths"], dose=dose)
-        for column, of, form, lower in (
-            ("nmse_region", "error of the region", ".3f", True),
-            ("ssim", "SSIM", ".3f", False),
-            ("cnr", "contrast to noise", ".1f", False),
-        ):
-            lines.append(
-                f"Strength against that which the data choose, {_photons(dose)}, {of}: "
-                f"{winner(some, 'share', column, form, lower)}."
-            )
-    for dose in setting.doses:
-        rivals = [{**r, "nmse_region": r["best_nmse_region"]} for r in where(tables["baselines"], dose=dose)]
-        multi = where(tables["priors"], dose=dose, prior="lange")
-        best = _best_share(where(tables["strengths"], dose=dose))
-        rows = rivals + [{**m, "method": "M-MAP-3"} for m in multi]
-        rows += [
-            {**m, "method": f"M-MAP-3 at {best:g} times the strength"}
-            for m in where(tables["strengths"], dose=dose, share=best)
-        ]
-        lines.append(
-            f"Baselines at {_photons(dose)}, error of the region, each rival at the iteration that suits it best (chosen "
-            f"with the truth at hand), M-MAP-3 at its own stop, with the strength that the data choose and with the one "
-            f"that suits it best: {winner(rows, 'method', 'nmse_region', '.3f')}."
-        )
-    for dose in setting.curve:
-        some = where(tables["doses"], dose=dose, method="map")
-        lines.append(
-            f"Strength at {_photons(dose)}, error of the region: {winner(some, 'strength', 'nmse_region', '.3f')}."
-        )
-    motions = tables["motions"]
-    for method in ("backprojection", "map"):
-        some = where(motions, method=method)
-        name = "M-MAP-3" if method == "map" else method
-        each = ", ".join(
-            f"{m} {said((r['streaks'] for r in where(some, motion=m)), '.2f')}" for m in ("circular", "linear")
-        )
-        lines.append(
-            f"Motion, {name}: error of the region: {winner(some, 'motion', 'nmse_region', '.3f')}; spread in depth, mm: "
-            f"{winner(some, 'motion', 'depth_mm', '.1f')}; how directed the error is, 1 being not at all: {each}."
-        )
+            note = f" ({late} of {len(some)} runs did not come so far, and count with what they spent)" if late else ""
+            best, numbers = winner(some, by, column, form)
+            lines.append([f"{what}, {_photons(SAMPLING_DOSE)}: {of}", best, numbers + note])
     return lines

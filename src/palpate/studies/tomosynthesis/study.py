@@ -3,13 +3,13 @@
 import io
 import re
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
-from matplotlib.figure import Figure
 from PIL import Image
 
 from palpate.atomic import output_folder, replacing
-from palpate.studies.report import Section, write_report
+from palpate.studies.report import Section, png_of, write_report
 from palpate.studies.stages import Stages
 from palpate.studies.tomosynthesis.conclusions import factors
 from palpate.studies.tomosynthesis.page import Page
@@ -18,7 +18,7 @@ from palpate.studies.tomosynthesis.setting import FULL, QUICK
 from palpate.studies.tomosynthesis.tables import make_tables, write_tables
 
 TITLE = "Multi-resolution MAP tomosynthesis, measured"
-DOCS_DPI, DOCS_COLOURS = 64, 48  # keep the pictures of the docs small
+DOCS_WIDTH, DOCS_COLOURS = 840, 48  # keep the pictures of the docs small
 
 
 def tomosynthesis_study(
@@ -45,37 +45,36 @@ def tomosynthesis_study(
     write_tables(stages.folder / "tables", tables)
     command = "palpate study tomosynthesis" + (" --quick" if quick else "")
     progress("report", 0.0)
-    sections = Page(stages.folder, command, judge, records, tables, found).sections()
-    names = _named(sections)
-    for name, figure in names.items():
-        _save(stages.folder / "figures" / name, figure, 110, None)
+    sections = [_drawn(s) for s in Page(stages.folder, command, judge, records, tables, found).sections()]
+    pictures = {_name(s, i): png_of(picture) for s in sections for i, (picture, _) in enumerate(s.pictures)}
+    for name, png in pictures.items():
+        with replacing(stages.folder / "figures" / name) as temporary:
+            temporary.write_bytes(png)
     report = stages.folder / "report.html"
     write_report(report, TITLE, command, sections)
     if docs is not None and pictured is not None:
-        for name, figure in names.items():
-            _save(pictured / name, figure, DOCS_DPI, DOCS_COLOURS)
+        for name, png in pictures.items():
+            _write_small(pictured / name, png)
         _write_page(Path(docs) / "tomosynthesis.md", command, sections)
     progress("report", 1.0)
     return report
 
 
-def _named(sections: Sequence[Section]) -> dict[str, Figure]:
-    """File names of all pictures: the section's title and a number."""
-    return {_name(s, i): figure for s in sections for i, (figure, _) in enumerate(s.pictures)}
+def _drawn(section: Section) -> Section:
+    """With each figure drawn once, for all that show it."""
+    return replace(section, pictures=[(png_of(figure), caption) for figure, caption in section.pictures])
 
 
 def _name(section: Section, i: int) -> str:
     return f"{re.sub('[^a-z]+', '-', section.title.lower())}-{i + 1}.png"
 
 
-def _save(path: Path, figure: Figure, dpi: int, colours: int | None) -> None:
-    png = io.BytesIO()
-    figure.savefig(png, format="png", dpi=dpi, bbox_inches="tight", facecolor="white")
+def _write_small(path: Path, png: bytes) -> None:
+    """Few pixels and few colours, for a repository."""
+    picture = Image.open(io.BytesIO(png)).convert("RGB")
+    picture.thumbnail((DOCS_WIDTH, 10 * DOCS_WIDTH), Image.Resampling.LANCZOS)
     with replacing(path) as temporary:
-        if colours is None:
-            temporary.write_bytes(png.getvalue())
-        else:
-            Image.open(png).convert("RGB").quantize(colours).save(temporary, format="PNG", optimize=True)
+        picture.quantize(DOCS_COLOURS).save(temporary, format="PNG", optimize=True)
 
 
 def _write_page(path: Path, command: str, sections: Sequence[Section]) -> None:
