@@ -39,12 +39,12 @@ th { color: var(--soft); font-weight: 600; }
 
 @dataclass(frozen=True)
 class Section:
-    """A heading, paragraphs, a table whose first row is its head, and pictures with their captions."""
+    """A heading, paragraphs, a table whose first row is its head, and pictures (figures or PNG) with their captions."""
 
     title: str
     text: Sequence[str] = ()
     table: Sequence[Sequence[object]] = ()
-    pictures: Sequence[tuple[Figure, str]] = ()
+    pictures: Sequence[tuple[Figure | bytes, str]] = ()
 
 
 def write_report(path: str | Path, title: str, command: str, sections: Sequence[Section]) -> None:
@@ -81,10 +81,17 @@ def _table(rows: Sequence[Sequence[object]]) -> str:
     return f"<div class=scroll><table>{line(rows[0], 'th')}{''.join(line(row, 'td') for row in rows[1:])}</table></div>"
 
 
-def _figure(figure: Figure, caption: str) -> str:
+def png_of(figure: Figure | bytes) -> bytes:
+    """As the report shows it."""
+    if isinstance(figure, bytes):
+        return figure
     png = io.BytesIO()
     figure.savefig(png, format="png", dpi=110, bbox_inches="tight")
-    data = base64.b64encode(png.getvalue()).decode()
+    return png.getvalue()
+
+
+def _figure(figure: Figure | bytes, caption: str) -> str:
+    data = base64.b64encode(png_of(figure)).decode()
     return (
         f"<figure><img alt='{html.escape(caption, quote=True)}' src='data:image/png;base64,{data}'>"
         f"<figcaption>{html.escape(caption)}</figcaption></figure>"

@@ -1,0 +1,171 @@
+"""The records of the runs as tables: one row a run, one file a table."""
+
+import csv
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate.atomic import replacing
+from palpate.reconstruction.multires import pyramid
+from palpate.scans.scan import Scan
+from palpate.studies.tomosynthesis.experiments import FAR, GAPS, Record
+from palpate.studies.tomosynthesis.setting import Setting
+from palpate.studies.tomosynthesis.traces import columns
+
+Row = dict[str, Any]
+QUALITIES = ("nmse", "nmse_region", "ssim", "cnr", "depth_mm")
+ABOUT = (
+    "dose",
+    "seed",
+    "motion",
+    "method",
+    "optimiser",
+    "start",
+    "downsample",
+    "interpolation",
+    "prior",
+    "strength",
+    "share",
+)
+
+
+def best_posterior(records: Sequence[Record]) -> dict[tuple[int, int], float]:
+    """By dose and seed the lowest negative log-posterior that any run found."""
+    best: dict[tuple[int, int], float] = {}
+    for r in records:
+        if r["experiment"] in ("convergence", "sampling"):
+            key = r["dose"], r["seed"]
+            best[key] = min(best.get(key, np.inf), *r["trace"]["posterior"])
+    return best
+
+
+def gaps(record: Record, best: float) -> np.ndarray:
+    """(iterates,) how far above the best its negative log-posterior is, as a share of the best."""
+    return (np.asarray(record["trace"]["posterior"]) - best) / best
+
+
+def seconds_to(record: Record, best: float, gap: float) -> tuple[float, bool]:
+    """As `seconds_below`, for a posterior so much above the best."""
+    return seconds_below(record, best * (1 + gap))
+
+
+def seconds_below(record: Record, posterior: float) -> tuple[float, bool]:
+    """Processor seconds until the finest level's negative log-posterior is as low, or those spent in vain, and whether."""
+    t = columns(record["trace"])
+    there = np.flatnonzero((t["posterior"] <= posterior) & (t["level"] == 0))
+    return (float(t["cpu"][there[0]]), True) if there.size else (float(t["cpu"][-1]), False)
+
+
+def error_at(record: Record, seconds: float) -> float:
+    """Region NMSE of the last iterate that was there after so many processor seconds; of the start before any."""
+    t = columns(record["trace"])
+    done = np.flatnonzero(t["cpu"] <= seconds)
+    return float(t["nmse_region"][done[-1]]) if done.size else float(record["starts"][record["start"]]["nmse_region"])
+
+
+def make_tables(records: Sequence[Record], setting: Setting) -> dict[str, list[Row]]:
+    """By name, each a list of rows."""
+    best = best_posterior(records)
+    tables = {"convergence": [_converged(r, best) for r in records if r["experiment"] == "convergence"]}
+    tables["sampling"] = [_converged(r, best) for r in records if r["experiment"] == "sampling"]
+    tables["levels"] = levels(setting, tables["convergence"])
+    for name in ("priors", "strengths", "baselines", "doses", "motions"):
+        tables[name] = [_judged(r) for r in records if r["experiment"] == name]
+    return tables
+
+
+def _about(record: Record) -> Row:
+    return {name: record[name] for name in ABOUT if name in record}
+
+
+def _judged(record: Record) -> Row:
+    """Quality at the stopping rule (or the last iterate), and the best region NMSE of all iterates: an oracle's stop."""
+    t = columns(record["trace"])
+    row: Row = (
+        _about(record) | record["quality"] | {"cpu_s": t["cpu"][record["stop"]], "iterations": record["stop"] + 1}
+    )
+    least = int(np.argmin(t["nmse_region"]))
+    row |= {"best_nmse_region": t["nmse_region"][least], "best_iteration": least + 1}
+    return row
+
+
+def _converged(record: Record, best: dict[tuple[int, int], float]) -> Row:
+    star, t, stop = best[record["dose"], record["seed"]], columns(record["trace"]), record["stop"]
+    row = _judged(record)
+    coarse = np.flatnonzero(t["level"] > 0)
+    if coarse.size:
+        row["nmse_region_at_finest_start"] = t["nmse_region"][coarse[-1]]
+    row["gap_at_stop"] = float(gaps(record, star)[stop])
+    for gap in (*GAPS, FAR):
+        row[f"cpu_s_to_{gap:g}"], row[f"reached_{gap:g}"] = seconds_to(record, star, gap)
+    for level in range(3):
+        row[f"iterations_level_{level}"] = int(np.count_nonzero(t["level"][: stop + 1] == level))
+    return row
+
+
+def levels(setting: Setting, convergence: Sequence[Row]) -> list[Row]:
+    """The dissertation's table: resolution of volume and projections, and iterations, of each algorithm and level."""
+    views = setting.views("circular")
+    blank = Scan(np.ones(views.shape, np.float32), 1.0, views)
+    rows = []
+    every = pyramid(blank, setting.grid, 3)
+    for method, count in (("F-MAP", 1), ("M-MAP-2", 2), ("M-MAP-3", 3)):
+        for optimiser in ("descent", "momentum"):
+            for level in reversed(range(count)):
+                scan, grid = every[level]
+                some = [r for r in convergence if r["method"] == method and r["optimiser"] == optimiser]
+                if not some:
+                    continue
+                row: Row = {"method": method, "optimiser": optimiser, "level": level}
+                row["voxels"] = " x ".join(map(str, grid.shape))
+                row["voxel_mm"] = " x ".join(f"{d:g}" for d in grid.spacing)
+                row["pixels"] = " x ".join(map(str, scan.shape[1:]))
+                row["pixel_mm"] = f"{scan.views.panels[0].pitch[0]:g}"
+                for dose in setting.doses:
+                    mine = [r[f"iterations_level_{level}"] for r in some if r["dose"] == dose]
+                    row[f"iterations_{dose}"] = float(np.mean(mine))
+                rows.append(row)
+    return rows
+
+
+def write_tables(folder: Path, tables: dict[str, list[Row]]) -> None:
+    """One CSV file a table. Raises `FileError`."""
+    for name, rows in tables.items():
+        heads = list(dict.fromkeys(head for row in rows for head in row))
+        with replacing(folder / f"{name}.csv") as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, heads)
+            writer.writeheader()
+            writer.writerows(rows)
+
+
+def where(rows: Iterable[Row], **wanted: object) -> list[Row]:
+    """The rows that have these values."""
+    return [row for row in rows if all(row.get(name) == value for name, value in wanted.items())]
+
+
+def spread(values: Iterable[float]) -> tuple[float, float]:
+    """Mean and standard deviation over the seeds (0 for a single one)."""
+    x = np.array(list(values), np.float64)
+    return float(x.mean()), float(x.std(ddof=1)) if len(x) > 1 else 0.0
+
+
+def said(values: Iterable[float], form: str = ".3f") -> str:
+    """Mean ± standard deviation as words."""
+    x = list(values)
+    mean, deviation = spread(x)
+    return f"{mean:{form}} ± {deviation:{form}}" if len(x) > 1 else f"{mean:{form}}"
+
+
+def summary(rows: Sequence[Row], by: Sequence[str], of: Sequence[tuple[str, str, str]]) -> list[list[str]]:
+    """A table for the reader, a row a group of `by`; of: (column, heading, format), each as mean ± deviation."""
+    groups: dict[tuple[object, ...], list[Row]] = {}
+    for row in rows:
+        groups.setdefault(tuple(row[name] for name in by), []).append(row)
+    head = [*(b.replace("dose", "photons") for b in by), *(heading for _, heading, _ in of)]
+    body = [
+        [*(f"{v:,}" if isinstance(v, int) else str(v) for v in key), *(said((r[c] for r in some), f) for c, _, f in of)]
+        for key, some in groups.items()
+    ]
+    return [head, *body]
