@@ -9,7 +9,7 @@ class Footprints {
     const Geometry& geometry;
     struct Sub {
         AxisWeights x, y; // y unused on a turned panel
-        Rows rows;        // used on a turned panel only
+        Edges edges;      // used on a turned panel only
     };
     std::vector<std::vector<Sub>> views; // per view, per product
 
@@ -25,7 +25,7 @@ public:
                 Sub& sub = views[k][s];
                 by_voxel(geometry, v, z, s, Axis::x, sub.x);
                 if (v.pose == Pose::turned)
-                    rows(geometry, v, z, s, sub.rows);
+                    sub.edges = edges(geometry, v, z, s);
                 else
                     by_voxel(geometry, v, z, s, Axis::y, sub.y);
             }
@@ -43,7 +43,7 @@ public:
                 const int a = sub.x.first[x] + i;
                 if (wx == 0) continue;
                 if (v.pose == Pose::turned)
-                    along_column(v, sub.rows, y, a, wx, visit);
+                    along_column(v, sub.edges, y, a, wx, visit);
                 else
                     for (int j = 0; j < sub.y.taps; j++) {
                         const float w = wx * sub.y.weight[size_t(j) * sub.y.n + y];
@@ -54,12 +54,10 @@ public:
 
 private:
     template <class Visit>
-    static void along_column(const View& v, const Rows& rows, int y, int a, float wx, Visit& visit) {
-        const double l1 = rows.slope1[a] * y + rows.offset1[a], l2 = rows.slope2[a] * y + rows.offset2[a];
-        const double r1 = rows.slope1[a] * (y + 1) + rows.offset1[a], r2 = rows.slope2[a] * (y + 1) + rows.offset2[a];
-        const int last = std::min(v.nb - 1, int(std::floor(std::max(r1, r2) + 0.5)));
-        for (int b = std::max(0, int(std::floor(std::min(l1, l2) + 0.5))); b <= last; b++) {
-            const float w = wx * float(covered(r1, r2, b - 0.5) - covered(l1, l2, b - 0.5));
+    static void along_column(const View& v, const Edges& edges, int y, int a, float wx, Visit& visit) {
+        const double low = std::max(edges.at(y, a), 0.0), high = std::min(edges.at(y + 1, a), double(v.nb));
+        for (int b = int(low); b < high; b++) {
+            const float w = wx * float(std::min(high, b + 1.0) - std::max(low, double(b)));
             if (w != 0) reach(v, b, a, w, visit);
         }
     }

@@ -116,15 +116,15 @@ void SliceView::make(const Geometry& geometry, const View& chosen, int z) {
     const Axis x = chosen.swapped ? Axis::y : Axis::x, y = chosen.swapped ? Axis::x : Axis::y;
     along_x.make(geometry, chosen, z, x, 2, layout.columns);
     if (chosen.pose == Pose::turned) {
-        edges.resize(chosen.subs);
-        for (int s = 0; s < chosen.subs; s++) rows(geometry, chosen, z, s, edges[s]);
+        along_columns.clear();
+        for (int s = 0; s < products(chosen); s++) along_columns.push_back(edges(geometry, chosen, z, s));
     } else {
         along_y.make(geometry, chosen, z, y, 1, 0);
     }
 }
 
 int SliceView::rows_apart() const {
-    if (view->pose == Pose::turned) return turned_rows_apart(edges, ny, view->na);
+    if (view->pose == Pose::turned) return turned_rows_apart(along_columns, ny, view->na);
     return along_y.apart(1);
 }
 
@@ -138,7 +138,7 @@ void SliceView::gather(const Strip& strip, const float* slope, const float* curv
     sums.rows.resize(std::max(sums.rows.size(), size_t(size) * lanes * chunk));
     if (view->pose == Pose::turned)
         for (int i = 0; i < strip.rows; i++)
-            sums.turned[i].make(edges, strip.y[i], view->nb, view->na, sums.begin, sums.end);
+            sums.turned[i].make(along_columns, strip.y[i], view->nb, view->na, sums.begin, sums.end);
     float* rows = sums.rows.data();
     for (int a = sums.begin; a < sums.end; a += chunk) {
         const int n = std::min(chunk, sums.end - a);

@@ -39,7 +39,7 @@ private:
     int64_t stride = 0;
     int ny = 0;
     AxisTerms along_x, along_y; // x, y of the volume; along_y is unused on turned panels
-    std::vector<Rows> edges;    // turned panels: per sub-slice
+    std::vector<Edges> along_columns; // turned panels: per term
 };
 
 } // namespace palpate

@@ -89,7 +89,7 @@ void cut(const Geometry& g, View& v) {
     const View bare =
         v; // without the resampling, which the weights do not read; rows as on a turned panel's first column
     v.resampling = std::move(kept);
-    const int moments = v.pose == Pose::turned ? 1 : most_moments;
+    const int moments = most_moments;
     const int slices[3] = {0, g.grid.nz / 2, g.grid.nz - 1};
     std::vector<Cut> reference;
     for (int z : slices) reference.emplace_back(g, bare, z, most, most_moments);

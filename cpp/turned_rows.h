@@ -3,15 +3,15 @@
 
 namespace palpate {
 
-// One row of voxels on a panel turned about y, where the weights along y differ by column: columns begin .. end - 1.
+// One row of voxels on a panel turned about y, where the weights along y differ by column: columns begin .. end - 1,
+// in vectors of eight that take the same rows of the image.
 struct TurnedRow {
     int begin = 0, end = 0, taps = 0;
-    std::vector<int32_t> low, high; // first and last row of the image under it, per column
-    std::vector<float> weight;      // along y, (terms, taps, columns), tap 0 in row low
-    std::vector<double> per_move;   // scratch
+    std::vector<int32_t> low, count; // first row of the image under a vector, and how many
+    std::vector<float> weight;       // along y, (vectors, taps, terms, 8)
 
     // na: columns of the image; there is nothing in those beyond.
-    void make(const std::vector<Rows>& edges, int y, int nb, int na, int begin, int end);
+    void make(const std::vector<Edges>& edges, int y, int nb, int na, int begin, int end);
 };
 
 // What SliceView does with a row of voxels: sums over the image's rows in columns `from` .. from + n - 1, and back.
@@ -21,6 +21,6 @@ void turned_expand(const TurnedRow& row, const float* change, int64_t pitch, con
                    int terms, int from, int n, float* slope);
 
 // Rows of voxels this far apart share no pixel, nor does the work on one touch the other's.
-int turned_rows_apart(const std::vector<Rows>& edges, int ny, int na);
+int turned_rows_apart(const std::vector<Edges>& edges, int ny, int na);
 
 } // namespace palpate

@@ -5,25 +5,34 @@
 
 namespace palpate {
 
-// weight[i] = moment of the part of pixel first[i] + tap between edges i and i + 1, which move from `from` to `to`.
-template <int moment>
+// weight[i] = sum of share[m] times moment m of the part of pixel first[i] + tap between edges i and i + 1, which move
+// from `from` to `to`.
+template <int moments>
 PALPATE_INLINE void trapezoids_by(const double* __restrict from, const double* __restrict to, int begin, int end,
-                                  int tap, const int32_t* __restrict first, float* __restrict weight) {
+                                  int tap, const double* __restrict share, const int32_t* __restrict first,
+                                  float* __restrict weight) {
     for (int i = begin; i < end; i++) {
         const double q = first[i] + tap;
-        double left[moment + 1], right[moment + 1];
-        cover(from[i] - q, to[i] - q, moment + 1, left);
-        cover(from[i + 1] - q, to[i + 1] - q, moment + 1, right);
-        const double w = right[moment] - left[moment];
+        double left[moments], right[moments], w = 0;
+        cover(from[i] - q, to[i] - q, moments, left);
+        cover(from[i + 1] - q, to[i + 1] - q, moments, right);
+        for (int m = 0; m < moments; m++) w += share[m] * (right[m] - left[m]);
         weight[i] = std::fabs(w) > 1e-7 ? float(w) : 0.0f; // rounding must not tie a voxel to pixels it does not reach
     }
 }
 
-PALPATE_KERNEL void trapezoids(const double* from, const double* to, int begin, int end, int tap, int moment,
-                               const int32_t* first, float* weight) {
-    if (moment == 0) return trapezoids_by<0>(from, to, begin, end, tap, first, weight);
-    if (moment == 1) return trapezoids_by<1>(from, to, begin, end, tap, first, weight);
-    trapezoids_by<2>(from, to, begin, end, tap, first, weight);
+PALPATE_KERNEL void trapezoids(const double* from, const double* to, int begin, int end, int tap, int moments,
+                               const double* share, const int32_t* first, float* weight) {
+    if (moments == 1) return trapezoids_by<1>(from, to, begin, end, tap, share, first, weight);
+    if (moments == 2) return trapezoids_by<2>(from, to, begin, end, tap, share, first, weight);
+    trapezoids_by<3>(from, to, begin, end, tap, share, first, weight);
+}
+
+Node gauss(int count, int index) {
+    const double side = count == 1 ? 0 : count == 2 ? std::sqrt(1.0 / 3) : std::sqrt(0.6);
+    const double u = count == 2 ? (index ? side : -side) : (index - (count - 1) / 2) * side; // on [-1, 1]
+    const double weight = count == 1 ? 1 : count == 2 ? 0.5 : index == 1 ? 8.0 / 18 : 5.0 / 18;
+    return {0.5 + 0.5 * u, {weight, weight * std::sqrt(3.0) * u, weight * std::sqrt(5.0) * (1.5 * u * u - 0.5)}};
 }
 
 Shadow shadow(const Geometry& geometry, const View& view, int z, int sub, Axis axis) {
@@ -45,6 +54,8 @@ void by_voxel(const Geometry& geometry, const View& view, int z, int product, Ax
     const Grid grid = geometry.seen_by(view);
     const bool x = axis == Axis::x;
     const int sub = product / view.moments, moment = product % view.moments;
+    const bool turned = view.pose == Pose::turned;
+    const Node node = turned ? gauss(view.moments, moment) : Node{};
     const int n = x ? grid.nx : grid.ny, count = x ? view.na : view.nb;
     const double spacing = x ? grid.dx : grid.dy, edge = (x ? grid.x0 : grid.y0) - 0.5 * spacing;
     // The ray from the focal spot s through (x, z) meets the line of pixel centres p0 + a * pitch * (run, rise) where
@@ -55,7 +66,8 @@ void by_voxel(const Geometry& geometry, const View& view, int z, int product, Ax
                               size_t(n + 1)); // where they land at the two faces, counted so that pixel a is [a, a + 1]
     double *from = edges.data(), *to = from + n + 1;
     for (int face = 0; face < 2; face++) {
-        const double dz = grid.z0 + (z - 0.5 + double(sub + face) / view.subs) * grid.dz - view.source[2];
+        const double at = sub + (turned && !x ? node.at : face); // in sub-slices
+        const double dz = grid.z0 + (z - 0.5 + at / view.subs) * grid.dz - view.source[2];
         for (int i = 0; i <= n; i++) {
             const double dx = edge + i * spacing - s;
             edges[face * size_t(n + 1) + i] = ((s - p0) * dz - up * dx) / ((run * dz - rise * dx) * pitch) + 0.5;
@@ -75,10 +87,17 @@ void by_voxel(const Geometry& geometry, const View& view, int z, int product, Ax
     }
     out.taps = taps;
     out.weight.assign(size_t(taps) * n, 0);
+    double share[most_moments] = {};
+    int moments = moment + 1;
+    share[moment] = 1;
+    if (turned) {
+        moments = x ? view.moments : 1;
+        for (int m = 0; m < moments; m++) share[m] = x ? node.share[m] : 1;
+    }
     // No tap leaves the panel: those before the shadow weigh nothing.
     for (int i = 0; i < n; i++) out.first[i] = std::min(out.first[i], count - taps);
     for (int t = 0; t < taps; t++)
-        trapezoids(from, to, begin, end, t, moment, out.first.data(), &out.weight[size_t(t) * n]);
+        trapezoids(from, to, begin, end, t, moments, share, out.first.data(), &out.weight[size_t(t) * n]);
 }
 
 void by_pixel(const AxisWeights& voxels, int count, AxisWeights& out) {
@@ -107,27 +126,14 @@ void by_pixel(const AxisWeights& voxels, int count, AxisWeights& out) {
         }
 }
 
-void rows(const Geometry& geometry, const View& view, int z, int sub, Rows& out) {
+Edges edges(const Geometry& geometry, const View& view, int z, int product) {
     const Grid grid = geometry.seen_by(view);
-    const double thickness = grid.dz / view.subs;
-    const double z1 = grid.z0 + (z - 0.5) * grid.dz + sub * thickness, z2 = z1 + thickness;
+    const double at = product / view.moments + gauss(view.moments, product % view.moments).at;
+    const double down = view.source[2] - (grid.z0 + (z - 0.5 + at / view.subs) * grid.dz);
     const double s = view.source[1], edge = grid.y0 - 0.5 * grid.dy;
-    for (auto* values : {&out.slope1, &out.offset1, &out.slope2, &out.offset2}) values->resize(view.na);
-    double width = 0, narrow = 1e300, move = 0;
-    for (int a = 0; a < view.na; a++) {
-        const double up = view.source[2] - view.height - a * view.pa * view.rise;
-        const double m1 = up / (view.source[2] - z1), m2 = up / (view.source[2] - z2);
-        out.slope1[a] = grid.dy * m1 / view.pb;
-        out.slope2[a] = grid.dy * m2 / view.pb;
-        out.offset1[a] = (s + (edge - s) * m1 - view.low) / view.pb;
-        out.offset2[a] = (s + (edge - s) * m2 - view.low) / view.pb;
-        width = std::max({width, out.slope1[a], out.slope2[a]});
-        narrow = std::min({narrow, out.slope1[a], out.slope2[a]});
-        for (int y : {0, grid.ny})
-            move = std::max(move, std::fabs((out.slope2[a] - out.slope1[a]) * y + out.offset2[a] - out.offset1[a]));
-    }
-    out.taps = int(std::ceil(width + move)) + 1;
-    out.voxels = int(std::ceil((1 + move) / narrow)) + 1;
+    const double m = (view.source[2] - view.height) / down, step = -view.pa * view.rise / down; // the magnification
+    return {grid.dy * m / view.pb, (s + (edge - s) * m - view.low) / view.pb + 0.5, grid.dy * step / view.pb,
+            (edge - s) * step / view.pb};
 }
 
 } // namespace palpate

@@ -6,19 +6,6 @@
 
 namespace palpate {
 
-// Antiderivative of t -> clamp(t, 0, 1).
-PALPATE_INLINE double rise(double t) {
-    const double c = std::min(std::max(t, 0.0), 1.0);
-    return 0.5 * c * c + std::max(t - 1, 0.0);
-}
-
-// Mean over p from p1 to p2 of clamp(p - q, 0, 1): the part of the pixel [q, q + 1] left of an edge that moves from p1
-// to p2 while the ray crosses the sub-slice.
-PALPATE_INLINE double covered(double p1, double p2, double q) {
-    const double move = p2 - p1, still = std::min(std::max(0.5 * (p1 + p2) - q, 0.0), 1.0);
-    return std::fabs(move) < 1e-6 ? still : (rise(p2 - q) - rise(p1 - q)) / move;
-}
-
 constexpr int most_moments = 3;
 
 // The part left of a voxel's edge of the pixel [0, 1], while the edge moves from p1 to p2 evenly over the sub-slice's
@@ -37,6 +24,13 @@ template <class Real> PALPATE_INLINE void cover(Real p1, Real p2, int moments, R
     }
 }
 
+// One of `count` Gauss points of a sub-slice's thickness: where it lies in [0, 1], and its Lagrange polynomial in the
+// Legendre polynomials of cover().
+struct Node {
+    double at, share[most_moments];
+};
+Node gauss(int count, int index);
+
 // Where the edges of the voxels of a sub-slice land along one axis of a parallel image: edge i at offset + slope * i,
 // counted so that pixel a is [a, a + 1], when the ray is at the lower [0] and the upper [1] face.
 struct Shadow {
@@ -50,8 +44,11 @@ Shadow shadow(const Geometry& geometry, const View& view, int z, int sub, Axis a
 // times path(pixel). Moment 0 is the part of each pixel's width under the shadow of each voxel, averaged over the
 // thickness (a trapezoid). Its product is exact if the shadow moves along one axis only; where it moves along both, the
 // moves go together, and the higher moments (of either sign) make up for that: the mean over the thickness of a product
-// is the sum of the products of Legendre moments. On a turned panel the weights along y differ by column (see Rows) and
-// there is moment 0 alone. x and y are those that the view sees (View::swapped).
+// is the sum of the products of Legendre moments. On a turned panel the weights along y differ by column (see Edges) and
+// must be cheap: there a product belongs to a Gauss point of the thickness. Along y it takes the weights that hold while
+// the ray is there; along x their mean over the thickness, times the point's Lagrange polynomial: the mean of a product
+// in which the factor along y is replaced by a polynomial through its values at the points. x and y are those that the
+// view sees (View::swapped).
 //
 // weight[t * n + i] belongs to the pair (i, first[i] + t); entries beyond the other axis are 0. Both directions hold
 // the same numbers, so what uses one is the exact transpose of what uses the other.
@@ -64,20 +61,21 @@ struct AxisWeights {
 // Products of 1-D weights a slice.
 inline int products(const View& view) { return view.subs * view.moments; }
 
-// Per voxel along `axis`: the pixels that its shadow touches. product: sub-slice * moments + moment.
+// Per voxel along `axis`: the pixels that its shadow touches. product: sub-slice * moments + moment. Along y of a turned
+// panel: those of column 0.
 void by_voxel(const Geometry& geometry, const View& view, int z, int product, Axis axis, AxisWeights& out);
 
 // The same numbers per pixel: `count` is the number of pixels along the axis.
 void by_pixel(const AxisWeights& voxels, int count, AxisWeights& out);
 
-// Along y on a turned panel: the edge below voxel y lands on row at1.slope * y + at1.offset of column a when the ray is
-// at the bottom of the sub-slice, and likewise at2 at its top; the weight of pixel (b, a) in voxel y is covered(edge y
-// + 1) - covered(edge y) at q = b - 0.5.
-struct Rows {
-    std::vector<double> slope1, offset1, slope2, offset2; // per column
-    int taps = 0;                                         // most pixels under one voxel
-    int voxels = 0;                                       // most voxels over one pixel
+// Along y on a turned panel: when the ray is at the product's Gauss point, the edge below voxel y lands on row
+// at(y, a) of column a, counted so that pixel b is [b, b + 1]; the voxel's weight there is the part of the pixel between
+// two edges.
+struct Edges {
+    double slope, offset;           // in column 0
+    double slope_step, offset_step; // from column to column
+    double at(double y, double a) const { return (slope + a * slope_step) * y + offset + a * offset_step; }
 };
-void rows(const Geometry& geometry, const View& view, int z, int sub, Rows& out);
+Edges edges(const Geometry& geometry, const View& view, int z, int product);
 
 } // namespace palpate

@@ -1,0 +1,55 @@
+#pragma once
+#include "passes.h"
+
+namespace palpate {
+
+// The weights along x of one sub-slice for all its Gauss points, in the direction of the result, in blocks of `run`
+// elements: weight[((block * points + point) * taps + t) * run + i] belongs to element first[block * run + i] + t of
+// the source; first never falls.
+struct Table {
+    int taps = 1;
+    std::vector<int32_t> first;
+    std::vector<bool> reached; // per block: whether it has any weight
+    Buffer weight;
+    const float* block(int i, int points) const { return &weight[size_t(i) * points * taps * run]; }
+};
+void over_columns(const Geometry& geometry, const View& view, int slab, Table& out); // slab: slice * subs + sub-slice
+void under_columns(const Geometry& geometry, const View& view, int slab, Table& out);
+
+// Eight neighbouring columns from `a` on, of which those beyond `last` stand for the last.
+struct Columns {
+    double a, behind;
+    Lanes ramp;
+    Columns(int a, int last) : a(a), behind(std::min(lanes - 1, last - a)) {
+        for (int i = 0; i < lanes; i++) ramp[i] = float(std::min(i, last - a));
+    }
+};
+
+// The most voxels over one of the pixels b0 to b1 of those columns, and the most pixels under one voxel.
+int voxels_over(const Edges& edges, const Columns& columns, int b0, int b1);
+int pixels_under(const Edges& edges, int ny, int na);
+
+// The voxels over each of some pixels of eight columns: from first on, the same for all columns.
+struct Places {
+    int32_t first[most_moments][run];
+    float start[most_moments][run], step[most_moments][run]; // where the upper edge of voxel `first` lands, and its
+                                                             // change from column to column, counted from the pixel
+};
+// first lies from low to high.
+void place_voxels(const Edges& edges, const Columns& columns, int b0, int count, int low, int high, int point,
+                  Places& out);
+
+// sum[row] += sum over points and taps of weight * rows[point][first[row] - begin + tap], rows `width` long.
+void add_voxels(const float* rows, int64_t point_size, const Places& places, const Edges* edges, const Columns& columns,
+                int points, int taps, int begin, int count, float* sum);
+
+// out[column] = sum of weight * image over the pixels under voxel y, for columns from `begin` to `end`, whole vectors.
+// image: pixel (0, 0), with `taps` rows of 0 above it and below row nb.
+void add_pixels(const Edges& edges, int y, int taps, int nb, int na, const float* image, int64_t stride, int begin,
+                int end, float* out);
+
+// out[row][0..8] = sum over points and taps of weight * source[point][row][first + tap]; rows of out `run` long.
+void resample_points(const float* source, int64_t stride, int64_t point_size, int rows, const int32_t* first,
+                     int columns, int points, const float* weight, int taps, float* out);
+
+} // namespace palpate
