@@ -180,14 +180,14 @@ PALPATE_INLINE void add_pixels_by(const Edges& e, int y, int any, int nb, int na
                                   int begin, int end, float* out) {
     const int taps = fixed ? fixed : any;
     const Lanes zero = {};
-    const double slope = e.slope_step * y + e.offset_step;
-    const float step = float(slope), wide = float(e.slope_step);
+    const double step = e.slope_step * y + e.offset_step, next_step = step + e.slope_step;
     for (int a = begin; a < end; a += lanes) {
         const Columns c(a, na - 1);
-        const double low = e.at(y, a), least = std::floor(std::min(low, low + slope * c.behind));
+        const double low = e.at(y, a), least = std::floor(std::min(low, low + step * c.behind));
         const double from = std::min(std::max(least, -double(taps)), double(nb));
-        Lanes left = float(low - from) + c.ramp * step, sum = {};
-        Lanes right = left + (float(e.slope + a * e.slope_step) + c.ramp * wide);
+        const Lanes left = float(low - from) + c.ramp * float(step);
+        const Lanes right = float(e.at(y + 1, a) - from) + c.ramp * float(next_step);
+        Lanes sum = {};
         const float* x = image + int64_t(from) * stride + a;
 #pragma GCC unroll 4
         for (int t = 0; t < taps; t++) {

@@ -25,7 +25,7 @@ PALPATE_KERNEL void weigh_columns(const Edges& e, int y, const Vector& v, int lo
                                   float* weight) {
     const Lanes zero = {};
     const Lanes left = float(e.at(y, v.a) - low) + v.ramp * float(e.slope_step * y + e.offset_step);
-    const Lanes right = left + (float(e.slope + v.a * e.slope_step) + v.ramp * float(e.slope_step));
+    const Lanes right = float(e.at(y + 1, v.a) - low) + v.ramp * float(e.slope_step * (y + 1) + e.offset_step);
     for (int t = 0; t < taps; t++, weight += step) {
         const Lanes end = zero + float(t + 1), begin = zero + float(t);
         const Lanes part = (right < end ? right : end) - (left > begin ? left : begin);
