@@ -38,7 +38,7 @@ private:
     const View* view = nullptr;
     int64_t stride = 0;
     int ny = 0;
-    AxisTerms along_x, along_y; // x, y of the volume; along_y is unused on turned panels
+    AxisTerms along_x, along_y;       // x, y of the volume; along_y is unused on turned panels
     std::vector<Edges> along_columns; // turned panels: per term
 };
 

@@ -66,7 +66,7 @@ public:
     void task(int b0, int a0, float* image, Scratch& s) const {
         std::fill(s.sum.begin(), s.sum.end(), 0.0f);
         for (int slab = 0; slab < int(x.size()); slab++) {
-            if (!x[slab].reached[a0 / run]) continue;
+            if (x[slab].taps_of(a0) == 0) continue;
             for (int k = 0; k < wide * high; k++) {
                 const Tile t = tile(b0, a0, k);
                 if (t.b0 < t.b1 && t.a0 < t.a1) add(slab, t, s, &s.sum[k * height * width]);
@@ -90,7 +90,7 @@ private:
         const int next = slab + v.subs;
         if (next >= int(x.size())) return;
         const float* slice = f + next / v.subs * grid.slice();
-        const int begin = x[next].first[t.a0], end = x[next].first[t.a1 - 1] + x[next].taps;
+        const int begin = x[next].first[t.a0], end = x[next].first[t.a1 - 1] + x[next].taps_of(t.a0);
         for (int64_t row = low; row < high; row++)
             for (int column = begin; column < end + line - 1; column += line)
                 __builtin_prefetch(slice + row * grid.nx + column, 0, 2);
@@ -117,8 +117,7 @@ private:
         Places places;
         for (int a = t.a0; a < t.a1; a += lanes) {
             const Columns columns(a, v.na - 1);
-            for (int m = 0; m < points; m++)
-                place_voxels(e[m], columns, t.b0, t.b1 - t.b0, begin, high, m, places);
+            for (int m = 0; m < points; m++) place_voxels(e[m], columns, t.b0, t.b1 - t.b0, begin, high, m, places);
             add_voxels(&s.rows[a - t.a0], point_size, places, e, columns, points, taps, begin, t.b1 - t.b0,
                        sum + a - t.a0);
         }
@@ -128,16 +127,15 @@ private:
     void resample(int slab, const Tile& t, int low, int high, int64_t point_size, float* out) const {
         const Table& table = x[slab];
         const float* from = f + slab / v.subs * grid.slice() + int64_t(low) * grid.nx;
+        const int taps = table.taps_of(t.a0);
         for (int a = t.a0; a < t.a1; a += lanes) {
             const int32_t* first = &table.first[a];
-            const float* weight = table.block(a / run, v.moments) + a % run;
-            const Reach reach(first, table.taps, grid.nx);
+            const float* weight = table.of(a, v.moments);
+            const Reach reach(first, taps, grid.nx);
             if (reach.vectors == Reach::each)
-                gather_rows(from, grid.nx, high - low, first, v.moments, weight, table.taps, point_size,
-                            out + a - t.a0);
+                gather_rows(from, grid.nx, high - low, first, v.moments, weight, taps, point_size, out + a - t.a0);
             else
-                resample_rows(from, grid.nx, high - low, reach, v.moments, weight, table.taps, point_size,
-                              out + a - t.a0);
+                resample_rows(from, grid.nx, high - low, reach, v.moments, weight, taps, point_size, out + a - t.a0);
         }
     }
 };
@@ -177,9 +175,14 @@ public:
 private:
     void add(int slab, int x0, int x1, int y0, int y1, float* slice, Scratch& s) const {
         const Table& table = x[slab];
-        if (!table.reached[x0 / run] && !table.reached[(x1 - 1) / run]) return;
-        const int a0 = table.first[x0] / lanes * lanes, last = table.first[x1 - 1] + table.taps;
-        const int a1 = int(std::min<int64_t>(stride, (last + 2 * lanes) / lanes * lanes));
+        int low = v.na, end = 0;
+        for (int begin = x0; begin < x1; begin += run) {
+            if (table.taps_of(begin) == 0) continue;
+            low = std::min(low, table.first[begin]);
+            end = std::max(end, table.first[std::min(x1, begin + run) - 1] + table.taps_of(begin));
+        }
+        if (low >= end) return;
+        const int a0 = low / lanes * lanes, a1 = int(std::min<int64_t>(stride, (end + 2 * lanes) / lanes * lanes));
         const int64_t pitch = a1 - a0, point_size = band * pitch;
         for (int m = 0; m < v.moments; m++) {
             const Edges& e = y[slab * v.moments + m];
@@ -188,12 +191,13 @@ private:
                            &s.columns[m * point_size + (row - y0) * pitch]);
         }
         for (int begin = x0; begin < x1; begin += run) {
-            const int n = std::min(run, x1 - begin);
+            const int n = std::min(run, x1 - begin), own = table.taps_of(begin);
+            if (own == 0) continue;
             for (int i = 0; i < n; i += lanes) {
                 int32_t first[lanes];
                 for (int j = 0; j < lanes; j++) first[j] = table.first[begin + i + j] - a0;
                 resample_points(s.columns.data(), pitch, point_size, y1 - y0, first, int(pitch), v.moments,
-                                table.block(begin / run, v.moments) + i, table.taps, &s.sum[i]);
+                                table.of(begin + i, v.moments), own, &s.sum[i]);
             }
             for (int row = y0; row < y1; row++) {
                 float* to = slice + int64_t(row) * grid.nx + begin;

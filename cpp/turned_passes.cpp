@@ -7,8 +7,7 @@ namespace {
 // Per voxel, the pixels from out.first on; `own` of them have any weight.
 void by_points(const Geometry& g, const View& v, int slab, std::vector<AxisWeights>& out, std::vector<int32_t>& own) {
     out.resize(v.moments);
-    for (int m = 0; m < v.moments; m++)
-        by_voxel(g, v, slab / v.subs, slab % v.subs * v.moments + m, Axis::x, out[m]);
+    for (int m = 0; m < v.moments; m++) by_voxel(g, v, slab / v.subs, slab % v.subs * v.moments + m, Axis::x, out[m]);
     AxisWeights& axis = out[0]; // first and taps are those of all points
     const size_t n = axis.n;
     own.assign(n, 0);
@@ -20,31 +19,33 @@ void by_points(const Geometry& g, const View& v, int slab, std::vector<AxisWeigh
     }
 }
 
-void make_room(int count, int points, Table& out) {
-    const int blocks = (count + run - 1) / run;
-    for (int i = count; i < blocks * run; i++) out.first[i] = out.first[count - 1];
-    out.weight.assign(size_t(blocks) * points * out.taps * run, 0.0f);
-    out.reached.assign(blocks, false);
+// Blocks of weights 0, for elements of which i touches those of the source, 0 .. size, from first[i] to end[i].
+void make_room(const std::vector<int32_t>& end, int points, int size, Table& out) {
+    const int count = int(end.size()), blocks = (count + run - 1) / run;
+    out.taps.assign(blocks, 0);
+    for (int i = 0; i < count; i++) out.taps[i / run] = std::max(out.taps[i / run], end[i] - out.first[i]);
+    for (int i = 0; i < count; i++) out.first[i] = std::min(out.first[i], size - out.taps[i / run]);
+    out.first.resize(blocks * run, out.first[count - 1]);
+    out.most = std::max(1, *std::max_element(out.taps.begin(), out.taps.end()));
+    out.weight.assign(size_t(blocks) * points * out.most * run, 0.0f);
 }
 
 } // namespace
 
 void under_columns(const Geometry& g, const View& v, int slab, Table& out) {
     std::vector<AxisWeights> voxels;
-    std::vector<int32_t> own;
-    by_points(g, v, slab, voxels, own);
+    std::vector<int32_t> end;
+    by_points(g, v, slab, voxels, end);
     const int n = voxels[0].n;
-    out.taps = std::max(1, *std::max_element(own.begin(), own.end()));
-    out.first.resize((n + run - 1) / run * run);
-    std::copy(voxels[0].first.begin(), voxels[0].first.end(), out.first.begin());
-    make_room(n, v.moments, out);
+    const std::vector<int32_t> first = voxels[0].first;
+    out.first = first;
+    for (int i = 0; i < n; i++) end[i] += first[i];
+    make_room(end, v.moments, v.na, out);
     for (int i = 0; i < n; i++)
-        if (own[i] > 0) out.reached[i / run] = true;
-    for (int x0 = 0; x0 < n; x0 += run)
-        for (int m = 0; m < v.moments; m++)
-            for (int t = 0; t < out.taps; t++)
-                std::copy_n(&voxels[m].weight[size_t(t) * n + x0], std::min(run, n - x0),
-                            &out.weight[size_t((x0 / run * v.moments + m) * out.taps + t) * run]);
+        for (int m = 0; m < v.moments; m++) {
+            float* to = out.of(i, v.moments) + (int64_t(m) * out.taps_of(i) + first[i] - out.first[i]) * run;
+            for (int t = 0; t < end[i] - first[i]; t++) to[t * run] = voxels[m].weight[size_t(t) * n + i];
+        }
 }
 
 void over_columns(const Geometry& g, const View& v, int slab, Table& out) {
@@ -53,27 +54,22 @@ void over_columns(const Geometry& g, const View& v, int slab, Table& out) {
     by_points(g, v, slab, voxels, own);
     const std::vector<int32_t>& first = voxels[0].first;
     const int n = voxels[0].n;
-    out.first.resize((v.na + run - 1) / run * run);
     std::vector<int32_t> end(v.na);
+    out.first.resize(v.na);
     int low = 0, high = 0;
-    out.taps = 1;
     for (int a = 0; a < v.na; a++) {
         while (low < n && first[low] + own[low] <= a) low++;
         while (high < n && first[high] <= a) high++;
-        out.first[a] = low;
+        out.first[a] = std::min(low, high);
         end[a] = high;
-        out.taps = std::max(out.taps, high - low);
     }
-    for (int a = 0; a < v.na; a++) out.first[a] = std::min(out.first[a], n - out.taps);
-    make_room(v.na, v.moments, out);
+    make_room(end, v.moments, n, out);
     for (int a = 0; a < v.na; a++)
         for (int i = out.first[a]; i < end[a]; i++) {
-            const int t = a - first[i];
-            if (t >= own[i]) continue;
-            out.reached[a / run] = true;
-            for (int m = 0; m < v.moments; m++)
-                out.weight[size_t((a / run * v.moments + m) * out.taps + i - out.first[a]) * run + a % run] =
-                    voxels[m].weight[size_t(t) * n + i];
+            const int t = a - first[i]; // beyond own[i] if i lies before what the pixel touches
+            float* to = out.of(a, v.moments) + int64_t(i - out.first[a]) * run;
+            for (int m = 0; m < v.moments && t < own[i]; m++, to += int64_t(out.taps_of(a)) * run)
+                *to = voxels[m].weight[size_t(t) * n + i];
         }
 }
 
@@ -97,7 +93,8 @@ int pixels_under(const Edges& e, int ny, int na) {
     for (int y : {0, ny - 1})
         for (int a : {0, std::max(0, na - lanes)}) {
             const int behind = std::min(a + lanes, na) - 1;
-            most = std::max(most, std::max(e.at(y + 1, a), e.at(y + 1, behind)) - std::min(e.at(y, a), e.at(y, behind)));
+            most =
+                std::max(most, std::max(e.at(y + 1, a), e.at(y + 1, behind)) - std::min(e.at(y, a), e.at(y, behind)));
         }
     return int(most) + 2;
 }

@@ -4,14 +4,15 @@
 namespace palpate {
 
 // The weights along x of one sub-slice for all its Gauss points, in the direction of the result, in blocks of `run`
-// elements: weight[((block * points + point) * taps + t) * run + i] belongs to element first[block * run + i] + t of
-// the source; first never falls.
+// elements: of(i, points)[(point * taps + t) * run] belongs to element first[i] + t of the source, where taps is that
+// of the block, 0 if it has no weight. In a block first never falls.
 struct Table {
-    int taps = 1;
-    std::vector<int32_t> first;
-    std::vector<bool> reached; // per block: whether it has any weight
+    std::vector<int32_t> first, taps;
     Buffer weight;
-    const float* block(int i, int points) const { return &weight[size_t(i) * points * taps * run]; }
+    int most = 1; // taps of a block
+    const float* of(int i, int points) const { return &weight[size_t(i / run) * points * most * run + i % run]; }
+    float* of(int i, int points) { return &weight[size_t(i / run) * points * most * run + i % run]; }
+    int taps_of(int i) const { return taps[i / run]; }
 };
 void over_columns(const Geometry& geometry, const View& view, int slab, Table& out); // slab: slice * subs + sub-slice
 void under_columns(const Geometry& geometry, const View& view, int slab, Table& out);

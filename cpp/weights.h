@@ -44,11 +44,11 @@ Shadow shadow(const Geometry& geometry, const View& view, int z, int sub, Axis a
 // times path(pixel). Moment 0 is the part of each pixel's width under the shadow of each voxel, averaged over the
 // thickness (a trapezoid). Its product is exact if the shadow moves along one axis only; where it moves along both, the
 // moves go together, and the higher moments (of either sign) make up for that: the mean over the thickness of a product
-// is the sum of the products of Legendre moments. On a turned panel the weights along y differ by column (see Edges) and
-// must be cheap: there a product belongs to a Gauss point of the thickness. Along y it takes the weights that hold while
-// the ray is there; along x their mean over the thickness, times the point's Lagrange polynomial: the mean of a product
-// in which the factor along y is replaced by a polynomial through its values at the points. x and y are those that the
-// view sees (View::swapped).
+// is the sum of the products of Legendre moments. On a turned panel the weights along y differ by column (see Edges)
+// and must be cheap: there a product belongs to a Gauss point of the thickness. Along y it takes the weights that hold
+// while the ray is there; along x their mean over the thickness, times the point's Lagrange polynomial: the mean of a
+// product in which the factor along y is replaced by a polynomial through its values at the points. x and y are those
+// that the view sees (View::swapped).
 //
 // weight[t * n + i] belongs to the pair (i, first[i] + t); entries beyond the other axis are 0. Both directions hold
 // the same numbers, so what uses one is the exact transpose of what uses the other.
@@ -61,16 +61,16 @@ struct AxisWeights {
 // Products of 1-D weights a slice.
 inline int products(const View& view) { return view.subs * view.moments; }
 
-// Per voxel along `axis`: the pixels that its shadow touches. product: sub-slice * moments + moment. Along y of a turned
-// panel: those of column 0.
+// Per voxel along `axis`: the pixels that its shadow touches. product: sub-slice * moments + moment. Along y of a
+// turned panel: those of column 0.
 void by_voxel(const Geometry& geometry, const View& view, int z, int product, Axis axis, AxisWeights& out);
 
 // The same numbers per pixel: `count` is the number of pixels along the axis.
 void by_pixel(const AxisWeights& voxels, int count, AxisWeights& out);
 
 // Along y on a turned panel: when the ray is at the product's Gauss point, the edge below voxel y lands on row
-// at(y, a) of column a, counted so that pixel b is [b, b + 1]; the voxel's weight there is the part of the pixel between
-// two edges.
+// at(y, a) of column a, counted so that pixel b is [b, b + 1]; the voxel's weight there is the part of the pixel
+// between two edges.
 struct Edges {
     double slope, offset;           // in column 0
     double slope_step, offset_step; // from column to column
