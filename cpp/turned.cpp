@@ -144,7 +144,8 @@ class Backprojection {
     const Geometry& g;
     const View& v;
     const Grid grid;
-    const int64_t stride; // of the image, widened to whole vectors with columns of 0, and rows of 0 above and below it
+    const int64_t stride; // of the image, with columns of 0 behind it up to an odd number of cache lines (neighbouring
+                          // rows would else compete for their place), and rows of 0 above and below it
     int taps = 0;         // most pixels under a voxel
     const std::vector<Table> x = tables(g, v, false);
     const std::vector<Edges> y = all_edges(g, v);
@@ -156,7 +157,7 @@ public:
     };
 
     Backprojection(const Geometry& g, const View& v, const float* image)
-        : g(g), v(v), grid(g.seen_by(v)), stride((v.na + lanes - 1) / lanes * lanes) {
+        : g(g), v(v), grid(g.seen_by(v)), stride((v.na + line - 1) / line * line | line) {
         for (const Edges& e : y) taps = std::max(taps, pixels_under(e, grid.ny, v.na));
         padded.assign((v.nb + 2 * taps) * stride, 0.0f);
         parallel(v.nb, [&](int64_t begin, int64_t end, int) {
@@ -166,7 +167,7 @@ public:
 
     // Adds to rows y0 to y1 of slices z0 to z1.
     void task(int z0, int z1, int y0, int y1, float* f, Scratch& s) const {
-        s.columns.resize(std::max(int64_t(s.columns.size()), v.moments * band * (stride + 2 * lanes)));
+        s.columns.resize(std::max(int64_t(s.columns.size()), v.moments * band * stride));
         for (int slab = z0 * v.subs; slab < z1 * v.subs; slab++)
             for (int x0 = 0; x0 < grid.nx; x0 += stretch)
                 add(slab, x0, std::min(grid.nx, x0 + stretch), y0, y1, f + slab / v.subs * grid.slice(), s);
@@ -182,12 +183,16 @@ private:
             end = std::max(end, table.first[std::min(x1, begin + run) - 1] + table.taps_of(begin));
         }
         if (low >= end) return;
-        const int a0 = low / lanes * lanes, a1 = int(std::min<int64_t>(stride, (end + 2 * lanes) / lanes * lanes));
+        const int a0 = low / pair * pair,
+                  a1 = std::min((v.na + pair - 1) / pair * pair, (end + 2 * pair - 1) / pair * pair);
         const int64_t pitch = a1 - a0, point_size = band * pitch;
+        for (int row = y0; row < y1; row++)
+            for (int column = x0; column < x1; column += line)
+                __builtin_prefetch(slice + int64_t(row) * grid.nx + column, 1, 2);
         for (int m = 0; m < v.moments; m++) {
             const Edges& e = y[slab * v.moments + m];
             for (int row = y0; row < y1; row++)
-                add_pixels(e, row, taps, v.nb, v.na, &padded[taps * stride], stride, a0, a1,
+                add_pixels(e, row, taps, v.nb, &padded[taps * stride], stride, a0, a1,
                            &s.columns[m * point_size + (row - y0) * pitch]);
         }
         for (int begin = x0; begin < x1; begin += run) {

@@ -91,10 +91,9 @@ int voxels_over(const Edges& e, const Columns& c, int b0, int b1) {
 int pixels_under(const Edges& e, int ny, int na) {
     double most = 0;
     for (int y : {0, ny - 1})
-        for (int a : {0, std::max(0, na - lanes)}) {
-            const int behind = std::min(a + lanes, na) - 1;
-            most =
-                std::max(most, std::max(e.at(y + 1, a), e.at(y + 1, behind)) - std::min(e.at(y, a), e.at(y, behind)));
+        for (int a : {0, (na - 1) / pair * pair}) {
+            const int last = a + pair - 1;
+            most = std::max(most, std::max(e.at(y + 1, a), e.at(y + 1, last)) - std::min(e.at(y, a), e.at(y, last)));
         }
     return int(most) + 2;
 }
@@ -172,39 +171,45 @@ PALPATE_KERNEL void add_voxels(const float* rows, int64_t point_size, const Plac
     add_voxels_of<3>(rows, point_size, places, slope, columns.ramp, taps, begin, count, sum);
 }
 
+// The part of each pixel between a voxel's edges, for two vectors of columns that begin in the same row of the image.
 template <int fixed>
-PALPATE_INLINE void add_pixels_by(const Edges& e, int y, int any, int nb, int na, const float* image, int64_t stride,
-                                  int begin, int end, float* out) {
+PALPATE_INLINE void add_pixels_by(const Edges& e, int y, int any, int nb, const float* image, int64_t stride, int begin,
+                                  int end, float* out) {
     const int taps = fixed ? fixed : any;
-    const Lanes zero = {};
-    const double step = e.slope_step * y + e.offset_step, next_step = step + e.slope_step;
-    for (int a = begin; a < end; a += lanes) {
-        const Columns c(a, na - 1);
-        const double low = e.at(y, a), least = std::floor(std::min(low, low + step * c.behind));
-        const double from = std::min(std::max(least, -double(taps)), double(nb));
-        const Lanes left = float(low - from) + c.ramp * float(step);
-        const Lanes right = float(e.at(y + 1, a) - from) + c.ramp * float(next_step);
-        Lanes sum = {};
+    const double slope0 = e.slope_step * y + e.offset_step, slope1 = slope0 + e.slope_step;
+    const double start0 = e.at(y, 0), start1 = e.at(y + 1, 0), fall = std::min(slope0 * (pair - 1), 0.0);
+    const double least = -taps, most = nb;
+    const Lanes zero = {}, ramp = {0, 1, 2, 3, 4, 5, 6, 7};
+    const Lanes step0 = ramp * float(slope0), step1 = ramp * float(slope1);
+    const float behind0 = float(lanes * slope0), behind1 = float(lanes * slope1);
+    for (int a = begin; a < end; a += pair) {
+        const double low = start0 + slope0 * a, high = start1 + slope1 * a;
+        const double from = std::min(std::max(std::floor(low + fall), least), most);
+        const Lanes left0 = float(low - from) + step0, right0 = float(high - from) + step1;
+        const Lanes left1 = left0 + behind0, right1 = right0 + behind1;
+        Lanes sum0 = {}, sum1 = {};
         const float* x = image + int64_t(from) * stride + a;
 #pragma GCC unroll 4
-        for (int t = 0; t < taps; t++) {
-            Lanes part = right, behind = left, v;
-            at_most(part, zero + float(t + 1));
-            at_least(behind, zero + float(t));
-            part -= behind;
-            at_least(part, zero);
-            load(v, x + t * stride);
-            sum += part * v;
+        for (int t = 0; t < taps; t++, x += stride) {
+            const Lanes begins = zero + float(t), ends = zero + float(t + 1);
+            Lanes part0 = right0, part1 = right1, before0 = left0, before1 = left1, v0, v1;
+            at_most(part0, ends), at_most(part1, ends);
+            at_least(before0, begins), at_least(before1, begins);
+            part0 -= before0, part1 -= before1;
+            at_least(part0, zero), at_least(part1, zero);
+            load(v0, x), load(v1, x + lanes);
+            sum0 += part0 * v0, sum1 += part1 * v1;
         }
-        store(out + a - begin, sum);
+        store(out + a - begin, sum0);
+        store(out + a - begin + lanes, sum1);
     }
 }
 
-PALPATE_KERNEL void add_pixels(const Edges& edges, int y, int taps, int nb, int na, const float* image, int64_t stride,
+PALPATE_KERNEL void add_pixels(const Edges& edges, int y, int taps, int nb, const float* image, int64_t stride,
                                int begin, int end, float* out) {
-    if (taps == 3) return add_pixels_by<3>(edges, y, taps, nb, na, image, stride, begin, end, out);
-    if (taps == 4) return add_pixels_by<4>(edges, y, taps, nb, na, image, stride, begin, end, out);
-    add_pixels_by<0>(edges, y, taps, nb, na, image, stride, begin, end, out);
+    if (taps == 3) return add_pixels_by<3>(edges, y, taps, nb, image, stride, begin, end, out);
+    if (taps == 4) return add_pixels_by<4>(edges, y, taps, nb, image, stride, begin, end, out);
+    add_pixels_by<0>(edges, y, taps, nb, image, stride, begin, end, out);
 }
 
 template <int vectors, int rows>

@@ -26,9 +26,12 @@ struct Columns {
     }
 };
 
-// The most voxels over one of the pixels b0 to b1 of those columns, and the most pixels under one voxel.
+// The most voxels over one of the pixels b0 to b1 of those columns.
 int voxels_over(const Edges& edges, const Columns& columns, int b0, int b1);
-int pixels_under(const Edges& edges, int ny, int na);
+
+// The most pixels under one voxel.
+constexpr int pair = 2 * lanes;
+int pixels_under(const Edges& edges, int ny, int na); // in a pair of vectors, of which the last may go beyond na
 
 // The voxels over each of some pixels of eight columns: from first on, the same for all columns.
 struct Places {
@@ -44,10 +47,10 @@ void place_voxels(const Edges& edges, const Columns& columns, int b0, int count,
 void add_voxels(const float* rows, int64_t point_size, const Places& places, const Edges* edges, const Columns& columns,
                 int points, int taps, int begin, int count, float* sum);
 
-// out[column] = sum of weight * image over the pixels under voxel y, for columns from `begin` to `end`, whole vectors.
+// out[column] = sum of weight * image over the pixels under voxel y, for columns from `begin` to `end`, in whole pairs.
 // image: pixel (0, 0), with `taps` rows of 0 above it and below row nb.
-void add_pixels(const Edges& edges, int y, int taps, int nb, int na, const float* image, int64_t stride, int begin,
-                int end, float* out);
+void add_pixels(const Edges& edges, int y, int taps, int nb, const float* image, int64_t stride, int begin, int end,
+                float* out);
 
 // out[row][0..8] = sum over points and taps of weight * source[point][row][first + tap]; rows of out `run` long.
 void resample_points(const float* source, int64_t stride, int64_t point_size, int rows, const int32_t* first,
