@@ -65,6 +65,7 @@ if TYPE_CHECKING:
     from palpate.simulation.record import write_record as write_record
     from palpate.simulation.session import Session as Session
     from palpate.studies.demo import demonstrate as demonstrate
+    from palpate.studies.tomosynthesis.study import tomosynthesis_study as tomosynthesis_study
     from palpate.tissue.elasticity import finite_elements as finite_elements
     from palpate.tissue.files import read_tissue as read_tissue
     from palpate.tissue.files import write_tissue as write_tissue
@@ -165,6 +166,7 @@ _HOME = {
     "write_record": "simulation.record",
     "touch": "server.serve",
     "demonstrate": "studies.demo",
+    "tomosynthesis_study": "studies.tomosynthesis.study",
 }
 __all__ = sorted(_HOME)
 
