@@ -29,12 +29,20 @@ if TYPE_CHECKING:
     from palpate.reconstruction.projector import Projector as Projector
     from palpate.reconstruction.reconstruct import iterates as iterates
     from palpate.reconstruction.reconstruct import reconstruct as reconstruct
+    from palpate.reconstruction.refine import Refinement as Refinement
+    from palpate.reconstruction.refine import image_shift as image_shift
+    from palpate.reconstruction.refine import moved_panels as moved_panels
+    from palpate.reconstruction.refine import refine as refine
+    from palpate.reconstruction.refine import refined as refined
+    from palpate.reconstruction.refine import view_gain as view_gain
+    from palpate.reconstruction.refine import without_displacement as without_displacement
     from palpate.reconstruction.region import local_scan as local_scan
     from palpate.reconstruction.region import region_grid as region_grid
     from palpate.reconstruction.sart import sart as sart
     from palpate.reconstruction.step import Step as Step
     from palpate.reconstruction.tv import tv as tv
     from palpate.scans.correct import equal_contrast as equal_contrast
+    from palpate.scans.correct import line_integrals as line_integrals
     from palpate.scans.correct import open_beam as open_beam
     from palpate.scans.files import read_scan as read_scan
     from palpate.scans.files import write_scan as write_scan
@@ -65,6 +73,7 @@ if TYPE_CHECKING:
     from palpate.simulation.record import write_record as write_record
     from palpate.simulation.session import Session as Session
     from palpate.studies.demo import demonstrate as demonstrate
+    from palpate.studies.head_study import head_study as head_study
     from palpate.studies.tomosynthesis.study import tomosynthesis_study as tomosynthesis_study
     from palpate.tissue.elasticity import finite_elements as finite_elements
     from palpate.tissue.files import read_tissue as read_tissue
@@ -115,6 +124,7 @@ _HOME = {
     "read_geometry": "scans.geometry_file",
     "open_beam": "scans.correct",
     "equal_contrast": "scans.correct",
+    "line_integrals": "scans.correct",
     "Phantom": "scans.phantom",
     "Ellipsoid": "scans.phantom",
     "Box": "scans.phantom",
@@ -131,6 +141,13 @@ _HOME = {
     "Polynomial": "reconstruction.hardening",
     "Spectrum": "reconstruction.hardening",
     "precorrected": "reconstruction.hardening",
+    "Refinement": "reconstruction.refine",
+    "image_shift": "reconstruction.refine",
+    "moved_panels": "reconstruction.refine",
+    "refine": "reconstruction.refine",
+    "refined": "reconstruction.refine",
+    "view_gain": "reconstruction.refine",
+    "without_displacement": "reconstruction.refine",
     "Prior": "reconstruction.prior",
     "Step": "reconstruction.step",
     "backproject": "reconstruction.baselines",
@@ -166,6 +183,7 @@ _HOME = {
     "write_record": "simulation.record",
     "touch": "server.serve",
     "demonstrate": "studies.demo",
+    "head_study": "studies.head_study",
     "tomosynthesis_study": "studies.tomosynthesis.study",
 }
 __all__ = sorted(_HOME)
