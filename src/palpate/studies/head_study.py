@@ -20,12 +20,12 @@ from palpate.scans.scan import Scan
 from palpate.scans.views import Views
 from palpate.studies import head_report
 from palpate.studies.leaving import (
-    METHODS,
     Judge,
     Level,
     choose,
     coarse_map,
     judges,
+    methods,
     null_scores,
     pairs,
     without,
@@ -65,7 +65,7 @@ def head_study(
     }
     outer = []
     for k in range(len(panel)):
-        names = ("correction", *METHODS)
+        names = ("correction", *methods())
         chosen = {name: choose(k, len(panel), {pair: _scores(r[name]) for pair, r in inner.items()}) for name in names}
         make = partial(predicted, scan, levels, panel, k, chosen)
         outer.append(_stage(stages, f"view_{k}.json", make))
@@ -88,7 +88,7 @@ def learnt(scan: Scan, levels: Sequence[Level], panel: Sequence[Judge], pair: tu
     kept = without(levels, pair)
     scores: Fold = {"correction": corrections(scan, levels, panel, pair)[0]}
     ahead = Projector(scan.views[list(pair)], levels[0][1])
-    for name, estimates in METHODS.items():
+    for name, estimates in methods().items():
         scores[name] = {}
         for candidate, values in estimates(kept):
             scores[name][candidate] = [panel[k](image).tolist() for k, image in zip(pair, ahead(values), strict=True)]
@@ -103,7 +103,7 @@ def predicted(
     correction = found[chosen["correction"]]
     kept = [(refined(s, correction), g) for s, g in without(levels, [view])]
     ahead = Projector(_placed(scan, [view], correction), levels[0][1])
-    scores = {name: panel[view](ahead(_estimate(name, kept, chosen[name]))[0]).tolist() for name in METHODS}
+    scores = {name: panel[view](ahead(_estimate(name, kept, chosen[name]))[0]).tolist() for name in methods()}
     return {"chosen": dict(chosen), "scores": scores, "corrections": {name: s[0] for name, s in coarse.items()}}
 
 
@@ -118,7 +118,7 @@ def images(scan: Scan, levels: Sequence[Level], panel: Sequence[Judge], view: in
 
 
 def _estimate(name: str, kept: Sequence[Level], candidate: str) -> Float32:
-    return next(values for at, values in METHODS[name](kept) if at == candidate)
+    return next(values for at, values in methods()[name](kept) if at == candidate)
 
 
 def corrections(

@@ -20,17 +20,17 @@ from palpate.reconstruction.sart import sart
 from palpate.reconstruction.tune import median_curvature, tune
 from palpate.scans.correct import line_integrals
 from palpate.scans.scan import Scan
+from palpate.studies.rtk import installed, rtk_estimates
 from palpate.volumes.grid import Grid
 from palpate.volumes.resample import resample
 from palpate.volumes.volume import Volume
 
 ERODED, DENSE, FINE = 16, 0.15, 8.0  # pixels off the field's edge; least line integral; sigma of the high pass, pixels
-FACTORS = (3.0, 1.0, 0.3, 0.1)  # of the default strength, which takes 8-bit values for counts
-EACH, COARSE = 6, 20  # iterations at each strength, and on the coarse grid before
-COARSE_PASSES, PASSES = 10, 6  # of SART
-COARSE_SIRT, EVERY, ROUNDS = 60, 5, 4  # iterations on the coarse grid; between two candidates, and how many of these
-RELAXATIONS = (1.0, 0.3)
-FILTERS: tuple[tuple[Window, float], ...] = (("hann", 1.0), ("hann", 0.5), ("hann", 0.25))
+PATH = ((1.0, 1), (0.3, 3), (0.1, 1))  # times the default strength (8-bit values are no counts), and rounds of it
+EACH, COARSE = 8, 20  # iterations of a round, and on the coarse grid before
+RELAXATIONS, COARSE_PASSES, PASSES = (1.0, 0.3), 10, 12  # of SART, for each relaxation
+COARSE_SIRT, EVERY, ROUNDS = 80, 10, 5  # iterations on the coarse grid; between two candidates, and how many of these
+FILTERS: tuple[tuple[Window, float], ...] = (("hann", 1.0), ("hann", 0.5), ("hann", 0.25), ("hann", 0.12))
 
 Level = tuple[Scan, Grid]
 Candidates = Iterator[tuple[str, Float32]]
@@ -90,34 +90,38 @@ def null_scores(panel: Sequence[Judge]) -> Float64:
 
 
 def map_estimates(levels: Sequence[Level]) -> Candidates:
-    """M-MAP: the coarse grid first, then strengths from strong to weak, each going on from the one before."""
+    """M-MAP: the coarse grid first, then strengths from strong to weak, each round going on from the one before."""
     scan, grid = levels[0]
     values = _onto(grid, Volume(coarse_map(levels), levels[-1][1]))
-    for factor, estimate in map_path(scan, grid, FACTORS, EACH, values):
-        yield f"strength x {factor:g}", estimate
+    for done, (factor, estimate) in enumerate(map_path(scan, grid, PATH, EACH, values), 1):
+        yield f"strength x {factor:g} after {EACH * done} iterations", estimate
 
 
 def coarse_map(levels: Sequence[Level]) -> Float32:
     """The MAP volume of the coarsest level at the default strength."""
-    ((_, values),) = map_path(*levels[-1], (1.0,), COARSE)
+    ((_, values),) = map_path(*levels[-1], ((1.0, 1),), COARSE)
     return values
 
 
 def map_path(
-    scan: Scan, grid: Grid, factors: Sequence[float], iterations: int, values: Float32 | None = None
+    scan: Scan, grid: Grid, path: Sequence[tuple[float, int]], iterations: int, values: Float32 | None = None
 ) -> Iterator[tuple[float, Float32]]:
-    """MAP volumes at factors of the default strength, so many iterations each, from backprojection if from nothing."""
+    """MAP volumes at factors of the default strength, after each round of so many iterations.
+
+    path: (factor, rounds), each factor going on from where the one before ended. values: the start, None backprojection.
+    """
     A, data = Projector(scan.views, grid), WeightedLeastSquares.of(scan)
     known = data_curvature(A, data)
     prior = tune(Prior(), A, data, known)
     assert prior.strength is not None
     values = backproject(A, data) if values is None else values
-    for factor in factors:
+    for factor, rounds in path:
         strength = prior.strength * factor
         solver = accelerate(A, data, replace(prior, strength=strength), strength * median_curvature(known), values)
-        *_, (last, _) = islice(solver, iterations)
-        values = last.copy()
-        yield factor, values
+        for _ in range(rounds):
+            *_, (last, _) = islice(solver, iterations)
+            values = last.copy()
+            yield factor, values
 
 
 def sart_estimates(levels: Sequence[Level]) -> Candidates:
@@ -158,6 +162,11 @@ METHODS: Mapping[str, Callable[[Sequence[Level]], Candidates]] = {
     "FBP": fbp_estimates,
     "backprojection": backprojections,
 }
+
+
+def methods() -> Mapping[str, Callable[[Sequence[Level]], Candidates]]:
+    """`METHODS`, and RTK's SART where itk-rtk is installed."""
+    return {**METHODS, "RTK's SART": rtk_estimates} if installed() else METHODS
 
 
 def pairs(views: int) -> list[tuple[int, int]]:
