@@ -26,7 +26,7 @@ def test_the_quick_study_writes_report_scores_and_folds(folder):
     rows = list(csv.DictReader((folder / "scores.csv").open()))
     named = {row["method"] for row in rows}
     assert {"M-MAP", "SART", "SIRT", "FBP", "backprojection", "neighbours"} <= named
-    assert {int(row["view"]) for row in rows} == set(range(6))
+    assert {int(row["view"]) for row in rows} == set(range(4))
     scores = np.array([[float(row["full band"]), float(row["high-passed"])] for row in rows])
     assert (np.abs(scores) <= 1).all()
     full = {name: np.mean([float(r["full band"]) for r in rows if r["method"] == name]) for name in named}
@@ -46,7 +46,7 @@ def test_a_resumed_study_takes_the_folds_that_are_there(folder):
 
 
 def test_pairs_serve_every_view_and_never_neighbours():
-    for views in (6, 7, 11, 15):
+    for views in (4, 6, 7, 11, 15):
         pairs = leaving.pairs(views)
         assert {k for pair in pairs for k in pair} == set(range(views))
         assert all(j - i >= 2 for i, j in pairs)
@@ -74,7 +74,7 @@ def test_the_candidate_that_predicts_the_partner_best_is_chosen():
 
 
 def test_the_left_out_image_changes_nothing_but_its_score():
-    scan = pp.import_scan("head")[::2]
+    scan = pp.import_scan("head")[::3]
     levels = leaving_levels(scan)
     counts = scan.counts.copy()
     counts[2] = np.where(scan.mask[2], counts[3], 0)  # another image in its place

@@ -56,7 +56,7 @@ def head(
         Path, typer.Option("-o", "--output", help="Folder for report.html, scores.csv, one file a fold.")
     ] = Path("head"),
     quick: Annotated[
-        bool, typer.Option("--quick", help="Six views, voxels of 8 and 16 mm: for tests, not for reading.")
+        bool, typer.Option("--quick", help="Four views, voxels of 8 and 16 mm: for tests, not for reading.")
     ] = False,
     resume: Annotated[bool, typer.Option("--resume", help="Go on from what an earlier run left in -o.")] = False,
 ) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 
 from palpate.arrays import Float32, Float64
 from palpate.atomic import replacing
+from palpate.errors import FileError
 from palpate.reconstruction.multires import pyramid
 from palpate.reconstruction.projector import Projector
 from palpate.reconstruction.refine import Refinement, between, moved_panels, refine, refined
@@ -51,12 +52,12 @@ def head_study(
 
     Each view is left out in turn. Strength, iterations, relaxation, window and correction are those that predict best a
     view left out together with it, so that nothing is chosen with the view that is judged; scores are correlations,
-    blind to that view's gain. quick: every other view, voxels of 8 and 16 mm, for tests. resume: go on from the folds
+    blind to that view's gain. quick: every third view, voxels of 8 and 16 mm, for tests. resume: go on from the folds
     that are there. progress(what, share): told how far it is. Raises `FileError` when the folder cannot be written.
     """
     stages = Stages(Path(folder), resume, progress)
     scan = import_scan("head")
-    everything = pyramid(scan[::2] if quick else scan, GRID, 5 if quick else 3, "sum")
+    everything = pyramid(scan[::3] if quick else scan, GRID, 5 if quick else 3, "sum")
     levels = everything[3:5] if quick else everything[1:3]
     scan, panel = everything[2 * quick][0], judges(everything[2 * quick][0], 4 if quick else 1)
     inner = {
@@ -118,7 +119,10 @@ def images(scan: Scan, levels: Sequence[Level], panel: Sequence[Judge], view: in
 
 
 def _estimate(name: str, kept: Sequence[Level], candidate: str) -> Float32:
-    return next(values for at, values in methods()[name](kept) if at == candidate)
+    for at, values in methods()[name](kept):
+        if at == candidate:
+            return values
+    raise FileError(f"{name}: there is no {candidate!r}; the folder holds another version's folds, choose another")
 
 
 def corrections(
