@@ -25,15 +25,16 @@ def write(
     corrections: Sequence[str],
     everyone: Refinement,
     angles: Float64,
+    voxel: str,
     sections: Sequence[Section],
 ) -> None:
     """Writes the report: scores first, then what was chosen, what correction gains, and the sections given."""
     write_report(
         path,
-        "A head from eleven portal images: views predicted from the others",
+        "A head from portal images: views predicted from the others",
         command,
         [
-            _verdict(folds, null),
+            _verdict(folds, null, voxel),
             *(_scores(folds, null, band) for band in (0, 1)),
             _choices(folds),
             _corrections(folds, corrections, everyone, angles),
@@ -70,7 +71,7 @@ def standing(folds: Sequence[Fold], null: Float64) -> dict[str, list[list[int]]]
     }
 
 
-def _verdict(folds: Sequence[Fold], null: Float64) -> Section:
+def _verdict(folds: Sequence[Fold], null: Float64, voxel: str) -> Section:
     table: list[Sequence[object]] = [("M-MAP against", *BANDS)]
     for name, lost in standing(folds, null).items():
         won = [f"higher on {len(folds) - len(views)} of {len(folds)}" for views in lost]
@@ -80,13 +81,14 @@ def _verdict(folds: Sequence[Fold], null: Float64) -> Section:
     return Section(
         "Who predicts best",
         [
-            "Eleven megavoltage portal images of an anthropomorphic head phantom, 4° apart. Each is left out in turn and "
-            "predicted from the ten others by projecting what each method makes of them, on one grid of 8 x 2 x 2 mm.",
+            f"{len(folds)} megavoltage portal images of an anthropomorphic head phantom. Each is left out in turn and "
+            f"predicted from the others by projecting what each method makes of them, with voxels of {voxel} mm "
+            "(z, y, x).",
             "Score: correlation with what was measured, inside the field and behind the head: blind to the gain and the "
             "offset of the view that is judged. High-passed: without what is coarser than about 8 pixels.",
             "Nothing was chosen with the view that is judged: each method's strength, iterations, relaxation or window is "
             "the one that best predicted another view, left out together with it; gains and shifts were estimated from the "
-            "ten others alone, and the panel of the left-out view was put where its neighbours' shifts say.",
+            "others alone, and the panel of the left-out view was put where its neighbours' shifts say.",
             "The null model is the mean of the two neighbouring views; the first and the last view have but one neighbour, "
             "which then stands for the mean, and every method must extrapolate there.",
             "RTK's SART is another code's, from the same images."

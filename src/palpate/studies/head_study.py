@@ -77,7 +77,8 @@ def head_study(
     shown = head_report.predicted_section(panel[middle], middle, images(scan, levels, panel, middle, outer[middle]))
     report = stages.folder / "report.html"
     command = "palpate study head" + (" --quick" if quick else "")
-    head_report.write(report, command, outer, null, CORRECTIONS, everyone, _angles(scan), [shown])
+    voxel = " x ".join(f"{d:g}" for d in levels[0][1].spacing)
+    head_report.write(report, command, outer, null, CORRECTIONS, everyone, _angles(scan), voxel, [shown])
     return report
 
 
