@@ -29,6 +29,13 @@ if TYPE_CHECKING:
     from palpate.reconstruction.projector import Projector as Projector
     from palpate.reconstruction.reconstruct import iterates as iterates
     from palpate.reconstruction.reconstruct import reconstruct as reconstruct
+    from palpate.reconstruction.refine import Refinement as Refinement
+    from palpate.reconstruction.refine import image_shift as image_shift
+    from palpate.reconstruction.refine import moved_panels as moved_panels
+    from palpate.reconstruction.refine import refine as refine
+    from palpate.reconstruction.refine import refined as refined
+    from palpate.reconstruction.refine import view_gain as view_gain
+    from palpate.reconstruction.refine import without_displacement as without_displacement
     from palpate.reconstruction.region import local_scan as local_scan
     from palpate.reconstruction.region import region_grid as region_grid
     from palpate.reconstruction.sart import sart as sart
@@ -39,6 +46,7 @@ if TYPE_CHECKING:
     from palpate.reconstruction.two_materials import two_material as two_material
     from palpate.reconstruction.two_materials import two_material_likelihood as two_material_likelihood
     from palpate.scans.correct import equal_contrast as equal_contrast
+    from palpate.scans.correct import line_integrals as line_integrals
     from palpate.scans.correct import open_beam as open_beam
     from palpate.scans.files import is_scan as is_scan
     from palpate.scans.files import read_scan as read_scan
@@ -72,6 +80,7 @@ if TYPE_CHECKING:
     from palpate.simulation.record import write_record as write_record
     from palpate.simulation.session import Session as Session
     from palpate.studies.demo import demonstrate as demonstrate
+    from palpate.studies.head_study import head_study as head_study
     from palpate.studies.tomosynthesis.study import tomosynthesis_study as tomosynthesis_study
     from palpate.tissue.elasticity import finite_elements as finite_elements
     from palpate.tissue.files import read_tissue as read_tissue
@@ -128,6 +137,7 @@ _HOME = {
     "read_geometry": "scans.geometry_file",
     "open_beam": "scans.correct",
     "equal_contrast": "scans.correct",
+    "line_integrals": "scans.correct",
     "Phantom": "scans.phantom",
     "Ellipsoid": "scans.phantom",
     "Box": "scans.phantom",
@@ -148,6 +158,13 @@ _HOME = {
     "two_material": "reconstruction.two_materials",
     "two_material_likelihood": "reconstruction.two_materials",
     "read_spectrum": "reconstruction.two_materials",
+    "Refinement": "reconstruction.refine",
+    "image_shift": "reconstruction.refine",
+    "moved_panels": "reconstruction.refine",
+    "refine": "reconstruction.refine",
+    "refined": "reconstruction.refine",
+    "view_gain": "reconstruction.refine",
+    "without_displacement": "reconstruction.refine",
     "Prior": "reconstruction.prior",
     "Step": "reconstruction.step",
     "backproject": "reconstruction.baselines",
@@ -184,6 +201,7 @@ _HOME = {
     "touch": "server.serve",
     "view": "server.viewing",
     "demonstrate": "studies.demo",
+    "head_study": "studies.head_study",
     "tomosynthesis_study": "studies.tomosynthesis.study",
 }
 __all__ = sorted(_HOME)

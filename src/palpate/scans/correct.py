@@ -5,6 +5,7 @@ from numpy.typing import ArrayLike
 
 from palpate.arrays import AnyArray, Float32, Float64, float32
 from palpate.errors import DataError
+from palpate.scans.scan import Scan
 
 WIDTH = 0.02  # least half-width, relative, of what counts as one level: unevenness of beam and panel
 SPREADS = 1.5  # standard deviations of a Poisson number that the half-width covers, where that is more
@@ -78,3 +79,9 @@ def equal_contrast(counts: ArrayLike, incident: ArrayLike, mask: ArrayLike | Non
         dense[view] = values[values > top / 2].mean()
     factor = (np.median(dense) / dense)[:, None, None]
     return np.where(measured, b * np.exp(-factor * p), y).astype(np.float32)
+
+
+def line_integrals(scan: Scan) -> Float32:
+    """-log((counts - background) / incident), (views, rows, columns), counts below 0.5 as 0.5; 0 where not measured."""
+    ratio = np.maximum(scan.counts - scan.background, 0.5) / np.maximum(scan.incident, 0.5)
+    return np.where(scan.mask, -np.log(ratio), 0).astype(np.float32)

@@ -5,9 +5,8 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-from scipy import ndimage
 
-from palpate.arrays import AnyArray, Bool, Float32, Float64
+from palpate.arrays import Float32, Float64
 from palpate.reconstruction.descent import data_curvature
 from palpate.reconstruction.likelihood import WeightedLeastSquares
 from palpate.reconstruction.multires import pyramid
@@ -15,9 +14,11 @@ from palpate.reconstruction.prior import Prior
 from palpate.reconstruction.projector import Projector
 from palpate.reconstruction.reconstruct import iterates
 from palpate.reconstruction.tune import tune
+from palpate.scans.correct import line_integrals
 from palpate.scans.files import read_scan, write_scan
 from palpate.scans.importers import import_scan
 from palpate.scans.scan import Scan
+from palpate.studies.leaving import ERODED, correlation, high_passed, judged
 from palpate.studies.organ import files_section
 from palpate.studies.pictures import projections, slices, three_planes
 from palpate.studies.reconstructing import reconstructed
@@ -30,7 +31,6 @@ from palpate.volumes.volume import Volume
 # Head, couch and its rails: what lies outside the box would be fitted inside. The volume is reconstructed at level 1 of it
 # (2 mm voxels in 5 mm slices, pixels in twos), predictions at level 2 (4 mm).
 GRID = Grid((80, 400, 440), (5.0, 1.0, 1.0), (-219.5, -199.5, -197.5))
-ERODED, DENSE, FINE = 16, 0.15, 8.0  # pixels off the field's edge; least line integral; sigma of the high pass, pixels
 FACTORS = (1.0, 0.1, 0.01)  # of the default strength, which takes 8-bit values for counts
 
 Score = tuple[float, float]  # correlation, full band and high-passed
@@ -103,30 +103,6 @@ def scored(image: Float32, scan: Scan, view: int) -> Score:
     measured, region = line_integrals(scan)[view], judged(scan)[view]
     fine = [high_passed(i, scan.mask[view]) for i in (image, measured)]
     return correlation(image, measured, region), correlation(fine[0], fine[1], region)
-
-
-def line_integrals(scan: Scan) -> Float32:
-    """-log(counts / incident), (views, rows, columns); 0 where nothing was measured."""
-    ratio = np.maximum(scan.counts, 0.5) / np.maximum(scan.incident, 0.5)
-    return np.where(scan.mask, -np.log(ratio), 0).astype(np.float32)
-
-
-def judged(scan: Scan) -> Bool:
-    """(views, rows, columns) pixels on which images are judged: inside the field and behind something dense."""
-    inner = [ndimage.binary_erosion(m, iterations=ERODED, border_value=1) for m in scan.mask]
-    return np.asarray(np.stack(inner) & (line_integrals(scan) > DENSE))
-
-
-def correlation(a: AnyArray, b: AnyArray, region: Bool) -> float:
-    """Pearson's, over the region: blind to each image's gain and offset."""
-    return float(np.corrcoef(a[region], b[region])[0, 1])
-
-
-def high_passed(image: Float32, measured: Bool) -> Float64:
-    """What is left of an image without its mean over about `FINE` pixels, unmeasured pixels not counted."""
-    weight = ndimage.gaussian_filter(measured.astype(np.float64), FINE)
-    mean = ndimage.gaussian_filter(np.where(measured, image, 0).astype(np.float64), FINE) / np.maximum(weight, 1e-6)
-    return np.asarray(np.where(measured, image - mean, 0))
 
 
 def _scan_section(scan: Scan, measured: Float32, again: Float32, fits: Sequence[float]) -> Section:

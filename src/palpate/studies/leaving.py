@@ -1,0 +1,217 @@
+"""Views predicted from the others: what each method may choose, and the choice made without the view that is judged."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import islice
+
+import numpy as np
+from scipy import ndimage
+
+from palpate.arrays import AnyArray, Bool, Float32, Float64
+from palpate.reconstruction.baselines import backproject, sirt
+from palpate.reconstruction.descent import data_curvature
+from palpate.reconstruction.filtered import Window, fbp
+from palpate.reconstruction.likelihood import WeightedLeastSquares
+from palpate.reconstruction.momentum import accelerate
+from palpate.reconstruction.prior import Prior
+from palpate.reconstruction.projector import Projector
+from palpate.reconstruction.sart import sart
+from palpate.reconstruction.tune import median_curvature, tune
+from palpate.scans.correct import line_integrals
+from palpate.scans.scan import Scan
+from palpate.studies.rtk import installed, rtk_estimates
+from palpate.volumes.grid import Grid
+from palpate.volumes.resample import resample
+from palpate.volumes.volume import Volume
+
+ERODED, DENSE, FINE = 16, 0.15, 8.0  # pixels off the field's edge; least line integral; sigma of the high pass, pixels
+PATH = ((1.0, 1), (0.3, 3), (0.1, 1))  # times the default strength (8-bit values are no counts), and rounds of it
+EACH, COARSE = 8, 20  # iterations of a round, and on the coarse grid before
+RELAXATIONS, COARSE_PASSES, PASSES = (1.0, 0.3), 10, 12  # of SART, for each relaxation
+COARSE_SIRT, EVERY, ROUNDS = 80, 10, 5  # iterations on the coarse grid; between two candidates, and how many of these
+FILTERS: tuple[tuple[Window, float], ...] = (("hann", 1.0), ("hann", 0.5), ("hann", 0.25), ("hann", 0.12))
+
+Level = tuple[Scan, Grid]
+Candidates = Iterator[tuple[str, Float32]]
+
+
+def correlation(a: AnyArray, b: AnyArray, region: Bool) -> float:
+    """Pearson's, over the region: blind to each image's gain and offset."""
+    return float(np.corrcoef(a[region], b[region])[0, 1])
+
+
+def judged(scan: Scan, binning: int = 1) -> Bool:
+    """(views, rows, columns) pixels on which images are judged: inside the field and behind something dense."""
+    inner = [ndimage.binary_erosion(m, iterations=ERODED // binning, border_value=1) for m in scan.mask]
+    return np.asarray(np.stack(inner) & (line_integrals(scan) > DENSE))
+
+
+def high_passed(image: AnyArray, measured: Bool, fine: float = FINE) -> Float64:
+    """What is left of an image without its mean over about `fine` pixels, unmeasured pixels not counted."""
+    weight = ndimage.gaussian_filter(measured.astype(np.float64), fine)
+    mean = ndimage.gaussian_filter(np.where(measured, image, 0).astype(np.float64), fine) / np.maximum(weight, 1e-6)
+    return np.asarray(np.where(measured, image - mean, 0))
+
+
+@dataclass(frozen=True, eq=False)
+class Judge:
+    """A view as it was measured, beside which predictions are scored."""
+
+    measured: Float32
+    mask: Bool
+    region: Bool
+    fine: float = FINE
+
+    @cached_property
+    def _detail(self) -> Float64:
+        return self.detail(self.measured)
+
+    def detail(self, image: AnyArray) -> Float64:
+        """The image high-passed."""
+        return high_passed(image, self.mask, self.fine)
+
+    def __call__(self, image: AnyArray) -> Float64:
+        """Correlations (full band, high-passed) with what was measured."""
+        both = (image, self.measured), (self.detail(image), self._detail)
+        return np.array([correlation(a, b, self.region) for a, b in both])
+
+
+def judges(scan: Scan, binning: int = 1) -> list[Judge]:
+    """One a view. binning: how many of the panel's pixels make one of the scan's, each way."""
+    parts = zip(line_integrals(scan), scan.mask, judged(scan, binning), strict=True)
+    return [Judge(*three, FINE / binning) for three in parts]
+
+
+def null_scores(panel: Sequence[Judge]) -> Float64:
+    """(views, 2): how well the mean of its two neighbours predicts each view; at the ends the one neighbour there is."""
+    beside = [[panel[i].measured for i in (k - 1, k + 1) if 0 <= i < len(panel)] for k in range(len(panel))]
+    return np.array([judge(np.mean(images, axis=0)) for judge, images in zip(panel, beside, strict=True)])
+
+
+def map_estimates(levels: Sequence[Level]) -> Candidates:
+    """M-MAP: the coarse grid first, then strengths from strong to weak, each round going on from the one before."""
+    scan, grid = levels[0]
+    values = _onto(grid, Volume(coarse_map(levels), levels[-1][1]))
+    for done, (factor, estimate) in enumerate(map_path(scan, grid, PATH, EACH, values), 1):
+        yield f"strength x {factor:g} after {EACH * done} iterations", estimate
+
+
+def coarse_map(levels: Sequence[Level]) -> Float32:
+    """The MAP volume of the coarsest level at the default strength."""
+    ((_, values),) = map_path(*levels[-1], ((1.0, 1),), COARSE)
+    return values
+
+
+def map_path(
+    scan: Scan, grid: Grid, path: Sequence[tuple[float, int]], iterations: int, values: Float32 | None = None
+) -> Iterator[tuple[float, Float32]]:
+    """MAP volumes at factors of the default strength, after each round of so many iterations.
+
+    path: (factor, rounds), each factor going on from where the one before ended. values: the start, None backprojection.
+    """
+    A, data = Projector(scan.views, grid), WeightedLeastSquares.of(scan)
+    known = data_curvature(A, data)
+    prior = tune(Prior(), A, data, known)
+    assert prior.strength is not None
+    values = backproject(A, data) if values is None else values
+    for factor, rounds in path:
+        strength = prior.strength * factor
+        solver = accelerate(A, data, replace(prior, strength=strength), strength * median_curvature(known), values)
+        for _ in range(rounds):
+            *_, (last, _) = islice(solver, iterations)
+            values = last.copy()
+            yield factor, values
+
+
+def sart_estimates(levels: Sequence[Level]) -> Candidates:
+    """SART, started from its like on the coarse grid: each pass of each relaxation."""
+    start = _started(levels, lambda A, data, values: sart(A, data, values), COARSE_PASSES)
+    A, data = _finest(levels)
+    for relaxation in RELAXATIONS:
+        for done, (values, _) in enumerate(islice(sart(A, data, start, relaxation), PASSES), 1):
+            yield f"relaxation {relaxation:g}, {done} passes", values
+
+
+def sirt_estimates(levels: Sequence[Level]) -> Candidates:
+    """SIRT, started from its like on the coarse grid: every few iterations."""
+    start = _started(levels, sirt, COARSE_SIRT)
+    A, data = _finest(levels)
+    for done, (values, _) in enumerate(islice(sirt(A, data, start), EVERY * ROUNDS), 1):
+        if done % EVERY == 0:
+            yield f"{done} iterations", values
+
+
+def fbp_estimates(levels: Sequence[Level]) -> Candidates:
+    """Filtered backprojection, by window and cut-off."""
+    A, data = _finest(levels)
+    for window, cutoff in FILTERS:
+        yield f"{window}, cut-off {cutoff:g}", fbp(A, data, window, cutoff)
+
+
+def backprojections(levels: Sequence[Level]) -> Candidates:
+    """Backprojection has nothing to choose."""
+    A, data = _finest(levels)
+    yield "-", backproject(A, data)
+
+
+METHODS: Mapping[str, Callable[[Sequence[Level]], Candidates]] = {
+    "M-MAP": map_estimates,
+    "SART": sart_estimates,
+    "SIRT": sirt_estimates,
+    "FBP": fbp_estimates,
+    "backprojection": backprojections,
+}
+
+
+def methods() -> Mapping[str, Callable[[Sequence[Level]], Candidates]]:
+    """`METHODS`, and RTK's SART where itk-rtk is installed."""
+    return {**METHODS, "RTK's SART": rtk_estimates} if installed() else METHODS
+
+
+def pairs(views: int) -> list[tuple[int, int]]:
+    """Views left out together: what is learnt from one's prediction serves the other, and neither view took part."""
+    step = max(2, views // 2 - 1)
+    return [(i, i + step) for i in range(views - step)]
+
+
+def unexplained(scores: AnyArray) -> Float64:
+    """What choices are made by, least is best: log of the geometric mean of 1 - correlation over both bands."""
+    return np.asarray(np.log(np.maximum(1 - np.asarray(scores), 1e-9)).mean(axis=-1))
+
+
+def choose(view: int, views: int, inner: Mapping[tuple[int, int], Mapping[str, Float64]]) -> str:
+    """The candidate that best predicts the views that were left out together with this one (not the outermost).
+
+    inner: for each pair, scores (2, 2) by candidate: of the pair's first and second view, full band and high-passed.
+    """
+    partners = [(pair, 1 - pair.index(view)) for pair in inner if view in pair]
+    partners = [(pair, other) for pair, other in partners if 0 < pair[other] < views - 1] or partners
+    names = list(inner[partners[0][0]])
+    return min(
+        names, key=lambda name: float(np.mean([unexplained(inner[pair][name][other]) for pair, other in partners]))
+    )
+
+
+def without(levels: Sequence[Level], left: Sequence[int]) -> list[Level]:
+    """The levels' scans without some of their views."""
+    kept = [k for k in range(len(levels[0][0].views)) if k not in left]
+    return [(scan[kept], grid) for scan, grid in levels]
+
+
+def _finest(levels: Sequence[Level]) -> tuple[Projector, WeightedLeastSquares]:
+    scan, grid = levels[0]
+    return Projector(scan.views, grid), WeightedLeastSquares.of(scan)
+
+
+def _started(
+    levels: Sequence[Level], solver: Callable[..., Iterator[tuple[Float32, float]]], iterations: int
+) -> Float32:
+    """So many iterations on the coarsest grid, on the finest grid."""
+    A, data = _finest(levels[-1:])
+    *_, (values, _) = islice(solver(A, data, backproject(A, data)), iterations)
+    return _onto(levels[0][1], Volume(values, levels[-1][1]))
+
+
+def _onto(grid: Grid, volume: Volume) -> Float32:
+    return resample(volume, grid, "linear").values

@@ -1,0 +1,113 @@
+"""The head study: nothing is chosen with the view that is judged, and the report says who predicts best."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from running import ended
+
+import palpate as pp
+from palpate.studies import head_study as study
+from palpate.studies import leaving
+from palpate.studies.head_report import standing
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("study")
+    code, out, err = ended(f"study head --quick -o {folder}", folder)
+    assert code == 0, err
+    assert "report.html" in out
+    return folder
+
+
+def test_the_quick_study_writes_report_scores_and_folds(folder):
+    rows = list(csv.DictReader((folder / "scores.csv").open()))
+    named = {row["method"] for row in rows}
+    assert {"M-MAP", "SART", "SIRT", "FBP", "backprojection", "neighbours"} <= named
+    assert {int(row["view"]) for row in rows} == set(range(4))
+    scores = np.array([[float(row["full band"]), float(row["high-passed"])] for row in rows])
+    assert (np.abs(scores) <= 1).all()
+    full = {name: np.mean([float(r["full band"]) for r in rows if r["method"] == name]) for name in named}
+    assert full["M-MAP"] > max(full["backprojection"], full["FBP"])
+    report = (folder / "report.html").read_text()
+    for title in ("Who predicts best", "Before and after correction", "What was chosen without the view"):
+        assert title in report
+    assert report.count("<img") >= 5
+
+
+def test_a_resumed_study_takes_the_folds_that_are_there(folder):
+    fold = json.loads((folder / "view_3.json").read_text())
+    fold["scores"]["SIRT"] = [0.123456, 0.5]
+    (folder / "view_3.json").write_text(json.dumps(fold))
+    pp.head_study(folder, quick=True, resume=True)
+    assert "0.1235" in (folder / "report.html").read_text()
+
+
+def test_pairs_serve_every_view_and_never_neighbours():
+    for views in (4, 6, 7, 11, 15):
+        pairs = leaving.pairs(views)
+        assert {k for pair in pairs for k in pair} == set(range(views))
+        assert all(j - i >= 2 for i, j in pairs)
+
+
+def test_the_choice_for_a_view_never_looks_at_its_own_scores():
+    rng = np.random.default_rng(1)
+    names = ["a", "b", "c"]
+    inner = {pair: {name: rng.uniform(0.5, 0.99, (2, 2)) for name in names} for pair in leaving.pairs(11)}
+    for view in range(11):
+        chosen = leaving.choose(view, 11, inner)
+        other = {
+            pair: {n: np.where((np.array(pair) == view)[:, None], rng.uniform(-1, 1, (2, 2)), s) for n, s in of.items()}
+            for pair, of in inner.items()
+        }
+        assert leaving.choose(view, 11, other) == chosen
+
+
+def test_the_candidate_that_predicts_the_partner_best_is_chosen():
+    inner = {pair: {name: np.full((2, 2), 0.5) for name in "abc"} for pair in leaving.pairs(11)}
+    inner[(3, 7)]["b"] = np.array([[0.5, 0.5], [0.9, 0.9]])  # view 7 well predicted: for view 3
+    inner[(3, 7)]["c"] = np.array([[0.9, 0.9], [0.5, 0.5]])
+    assert leaving.choose(3, 11, inner) == "b"
+    assert leaving.choose(7, 11, inner) == "c"
+
+
+def test_the_left_out_image_changes_nothing_but_its_score():
+    scan = pp.import_scan("head")[::3]
+    levels = leaving_levels(scan)
+    counts = scan.counts.copy()
+    counts[2] = np.where(scan.mask[2], counts[3], 0)  # another image in its place
+    swapped = leaving_levels(pp.Scan(counts, scan.incident, scan.views, scan.background, scan.mask))
+    volumes = [leaving.coarse_map(leaving.without(each, [2])) for each in (levels, swapped)]
+    assert np.array_equal(*volumes)
+    found = [study.corrections(scan, each, leaving.judges(scan), [2])[1] for each in (levels[-1:], swapped[-1:])]
+    for name in study.CORRECTIONS:
+        assert np.array_equal(found[0][name].shifts, found[1][name].shifts)
+        assert np.array_equal(found[0][name].gains, found[1][name].gains)
+
+
+def leaving_levels(scan):
+    from palpate.reconstruction.multires import pyramid
+
+    return pyramid(scan, study.GRID, 5, "sum")[3:]
+
+
+def test_scores_are_blind_to_gain_and_offset():
+    judge = leaving.judges(pp.import_scan("head")[:1])[0]
+    rng = np.random.default_rng(0)
+    image = judge.measured + rng.normal(0, 0.05, judge.measured.shape)
+    assert np.allclose(judge(1.7 * image + 0.3), judge(image), atol=1e-4)
+    assert np.allclose(judge(judge.measured), 1)
+
+
+def test_the_null_model_at_the_ends_is_the_one_neighbour():
+    panel = leaving.judges(pp.import_scan("head")[:3])
+    null = leaving.null_scores(panel)
+    assert np.allclose(null[0], panel[0](panel[1].measured))
+    assert np.allclose(null[1], panel[1]((panel[0].measured + panel[2].measured) / 2))
+
+
+def test_what_is_not_beaten_is_said():
+    fold = {"scores": {"M-MAP": [0.9, 0.5], "SART": [0.95, 0.4]}}
+    assert standing([fold], np.array([[0.8, 0.6]])) == {"SART": [[0], []], "mean of the neighbours": [[], [0]]}
