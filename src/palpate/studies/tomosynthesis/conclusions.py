@@ -117,11 +117,10 @@ def _best_share(rows: Sequence[Row]) -> float:
 
 def _verdict(ratios: Sequence[tuple[float, float]]) -> str:
     """Of (least, most) over the seeds at each dose, against 1."""
-    if all(least > 1 + SAME for least, _ in ratios):
-        return "holds at every dose"
-    if all(most < 1 + SAME for _, most in ratios):
-        return "does not hold at any dose"
-    return "does not hold at every dose"
+    held = sum(least > 1 + SAME for least, _ in ratios)
+    if held in (0, len(ratios)):
+        return "holds at every dose" if held else "holds at no dose"
+    return f"holds at {held} of {len(ratios)} doses"
 
 
 def claims(found: Sequence[Factor], tables: dict[str, list[Row]], setting: Setting) -> list[tuple[str, str]]:
