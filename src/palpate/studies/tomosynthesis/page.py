@@ -67,7 +67,7 @@ class Page:
         ]
         claims = [["claim", "here"], *conclusions.claims(self.found, self.tables, self.setting)]
         asked = [
-            "As these scans show them. Above 1, M-MAP is better; a claim holds where that is so by more than 2 % on every scan."
+            "As these scans show them. Above 1, M-MAP is better; a claim holds where so by more than 2 % on every scan."
         ]
         compared = [
             "Above 1, multi-resolution is better. Time is counted to the log-posterior that M-MAP-3 had when its rule "
