@@ -57,7 +57,17 @@ def test_every_figure_is_in_the_report_and_says_its_command(study, report):
     captions = re.findall("<figcaption>(.*?)</figcaption>", text)
     assert len(pictures) == len(captions) == text.count("data:image/png;base64") >= 20
     assert all(caption.endswith("Made by: palpate study tomosynthesis --quick") for caption in captions)
-    for word in ("F-MAP", "M-MAP-2", "M-MAP-3", "z = 48 mm", "artefact spread", "sart", "hyperbola", "streaks"):
+    for word in (
+        "F-MAP",
+        "M-MAP-2",
+        "M-MAP-3",
+        "z = 48 mm",
+        "artefact spread",
+        "sart",
+        "hyperbola",
+        "streaks",
+        "Strength of the prior",
+    ):
         assert word in report
     page = study.parent / "docs" / "tomosynthesis.md"
     links = re.findall(r"\]\((images/[^)]+)\)", page.read_text())

@@ -47,6 +47,7 @@ class Page:
             self._motions(),
             self._baselines(),
             self._priors(),
+            self._strengths(),
             self._doses(),
             self._files(),
         ]
@@ -65,7 +66,9 @@ class Page:
             *conclusions.headlines(self.found),
         ]
         claims = [["claim", "here"], *conclusions.claims(self.found, self.tables, self.setting)]
-        asked = ["As this phantom and these scans show them; above 1 means that M-MAP is better."]
+        asked = [
+            "As these scans show them. Above 1, M-MAP is better; a claim holds where so by more than 2 % on every scan."
+        ]
         compared = [
             "Above 1, multi-resolution is better. Time is counted to the log-posterior that M-MAP-3 had when its rule "
             "ended it; ≥ where F-MAP had not come so far when its run was given up."

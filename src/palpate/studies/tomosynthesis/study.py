@@ -18,7 +18,7 @@ from palpate.studies.tomosynthesis.setting import FULL, QUICK
 from palpate.studies.tomosynthesis.tables import make_tables, write_tables
 
 TITLE = "Multi-resolution MAP tomosynthesis, measured"
-DOCS_WIDTH, DOCS_COLOURS = 840, 48  # keep the pictures of the docs small
+DOCS_WIDTH, DOCS_COLOURS = 800, 40  # keep the pictures of the docs small
 
 
 def tomosynthesis_study(
