@@ -10,7 +10,7 @@ import typer
 
 NEEDED = (
     "numpy", "scipy", "scikit-image", "scikit-fem", "h5py", "nibabel", "tifffile", "meshio", "rich", "typer", "pyyaml",
-    "starlette", "uvicorn", "websockets", "matplotlib",
+    "starlette", "uvicorn", "websockets", "matplotlib", "pydicom", "pillow", "pylibjpeg", "pylibjpeg-openjpeg",
 )  # fmt: skip
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "firefox", "safari")
 
