@@ -3,71 +3,12 @@
 // vector, not a gather. The second adds whole rows, each as soon as the rows it needs are there: they stay in the
 // first-level cache, and so does the tile.
 #include "passes.h"
+#include "eight.h"
 
 namespace palpate {
 namespace {
 
-constexpr int pair = 2;         // rows that fit into registers with two vectors each
 constexpr int soon = 2 * group; // rows to call for in advance: as long as memory takes
-
-// Where tap t of a column is, counted from its first; see Columns.
-PALPATE_INLINE int64_t place(int t, int near, int64_t jump) { return t < near ? t : t - near + jump; }
-
-// out[moment][row][0..8] = sum over taps of weight * source[row][first + tap], for `rows` rows. `fixed` is the number
-// of taps, or 0 where only `taps` knows it. Numerical kernel.
-template <int moments, int vectors, int rows, int fixed, bool halved>
-PALPATE_INLINE void resample_eight(const float* source, int64_t stride, const int32_t* places, const float* weight,
-                                   int taps, int64_t jump, int64_t moment_size, float* out) {
-    LaneMask order;
-    std::memcpy(&order, places, sizeof order);
-    Lanes sum[moments][rows];
-    const int count = fixed ? fixed : taps, near = halved ? (count + 1) / 2 : count;
-#pragma GCC unroll 4
-    for (int m = 0; m < moments; m++)
-#pragma GCC unroll 4
-        for (int r = 0; r < rows; r++) sum[m][r] = Lanes{};
-#pragma GCC unroll 8
-    for (int t = 0; t < count; t++) {
-        Lanes w[moments];
-        const float* from = source + (halved ? place(t, near, jump) : t);
-#pragma GCC unroll 4
-        for (int m = 0; m < moments; m++) load(w[m], weight + (m * taps + t) * run);
-#pragma GCC unroll 4
-        for (int r = 0; r < rows; r++) {
-            Lanes x, y;
-            load(x, from + r * stride);
-            if (vectors == 2) {
-                load(y, from + r * stride + lanes);
-                x = __builtin_shuffle(x, y, order);
-            } else {
-                x = __builtin_shuffle(x, order);
-            }
-#pragma GCC unroll 4
-            for (int m = 0; m < moments; m++) sum[m][r] += x * w[m];
-        }
-    }
-#pragma GCC unroll 4
-    for (int m = 0; m < moments; m++)
-#pragma GCC unroll 4
-        for (int r = 0; r < rows; r++) store(out + m * moment_size + r * width, sum[m][r]);
-}
-
-// The same, one by one: for any reach.
-template <int moments>
-PALPATE_INLINE void gather_eight(const float* source, int64_t stride, int rows, const Columns& columns, int j,
-                                 int64_t moment_size, float* out) {
-    const Spans& c = columns.spans;
-    const float* weight = c.weight.data() + j;
-    for (int m = 0; m < moments; m++, weight += c.taps * run, out += moment_size)
-        for (int r = 0; r < rows; r++) {
-            float sum[lanes] = {};
-            for (int t = 0; t < c.taps; t++) {
-                const float* from = source + r * stride + place(t, columns.near(), columns.jump);
-                for (int i = 0; i < lanes; i++) sum[i] += weight[t * run + i] * from[c.first[j + i]];
-            }
-            for (int i = 0; i < lanes; i++) out[r * width + i] = sum[i];
-        }
-}
 
 // `rows` rows of the source, resampled. plain: see Columns.
 template <int moments, int rows, int fixed, bool plain, bool halved>
@@ -81,13 +22,14 @@ PALPATE_INLINE void resample_rows(const float* source, int64_t stride, const Col
 #pragma GCC unroll 4
             for (int r = 0; r < rows; r++) __builtin_prefetch(from + (r + soon) * stride, 0, 3);
         if (plain || reach.vectors == Reach::one)
-            resample_eight<moments, 1, rows, fixed, halved>(from, stride, reach.order, weight, c.taps, columns.jump,
-                                                            moment_size, out + j);
+            resample_eight<moments, 1, rows, fixed, halved, width>(from, stride, reach.order, weight, c.taps,
+                                                                   columns.jump, moment_size, out + j);
         else if (reach.vectors == Reach::two)
-            resample_eight<moments, 2, rows, 0, halved>(from, stride, reach.order, weight, c.taps, columns.jump,
-                                                        moment_size, out + j);
+            resample_eight<moments, 2, rows, 0, halved, width>(from, stride, reach.order, weight, c.taps, columns.jump,
+                                                               moment_size, out + j);
         else
-            gather_eight<moments>(source, stride, rows, columns, j, moment_size, out + j);
+            gather_eight<width>(source, stride, rows, c.first + j, moments, weight, c.taps, columns.near(),
+                                columns.jump, moment_size, out + j);
     }
 }
 

@@ -213,19 +213,16 @@ struct Backprojection {
             }
         }
         std::vector<Window> windows(g.views.size());
-        for (int begin = 0; begin < grid.nx; begin += width) {
-            const int end = std::min(grid.nx, begin + width);
-            open_windows(z0, z1, begin, end, rows_of, windows, s);
-            for (int x0 = begin; x0 < end; x0 += width)
-                for (int z = z0; z < z1; z++) {
-                    const int x1 = std::min(end, x0 + width);
-                    std::fill_n(s.sum.begin(), height * width, 0.0f);
-                    for (size_t k = 0; k < g.views.size(); k++)
-                        if (windows[k].stride > 0) add_view(k, z, z - z0, x0, x1, rows_of[k], windows[k], s);
-                    for (int y = y0; y < y1; y++)
-                        std::copy_n(&s.sum[(y - y0) * width], x1 - x0,
-                                    f + z * grid.slice() + int64_t(y) * grid.nx + x0);
-                }
+        for (int x0 = 0; x0 < grid.nx; x0 += width) {
+            const int x1 = std::min(grid.nx, x0 + width);
+            open_windows(z0, z1, x0, x1, rows_of, windows, s);
+            for (int z = z0; z < z1; z++) {
+                std::fill_n(s.sum.begin(), height * width, 0.0f);
+                for (size_t k = 0; k < g.views.size(); k++)
+                    if (windows[k].stride > 0) add_view(k, z, z - z0, x0, x1, rows_of[k], windows[k], s);
+                for (int y = y0; y < y1; y++)
+                    std::copy_n(&s.sum[(y - y0) * width], x1 - x0, f + z * grid.slice() + int64_t(y) * grid.nx + x0);
+            }
         }
     }
 

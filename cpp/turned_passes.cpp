@@ -1,5 +1,6 @@
 // The two passes of the projector on turned panels.
 #include "turned_passes.h"
+#include "eight.h"
 
 namespace palpate {
 // A pixel's two edges lie y0 and y1 voxels up; how far apart they are at most is convex along the rows.
@@ -141,52 +142,17 @@ PALPATE_KERNEL void add_pixels(const Edges& edges, int y, int taps, int nb, cons
     add_pixels_by<0>(edges, y, taps, nb, image, stride, begin, end, out);
 }
 
-// out[point][row][0..8] = sum over taps of weight * source[row][first + tap], for `rows` rows. Numerical kernel.
-template <int points, int vectors, int rows>
-PALPATE_INLINE void resample_for_points(const float* source, int64_t stride, const Reach& reach, const float* weight,
-                                        int taps, int64_t point_size, float* out) {
-    Lanes sum[points][rows];
-#pragma GCC unroll 4
-    for (int m = 0; m < points; m++)
-#pragma GCC unroll 4
-        for (int r = 0; r < rows; r++) sum[m][r] = Lanes{};
-    Order order;
-    std::memcpy(&order, reach.order, sizeof order);
-    source += reach.first;
-    for (int t = 0; t < taps; t++, source++, weight += run) {
-        Lanes w[points];
-#pragma GCC unroll 4
-        for (int m = 0; m < points; m++) load(w[m], weight + m * taps * run);
-#pragma GCC unroll 4
-        for (int r = 0; r < rows; r++) {
-            Lanes x, y;
-            load(x, source + r * stride);
-            if (vectors == 2) {
-                load(y, source + r * stride + lanes);
-                x = __builtin_shuffle(x, y, order);
-            } else {
-                x = __builtin_shuffle(x, order);
-            }
-#pragma GCC unroll 4
-            for (int m = 0; m < points; m++) sum[m][r] += x * w[m];
-        }
-    }
-#pragma GCC unroll 4
-    for (int m = 0; m < points; m++)
-#pragma GCC unroll 4
-        for (int r = 0; r < rows; r++) store(out + m * point_size + r * breadth, sum[m][r]);
-}
-
 template <int points, int vectors>
 PALPATE_INLINE void resample_voxels_by(const float* source, int64_t stride, int rows, const Reach& reach,
                                        const float* weight, int taps, int64_t point_size, float* out) {
     int r = 0;
-    for (; r + 4 <= rows; r += 4)
-        resample_for_points<points, vectors, 4>(source + r * stride, stride, reach, weight, taps, point_size,
-                                                out + r * breadth);
+    source += reach.first;
+    for (; r + group <= rows; r += group)
+        resample_eight<points, vectors, group, 0, false, breadth>(source + r * stride, stride, reach.order, weight,
+                                                                  taps, 0, point_size, out + r * breadth);
     for (; r < rows; r++)
-        resample_for_points<points, vectors, 1>(source + r * stride, stride, reach, weight, taps, point_size,
-                                                out + r * breadth);
+        resample_eight<points, vectors, 1, 0, false, breadth>(source + r * stride, stride, reach.order, weight, taps, 0,
+                                                              point_size, out + r * breadth);
 }
 
 PALPATE_KERNEL void resample_voxels(const float* source, int64_t stride, int rows, const Reach& reach, int points,
@@ -209,19 +175,13 @@ PALPATE_KERNEL void resample_voxels(const float* source, int64_t stride, int row
 // The same, one by one: for any reach.
 PALPATE_KERNEL void gather_voxels(const float* source, int64_t stride, int rows, const int32_t* first, int points,
                                   const float* weight, int taps, int64_t point_size, float* out) {
-    for (int m = 0; m < points; m++, weight += taps * run, out += point_size)
-        for (int r = 0; r < rows; r++) {
-            float sum[lanes] = {};
-            for (int t = 0; t < taps; t++)
-                for (int i = 0; i < lanes; i++) sum[i] += weight[t * run + i] * source[r * stride + first[i] + t];
-            for (int i = 0; i < lanes; i++) out[r * breadth + i] = sum[i];
-        }
+    gather_eight<breadth>(source, stride, rows, first, points, weight, taps, taps, 0, point_size, out);
 }
 
 // Back, the sums run over the points too.
 template <int vectors, int rows>
-PALPATE_INLINE void resample_eight(const float* source, int64_t stride, int64_t point_size, const Reach& reach,
-                                   int points, const float* weight, int taps, float* out) {
+PALPATE_INLINE void add_points(const float* source, int64_t stride, int64_t point_size, const Reach& reach, int points,
+                               const float* weight, int taps, float* out) {
     Lanes sum[rows] = {};
     Order order;
     std::memcpy(&order, reach.order, sizeof order);
@@ -252,9 +212,9 @@ PALPATE_INLINE void resample_points_by(const float* source, int64_t stride, int6
                                        const Reach& reach, int points, const float* weight, int taps, float* out) {
     int r = 0;
     for (; r + 4 <= rows; r += 4)
-        resample_eight<vectors, 4>(source + r * stride, stride, point_size, reach, points, weight, taps, out + r * run);
+        add_points<vectors, 4>(source + r * stride, stride, point_size, reach, points, weight, taps, out + r * run);
     for (; r < rows; r++)
-        resample_eight<vectors, 1>(source + r * stride, stride, point_size, reach, points, weight, taps, out + r * run);
+        add_points<vectors, 1>(source + r * stride, stride, point_size, reach, points, weight, taps, out + r * run);
 }
 
 PALPATE_KERNEL void resample_points(const float* source, int64_t stride, int64_t point_size, int rows,

@@ -1,5 +1,7 @@
 """`palpate study`: experiments, each one command and one report."""
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -18,6 +20,17 @@ study_app = typer.Typer(
 def add(app: typer.Typer) -> None:
     """Adds the commands to `app`."""
     app.add_typer(study_app, name="study", short_help=MEANING)
+
+
+@contextmanager
+def _resumable(name: str, quick: bool, output: Path) -> Iterator[Callable[[str, float], None]]:
+    """What is told how far a study is; Ctrl-C in it says how to go on."""
+    try:
+        with progress() as say:
+            yield say
+    except KeyboardInterrupt:
+        again = f"palpate study {name} --resume" + (" --quick" if quick else "") + f" -o {output}"
+        raise KeyboardInterrupt(f"go on with: {again}") from None
 
 
 @study_app.command("tomosynthesis", short_help="Multi-resolution MAP beside fixed resolution and baselines.")
@@ -41,12 +54,8 @@ def tomosynthesis(
 
     Takes minutes; Ctrl-C stops it, and --resume goes on.
     """
-    try:
-        with progress() as say:
-            report = pp.tomosynthesis_study(output, quick=quick, resume=resume, docs=docs, progress=say)
-    except KeyboardInterrupt:
-        again = "palpate study tomosynthesis --resume" + (" --quick" if quick else "") + f" -o {output}"
-        raise KeyboardInterrupt(f"go on with: {again}") from None
+    with _resumable("tomosynthesis", quick, output) as say:
+        report = pp.tomosynthesis_study(output, quick=quick, resume=resume, docs=docs, progress=say)
     typer.echo(f"report: {report.resolve()}")
 
 
@@ -68,10 +77,6 @@ def head(
 
     Takes minutes; Ctrl-C stops it, and --resume goes on.
     """
-    try:
-        with progress() as say:
-            report = pp.head_study(output, quick=quick, resume=resume, progress=say)
-    except KeyboardInterrupt:
-        again = "palpate study head --resume" + (" --quick" if quick else "") + f" -o {output}"
-        raise KeyboardInterrupt(f"go on with: {again}") from None
+    with _resumable("head", quick, output) as say:
+        report = pp.head_study(output, quick=quick, resume=resume, progress=say)
     typer.echo(f"report: {report.resolve()}")

@@ -179,8 +179,8 @@ class WeightedLeastSquares:
 
 
 def value_and_slope(likelihood: Likelihood, l: Float32, slope: Float32) -> float:
-    """The value; the slope is written to `slope`. In one pass where the likelihood offers it."""
-    if type(likelihood) in (Transmission, Gaussian) and isinstance(likelihood, Transmission):
+    """The value; the slope is written to `slope`. In one pass for our own, not for what overrides parts of them."""
+    if type(likelihood) is Transmission or type(likelihood) is Gaussian:
         return likelihood.value_and_slope(l, slope)
     np.copyto(slope, likelihood.slope(l))
     return likelihood.value(l)
