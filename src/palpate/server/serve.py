@@ -12,7 +12,7 @@ from palpate.server.listen import announce, end_asked, loopback_socket, new_toke
 from palpate.simulation.devices.pointer import Pointer
 from palpate.simulation.devices.replay import Replay
 from palpate.simulation.record import Record, write_record
-from palpate.simulation.session import RATE, Session, agrees, recorded_settings
+from palpate.simulation.session import RATE, Session, agrees, model_settings, recorded_settings
 from palpate.tissue.models import model as build
 from palpate.tissue.tissue import Tissue
 
@@ -59,7 +59,7 @@ def check_ready(port: int | None) -> None:
 
 def like(record: Record, tissue: Tissue) -> Session:
     """A fresh session that can replay the record. Raises `DataError` if it was made on another tissue."""
-    model = build(tissue, record.model, relaxation=record.settings["relaxation"])
+    model = build(tissue, record.model, **model_settings(record))
     session = Session(model, **recorded_settings(record))
     agrees(record, session)
     return session

@@ -13,8 +13,8 @@ from palpate.errors import DataError, FileError
 from palpate.meshes.mesh import TetMesh, boundary_faces
 from palpate.simulation.devices.pointer import Command
 from palpate.simulation.record import Record
+from palpate.tissue.base import TissueModel
 from palpate.tissue.models import name_of
-from palpate.tissue.rings import RingModel
 
 RATE: int = _core.RATE  # ticks a second
 TICK_BUDGET = 0.4e-3  # s of each tick that sweeps may take
@@ -38,7 +38,7 @@ class Session:
     """
 
     def __init__(
-        self, model: RingModel, *, radius: float | None = None, sweeps: int | None = None, limit: float = 20.0
+        self, model: TissueModel, *, radius: float | None = None, sweeps: int | None = None, limit: float = 20.0
     ) -> None:
         self.model = model
         self.mesh: TetMesh = model.tissue.mesh
@@ -163,7 +163,7 @@ _SETTINGS = ("sweeps", "radius", "limit", "ramp", "approach", "reach")
 def settings_of(session: Session) -> dict[str, float]:
     """What a tick does besides the model's equations, by name."""
     settings = {name: float(getattr(session.settings, name)) for name in _SETTINGS}
-    return {**settings, "relaxation": session.model.relaxation}
+    return {**settings, **session.model.settings}
 
 
 def agrees(record: Record, session: Session) -> None:
@@ -182,7 +182,7 @@ def agrees(record: Record, session: Session) -> None:
             raise DataError(f"record: made with {name} = {record.settings.get(name)}, not {value:g}; use the record's")
 
 
-def fingerprint(model: RingModel) -> str:
+def fingerprint(model: TissueModel) -> str:
     """A hash of what the model was made of: mesh, elastic constants, held nodes, spring law."""
     tissue, mesh, hash_ = model.tissue, model.tissue.mesh, hashlib.sha256()
     for part in (mesh.nodes, mesh.tets, mesh.region, tissue.young, tissue.poisson, tissue.fixed):
@@ -224,3 +224,8 @@ def recorded_settings(record: Record) -> dict[str, Any]:
         }
     except KeyError as missing:
         raise FileError(f"record: it does not say {missing}; record the session again") from None
+
+
+def model_settings(record: Record) -> dict[str, float]:
+    """Keywords that make the recorded model from its tissue."""
+    return {name: value for name, value in record.settings.items() if name not in _SETTINGS}

@@ -8,11 +8,11 @@ from numpy.typing import ArrayLike
 
 from palpate.arrays import Bool, Float64, Int64, float64
 from palpate.errors import DataError, MaterialError
+from palpate.tissue.base import TissueModel
 from palpate.tissue.blocks import BlockModel
 from palpate.tissue.contact import contacts, patch
 from palpate.tissue.elasticity import FiniteElements
 from palpate.tissue.fit import surface_normals
-from palpate.tissue.rings import RingModel
 from palpate.tissue.tissue import Tissue
 
 THRESHOLDS = (
@@ -87,7 +87,7 @@ def force_map(
     depth: float,
     radius: float,
     points: ArrayLike,
-    solver: "FiniteElements | RingModel | None" = None,
+    solver: "FiniteElements | TissueModel | None" = None,
     progress: Callable[[float], None] | None = None,
 ) -> Float64:
     """(P,) N that push (P, 3) surface points `depth` mm in along the inward normal, with a patch of `radius` mm.

@@ -3,25 +3,26 @@
 from typing import Any
 
 from palpate.errors import MaterialError
+from palpate.tissue.base import TissueModel
 from palpate.tissue.blocks import BlockModel
-from palpate.tissue.rings import RingModel
 from palpate.tissue.springs import SpringModel
 from palpate.tissue.tissue import Tissue
 
-_MODELS: dict[str, type[RingModel]] = {"springs": SpringModel, "blocks": BlockModel}
+_MODELS: dict[str, type[TissueModel]] = {"springs": SpringModel, "blocks": BlockModel}
 
 
-def model(tissue: Tissue, name: str = "blocks", **options: Any) -> RingModel:
+def model(tissue: Tissue, name: str = "blocks", **options: Any) -> TissueModel:
     """A real-time model of a tissue: "springs" (home and edge springs) or "blocks" (ring sweeps on finite elements).
 
-    options: relaxation, and for springs law (a `SpringLaw`). Answer pushes with `.push(points, displacements, radii)`;
-    `.native` is the C++ model that the loop runs. Raises `MaterialError` for a name that is not built.
+    options: keywords of the model's class, such as relaxation, or law (a `SpringLaw`) for springs. It answers pushes
+    with `.push(points, displacements, radii)`; `.native` is the C++ model that the loop runs. Raises `MaterialError`
+    for a name that is not built.
     """
     if name not in _MODELS:
         raise MaterialError(f"model: {name!r} is not built; choose one of {', '.join(_MODELS)}")
     return _MODELS[name](tissue, **options)
 
 
-def name_of(model: RingModel) -> str:
+def name_of(model: TissueModel) -> str:
     """The name by which `model` makes models of this kind."""
     return next(name for name, kind in _MODELS.items() if type(model) is kind)

@@ -1,79 +1,47 @@
 """What the models that are relaxed ring by ring share: pushing until a certified error is small enough."""
 
+from abc import abstractmethod
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.sparse import csr_array
 
 from palpate import _core
 from palpate.arrays import Float64, Int32
-from palpate.errors import DataError
-from palpate.tissue.contact import Answer, Contacts, contacts
+from palpate.tissue.base import TissueModel, too_much
+from palpate.tissue.contact import Contacts
 from palpate.tissue.tissue import Tissue
 
 
-class RingModel:
-    """A tissue model solved by ring sweeps. Immutable; what changes is the state that `start` gives.
+class RingModel(TissueModel):
+    """A tissue model solved by ring sweeps. native: its C++ model. relaxation: ω of the sweep."""
 
-    native: the C++ model that the real-time loop runs. relaxation: ω of the sweep.
-    """
+    native: "_core.RingModel"
 
     def __init__(self, tissue: Tissue, native: "_core.RingModel", relaxation: float) -> None:
-        self.tissue = tissue
-        self.native = native
+        super().__init__(tissue, native, {"relaxation": relaxation})
         self.relaxation = relaxation
 
-    def start(self) -> "_core.State":
-        """A state at rest, to hand to `push(warm=)`."""
-        return self.native.start()
-
-    def refuse(self, found: Contacts) -> None:
-        """Raises `DataError` for contacts that this model cannot answer; none by default."""
-
+    @abstractmethod
     def least_eigenvalue(self, state: "_core.State") -> float:
         """Certified lower bound of the eigenvalues of M⁻¹K, M the diagonal (blocks) of K, as the contact stands."""
-        raise NotImplementedError
 
-    def push(
-        self,
-        points: ArrayLike,
-        displacements: ArrayLike,
-        radii: ArrayLike,
-        normals: ArrayLike | None = None,
-        friction: float = np.inf,
-        tolerance: float = 1e-3,
-        warm: "_core.State | None" = None,
-        most_sweeps: int = 20_000,
-    ) -> Answer:
-        """Pushes m contacts at once and relaxes until the certified error is below `tolerance`.
-
-        points: (m, 3) mm, rest positions on the surface. displacements: (m, 3) mm. radii: (m,) mm. One contact keeps
-        (3,), (3,), scalar. friction: inf (glue); sliding is not built yet. warm: a state from `start` or an earlier
-        answer, which this push moves on. The answer says its certified error, which exceeds the tolerance only if
-        `most_sweeps` sweeps were not enough. Raises `DataError` or `MaterialError` for contacts that cannot be.
-        """
-        if not 0 < tolerance < 1:
-            raise DataError(f"tolerance: {tolerance}; give a relative error between 0 and 1, such as 1e-3")
-        found = contacts(self.tissue, points, displacements, radii, normals, friction)
-        self.refuse(found)
-        state = self.start() if warm is None else warm
+    def solve(
+        self, found: Contacts, state: "_core.State", tolerance: float, most_sweeps: int
+    ) -> tuple[Float64, float, int]:
+        """Sweeps in growing batches, each followed by a look at the certified error."""
         if not found.displacement.any():
             state.u[:] = 0  # the exact solution
         done, batch = 0, 4 if found.displacement.any() else 0
         while True:
             force = self.native.solve(state, found.patches, found.displacement, batch)
             if force is None:
-                raise DataError(
-                    f"{len(found.patches)} contacts with {sum(len(p.nodes) for p in found.patches)} nodes; at most "
-                    f"{_core.RingModel.most_contacts} contacts and {_core.Patch.capacity} nodes; give smaller radii"
-                )
+                raise too_much(found)
             done += batch
             error = self.certified_error(state, force)
             if error <= tolerance or done >= most_sweeps:
-                break
+                return force, error, done
             batch = min(max(4, done // 4), most_sweeps - done)
-        return found.answer(self.tissue, force, state.u.copy(), error, done, state)
 
     def certified_error(self, state: "_core.State", force: Float64) -> float:
         """Bound on ‖u − u*‖_K / ‖u*‖_K, u* the exact solution of this model's equations for the contacts of `state`.

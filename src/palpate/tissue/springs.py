@@ -50,12 +50,15 @@ class SpringModel(RingModel):
         self._springs = native(omega)
         super().__init__(tissue, self._springs, omega)
 
-    def refuse(self, found: Contacts) -> None:
-        """Raises `DataError` where a node would have to go with two rigid tools."""
+    def solve(
+        self, found: Contacts, state: "_core.State", tolerance: float, most_sweeps: int
+    ) -> tuple[Float64, float, int]:
+        """As every ring model; raises `DataError` also where a node would have to go with two rigid tools."""
         nodes = np.concatenate([spot.nodes for spot in found.patches])
         if self.rigid and len(np.unique(nodes)) < len(nodes):
             shared = int(np.flatnonzero(np.bincount(nodes) > 1)[0])
             raise DataError(f"node {shared} lies under two rigid contacts; move them apart, or give smaller radii")
+        return super().solve(found, state, tolerance, most_sweeps)
 
     def least_eigenvalue(self, state: "_core.State") -> float:
         """1 − ρ with ρ ≤ Σk_e / (Σk_e + k_h) at every free node (Gershgorin): proven, as the contact stands."""

@@ -1,0 +1,72 @@
+"""What every rung of the ladder of models shares: a push is checked, its patches found, and its answer put in shape."""
+
+from abc import ABC, abstractmethod
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from palpate import _core
+from palpate.arrays import Float64
+from palpate.errors import DataError
+from palpate.tissue.contact import Answer, Contacts, contacts
+from palpate.tissue.tissue import Tissue
+
+
+class TissueModel(ABC):
+    """A tissue that answers pushes. Immutable and thread-safe; what changes is the state that `start` gives.
+
+    native: the C++ model that the real-time loop runs. settings: the numbers that a record must repeat, by name; each
+    is a keyword of the class, too.
+    """
+
+    def __init__(self, tissue: Tissue, native: "_core.Model", settings: dict[str, float] | None = None) -> None:
+        self.tissue = tissue
+        self.native = native
+        self.settings = settings or {}
+
+    def start(self) -> "_core.State":
+        """A state at rest, to hand to `push(warm=)`."""
+        return self.native.start()
+
+    @abstractmethod
+    def solve(
+        self, found: Contacts, state: "_core.State", tolerance: float, most_sweeps: int
+    ) -> tuple[Float64, float, int]:
+        """Moves `state` until the error is below `tolerance`: (m, 3) N on the tools, the error's bound, the sweeps.
+
+        Raises `DataError` for contacts that this model cannot answer.
+        """
+
+    def push(
+        self,
+        points: ArrayLike,
+        displacements: ArrayLike,
+        radii: ArrayLike,
+        normals: ArrayLike | None = None,
+        friction: float = np.inf,
+        tolerance: float = 1e-3,
+        warm: "_core.State | None" = None,
+        most_sweeps: int = 20_000,
+    ) -> Answer:
+        """Pushes m contacts at once, until the certified error is below `tolerance`.
+
+        points: (m, 3) mm, rest positions on the surface. displacements: (m, 3) mm. radii: (m,) mm. One contact keeps
+        (3,), (3,), scalar. friction: inf (glue); sliding is not built yet. warm: a state from `start` or an earlier
+        answer, which this push moves on. The answer says its certified error, which exceeds the tolerance only if
+        `most_sweeps` sweeps (or iterations) were not enough. Raises `DataError` or `MaterialError` for contacts that
+        cannot be.
+        """
+        if not 0 < tolerance < 1:
+            raise DataError(f"tolerance: {tolerance}; give a relative error between 0 and 1, such as 1e-3")
+        found = contacts(self.tissue, points, displacements, radii, normals, friction)
+        state = self.start() if warm is None else warm
+        force, error, done = self.solve(found, state, tolerance, most_sweeps)
+        return found.answer(self.tissue, force, state.u.copy(), error, done, state)
+
+
+def too_much(found: Contacts) -> DataError:
+    """The error for contacts that the native model has no room for, or cannot tell apart."""
+    return DataError(
+        f"{len(found.patches)} contacts with {sum(len(p.nodes) for p in found.patches)} nodes; at most "
+        f"{_core.RingModel.most_contacts} contacts and {_core.Patch.capacity} nodes; give smaller radii"
+    )
