@@ -176,9 +176,9 @@ def reconstruct_command(
         if part is not None:
             pp.iterates(cropped(measured, part), part, **options)  # what cannot be is refused here, before work
             coarse = {**options, "method": "map" if method in ("fbp", "backprojection") else method.value}
-            *_, field = _shown(
-                around(measured, grid, halvings=halvings, **coarse, iterations=iterations), iterations, levels
-            )
+            steps = around(measured, grid, halvings=halvings, **coarse, iterations=iterations)
+            for field in _shown(steps, iterations, levels):
+                pass
             measured, grid = pp.local_scan(measured, grid, part, field.volume), part
         steps = pp.iterates(measured, grid, **options, iterations=iterations, resume=last)
         for step in _shown(checkpointed(steps, beside, run, checkpoint_every), iterations, levels):
