@@ -1,6 +1,7 @@
 """`palpate reconstruct`: from a scan to a volume."""
 
 import sys
+from collections import deque
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -177,8 +178,7 @@ def reconstruct_command(
             pp.iterates(cropped(measured, part), part, **options)  # what cannot be is refused here, before work
             coarse = {**options, "method": "map" if method in ("fbp", "backprojection") else method.value}
             steps = around(measured, grid, halvings=halvings, **coarse, iterations=iterations)
-            for field in _shown(steps, iterations, levels):
-                pass
+            field = deque(_shown(steps, iterations, levels), maxlen=1)[0]  # and no iterate before it
             measured, grid = pp.local_scan(measured, grid, part, field.volume), part
         steps = pp.iterates(measured, grid, **options, iterations=iterations, resume=last)
         for step in _shown(checkpointed(steps, beside, run, checkpoint_every), iterations, levels):
