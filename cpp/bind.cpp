@@ -20,6 +20,7 @@ NB_MODULE(_core, m) {
         "The version of the hot kernels that this machine runs.");
     bind_projection(m);
     bind_reconstruction(m);
+    bind_factors(m);
     bind_mechanics(m);
     bind_simulation(m);
 }

@@ -2,15 +2,13 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy.sparse import eye_array
 from solids import block, brick
 
 import palpate as pp
 from palpate.tissue.contact import contacts
 from palpate.tissue.elasticity import lame
-from palpate.tissue.factors import Factors, dissection
+from palpate.tissue.factors import Factors
 
 TOP = np.array([25.0, 25.0, 50.0])
 
@@ -176,13 +174,3 @@ def test_the_factors_solve_and_know_a_matrix_that_is_not_positive(element):
     places = fe.space.doflocs[:, fe.free[::3]].T
     assert Factors(K - 0.99 * least * eye_array(K.shape[0]), places).positive
     assert not Factors(K - 1.01 * least * eye_array(K.shape[0]), places).positive
-
-
-@given(st.integers(1, 400), st.integers(0, 2**32 - 1))
-def test_dissection_orders_every_node_once(nodes, seed):
-    rng = np.random.default_rng(seed)
-    pairs = rng.integers(0, nodes, (3 * nodes, 2))
-    pairs = pairs[pairs[:, 0] != pairs[:, 1]]
-    places = rng.integers(0, 4, (nodes, 3)).astype(float)  # many at the same height
-    order = dissection(places, np.concatenate([pairs, pairs[:, ::-1]]))
-    np.testing.assert_array_equal(np.sort(order), np.arange(nodes))

@@ -36,9 +36,10 @@ def test_fixed_nodes_may_be_a_mask_or_indices():
         ({"young": {1: 5.0, 2: 5.0, 7: 5.0}}, ["young", "7", "1, 2"]),
         ({"young": {"lump": 5.0}}, ["young", "lump", "1, 2"]),
         ({"young": {1: 5.0, 2: -1.0}}, ["young", "-1", "positive"]),
-        ({"poisson": 0.5}, ["poisson", "0.5", "P2", "0.45"]),
+        ({"poisson": 0.5}, ["poisson", "0.5", "P2", "0.45", "mixed"]),
+        ({"poisson": 0.51, "element": "mixed"}, ["poisson", "0.51", "mixed"]),
         ({"poisson": -0.1}, ["poisson", "-0.1"]),
-        ({"element": "mixed"}, ["element", "mixed", "P2"]),
+        ({"element": "P3"}, ["element", "P3", "P2", "mixed"]),
     ],
 )
 def test_impossible_constants_are_refused(constants, words):
@@ -130,5 +131,39 @@ def test_a_table_that_holds_nothing_is_refused(direction, depth, words):
 def test_springs_that_would_push_outwards_are_refused(law, words):
     with pytest.raises(MaterialError) as refusal:
         pp.SpringLaw(**law)
+    for word in words:
+        assert word in str(refusal.value)
+
+
+def test_a_clamp_holds_what_is_near_it():
+    corner = np.flatnonzero(np.linalg.norm(MESH.nodes - [50, 50, 50], axis=1) <= 20)
+    np.testing.assert_array_equal(pp.held_near(MESH, [50, 50, 50], 20), corner)
+    assert len(corner) > 3
+    inner = np.flatnonzero(((MESH.nodes > 0) & (MESH.nodes < 50)).all(axis=1))
+    assert not np.isin(pp.held_near(MESH, [25, 25, 25], 40), inner).any()  # a clamp does not reach inside
+    pp.Tissue(MESH, 5, 0.3, np.union1d(pp.held_near(MESH, [0, 0, 0], 18), pp.held_near(MESH, [50, 50, 50], 18)))
+
+
+def test_plaster_holds_all_beyond_its_plane():
+    np.testing.assert_array_equal(pp.held_beyond(MESH, [9, 9, 0], (0, 0, -1)), np.flatnonzero(BOTTOM))
+    half = pp.held_beyond(MESH, [25, 25, 25], (1, 0, 1))
+    np.testing.assert_array_equal(half, np.flatnonzero(MESH.nodes[:, [0, 2]].sum(axis=1) >= 50 - 1e-9))
+    assert 0 < len(half) < len(MESH.nodes)
+
+
+@pytest.mark.parametrize(
+    ("support", "words"),
+    [
+        (lambda: pp.held_near(MESH, [0, 0, 0], 1.0), ["1 nodes", "16.7", "radius"]),
+        (lambda: pp.held_near(MESH, [0, 0, 0], 0.0), ["radius", "0"]),
+        (lambda: pp.held_near(MESH, [0, np.nan, 0], 9.0), ["point", "finite"]),
+        (lambda: pp.held_beyond(MESH, [0, 0, -1], (0, 0, -1)), ["0 of 64", "1 to"]),
+        (lambda: pp.held_beyond(MESH, [0, 0, -1], (0, 0, 1)), ["64 of 64"]),
+        (lambda: pp.held_beyond(MESH, [0, 0, 0], (0, 0, 0)), ["normal", "(0, 0, -1)"]),
+    ],
+)
+def test_supports_that_hold_nothing_or_all_are_refused(support, words):
+    with pytest.raises(ValueError) as refusal:
+        support()
     for word in words:
         assert word in str(refusal.value)

@@ -82,16 +82,18 @@ if TYPE_CHECKING:
     from palpate.studies.demo import demonstrate as demonstrate
     from palpate.studies.head_study import head_study as head_study
     from palpate.studies.tomosynthesis.study import tomosynthesis_study as tomosynthesis_study
-    from palpate.tissue.elasticity import finite_elements as finite_elements
     from palpate.tissue.files import read_tissue as read_tissue
     from palpate.tissue.files import write_tissue as write_tissue
     from palpate.tissue.fit import fit as fit
     from palpate.tissue.lump import force_map as force_map
     from palpate.tissue.lump import lump_map as lump_map
     from palpate.tissue.models import model as model
+    from palpate.tissue.supports import held_beyond as held_beyond
+    from palpate.tissue.supports import held_near as held_near
+    from palpate.tissue.supports import resting_on as resting_on
     from palpate.tissue.tissue import SpringLaw as SpringLaw
     from palpate.tissue.tissue import Tissue as Tissue
-    from palpate.tissue.tissue import resting_on as resting_on
+    from palpate.tissue.truth import finite_elements as finite_elements
     from palpate.volumes.files import read_labels as read_labels
     from palpate.volumes.files import read_volume as read_volume
     from palpate.volumes.files import write_labels as write_labels
@@ -183,8 +185,10 @@ _HOME = {
     "write_mesh": "meshes.files",
     "Tissue": "tissue.tissue",
     "SpringLaw": "tissue.tissue",
-    "resting_on": "tissue.tissue",
-    "finite_elements": "tissue.elasticity",
+    "resting_on": "tissue.supports",
+    "held_near": "tissue.supports",
+    "held_beyond": "tissue.supports",
+    "finite_elements": "tissue.truth",
     "model": "tissue.models",
     "fit": "tissue.fit",
     "read_tissue": "tissue.files",

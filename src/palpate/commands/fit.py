@@ -28,7 +28,7 @@ def fit_command(
     ] = None,
     region_poisson: Annotated[list[str] | None, typer.Option(help="Another Poisson's ratio: lump=0.4")] = None,
     law: Annotated[str, typer.Option(help="Of the home springs: uniform, linear, exponential.")] = "exponential",
-    element: Annotated[str, typer.Option(help="Of the finite elements: P1, or P2 (slower, above 0.45).")] = "P1",
+    element: Annotated[str, typer.Option(help="Of finite elements: P1, P2 (above 0.45), mixed (up to 0.5).")] = "P1",
 ) -> None:
     """Example: [bold]palpate fit kidney.vtu --young 15 --rest-on 0,1,0 --depth 12 -o tissue.vtu[/bold]
 

@@ -18,7 +18,8 @@ from palpate.studies.reconstructing import reconstructed
 from palpate.studies.report import Section, write_report
 from palpate.studies.stages import Stages
 from palpate.tissue.materials import MATERIALS
-from palpate.tissue.tissue import Tissue, resting_on
+from palpate.tissue.supports import resting_on
+from palpate.tissue.tissue import Tissue
 from palpate.volumes.files import read_labels, write_labels
 from palpate.volumes.grid import Grid
 from palpate.volumes.inclusion import Inclusion, ball, find_inclusion

@@ -8,7 +8,8 @@ from palpate.studies.pictures import three_planes
 from palpate.studies.report import Section, write_report
 from palpate.studies.stages import Stages
 from palpate.tissue.materials import MATERIALS
-from palpate.tissue.tissue import Tissue, resting_on
+from palpate.tissue.supports import resting_on
+from palpate.tissue.tissue import Tissue
 from palpate.volumes.files import read_labels, read_volume, write_labels, write_volume
 from palpate.volumes.volume import Labels
 

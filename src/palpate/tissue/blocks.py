@@ -49,8 +49,9 @@ class BlockModel(RingModel):
         shift = 0.9 * self._slowest
         places = self.tissue.mesh.nodes[~self.tissue.held]
         for _ in range(60):
-            if Factors(self._scaled - shift * identity, places).positive:
-                return shift
+            factors = Factors(self._scaled - shift * identity, places)
+            if factors.positive and shift > 2 * factors.slack:
+                return shift - factors.slack
             shift *= 0.7
         raise MaterialError("the stiffness is not positive definite; hold more nodes, or mend flat tets of the mesh")
 

@@ -16,7 +16,7 @@ from palpate.tissue.contact import Answer, Contacts, contacts
 from palpate.tissue.factors import Factors
 from palpate.tissue.tissue import KPA, Tissue
 
-_ELEMENTS = {"P1": skfem.ElementTetP1, "P2": skfem.ElementTetP2}
+_SHAPES = {"P1": skfem.ElementTetP1, "P2": skfem.ElementTetP2, "mixed": skfem.ElementTetP2}
 
 
 @skfem.BilinearForm  # type: ignore[untyped-decorator]
@@ -33,16 +33,28 @@ def lame(young: ArrayLike, poisson: ArrayLike) -> tuple[Float64, Float64]:
 
 
 def basis(mesh: TetMesh, element: str = "P1") -> Any:
-    """scikit-fem's basis of vector functions on a mesh, "P1" or "P2"."""
+    """scikit-fem's basis of vector functions on a mesh: linear for "P1", else quadratic."""
     tets = skfem.MeshTet(
         np.ascontiguousarray(mesh.nodes.T), np.ascontiguousarray(mesh.tets.T.astype(np.int64)), sort_t=False
     )
-    return skfem.Basis(tets, skfem.ElementVector(_ELEMENTS[element]()), intorder=2 if element == "P2" else 1)
+    return skfem.Basis(tets, skfem.ElementVector(_SHAPES[element]()), intorder=1 if element == "P1" else 2)
 
 
 def stiffness(space: Any, young: Float64, poisson: Float64) -> csr_array:
-    """K of linear elasticity on scikit-fem's basis `space`, N/mm. young: (M,) kPa. poisson: (M,)."""
-    lam, mu = lame(young, poisson)
+    """K of linear elasticity on scikit-fem's basis `space`, N/mm. young: (M,) kPa. poisson: (M,).
+
+    Raises `MaterialError` for ν = 0.5, which needs a pressure.
+    """
+    if (poisson >= 0.5).any():
+        raise MaterialError(
+            f"poisson: 0.5 at tet {int(np.argmax(poisson))} can be solved with pressure as an unknown only: "
+            f'pp.finite_elements(tissue, "mixed"); give this model 0.45, or up to 0.49'
+        )
+    return assembled(space, *lame(young, poisson))
+
+
+def assembled(space: Any, lam: Float64, mu: Float64) -> csr_array:
+    """K for Lamé's (M,) constants in N/mm²."""
     points = space.dx.shape[1]
     K = _elastic.assemble(space, lam=np.tile(lam[:, None], points), mu=np.tile(mu[:, None], points))
     return csr_array(K)
@@ -51,20 +63,21 @@ def stiffness(space: Any, young: Float64, poisson: Float64) -> csr_array:
 class FiniteElements:
     """The elastic equilibrium of a tissue, factored once; `push` answers like a model, exactly.
 
-    element: "P1" or "P2"; None: the tissue's own. The prescribed quantity is the patch's weighted mean displacement
-    Wᵀu = d, the force its multiplier. With P2 the same traction (the patch's weight density, linear on each triangle)
-    acts through the quadratic basis.
+    element: "P1" or "P2"; None: the tissue's own ("mixed" is `MixedElements`). The prescribed quantity is the patch's
+    weighted mean displacement Wᵀu = d, the force its multiplier. With quadratic elements the same traction (the
+    patch's weight density, linear on each triangle) acts through their basis.
     """
 
     def __init__(self, tissue: Tissue, element: str | None = None) -> None:
         self.tissue = tissue
         self.element = tissue.element if element is None else element
-        if self.element not in _ELEMENTS:
-            raise MaterialError(f'element: {self.element!r} is not built; choose "P1" or "P2"')
         self.space = basis(tissue.mesh, self.element)
-        self.K = stiffness(self.space, tissue.young, tissue.poisson)
+        self.K = self._stiffness()
         self.nodal: Int32 = self.space.nodal_dofs.T  # (N, 3) unknowns of each node
         self.free = np.setdiff1d(np.arange(self.K.shape[0]), self._held_unknowns())
+
+    def _stiffness(self) -> csr_array:
+        return stiffness(self.space, self.tissue.young, self.tissue.poisson)
 
     @cached_property
     def factors(self) -> Factors:
@@ -74,8 +87,7 @@ class FiniteElements:
     def solve(self, load: Float64) -> Float64:
         """(unknowns, k) displacements under (unknowns, k) loads, held unknowns 0."""
         u = np.zeros_like(load)
-        for column in range(load.shape[1]):  # one by one is twice as fast as SuperLU's own block of columns
-            u[self.free, column] = self.factors.solve(load[self.free, column])
+        u[self.free] = self.factors.solve(load[self.free])
         return u
 
     def loads(self, found: Contacts) -> Float64:
@@ -89,7 +101,7 @@ class FiniteElements:
         density = np.zeros_like(W)
         density[self._areas[0]] = W[self._areas[0]] / self._areas[1][:, None]
         for k in range(3):
-            out[:, k::3] = self._surface_mass[k] @ density
+            out[: self.space.N, k::3] = self._surface_mass[k] @ density
         return out
 
     def push(
@@ -122,7 +134,7 @@ class FiniteElements:
 
     def _held_unknowns(self) -> Int32:
         held = [self.nodal[self.tissue.fixed].ravel()]
-        if self.element == "P2":  # an edge between two held nodes lies on the support
+        if self.element != "P1":  # an edge between two held nodes lies on the support
             still = self.tissue.held[self.space.mesh.edges].all(axis=0)
             held.append(self.space.edge_dofs[:, still].ravel())
         return np.concatenate(held)
@@ -144,8 +156,3 @@ class FiniteElements:
             return csr_array(skfem.BilinearForm(lambda u, v, w: u * v[axis]).assemble(p1, p2))
 
         return [along(axis) for axis in range(3)]
-
-
-def finite_elements(tissue: Tissue, element: str | None = None) -> FiniteElements:
-    """The elastic truth of a tissue: `finite_elements(tissue).push(...)` answers like a model, by a direct solve."""
-    return FiniteElements(tissue, element)

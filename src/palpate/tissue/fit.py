@@ -15,6 +15,7 @@ from palpate.tissue.elasticity import FiniteElements
 from palpate.tissue.report import FitReport
 from palpate.tissue.springs import SpringModel
 from palpate.tissue.tissue import Constant, SpringLaw, Tissue
+from palpate.tissue.truth import finite_elements
 
 _SEARCH = {"uniform": (3e-3, 3.0), "linear": (1e-3, 1.0), "exponential": (3e-3, 2.0)}  # of |RSC0|, by its logarithm
 _TRAINING, _HELD_OUT = 10, 8
@@ -55,7 +56,7 @@ def fit(
     held_out = np.arange(len(points)) >= _TRAINING
     inward = -d * surface_normals(tissue, points)
     say("finite elements", 0.0)
-    truth = FiniteElements(tissue)
+    truth = finite_elements(tissue)
     true = []
     for k, (x, w) in enumerate(zip(points[~held_out], inward[~held_out], strict=True), 1):
         true.append(truth.push(x, w, r))

@@ -14,6 +14,7 @@ from palpate.tissue.contact import contacts, patch
 from palpate.tissue.elasticity import FiniteElements
 from palpate.tissue.fit import surface_normals
 from palpate.tissue.tissue import Tissue
+from palpate.tissue.truth import finite_elements
 
 THRESHOLDS = (
     (8, "compliance, pinch grasp, fixed displacement: Tan, Durlach, Beauregard & Srinivasan, Percept. Psychophys. 57 "
@@ -99,7 +100,7 @@ def force_map(
     if not (np.isfinite(depth) and depth > 0):
         raise DataError(f"depth: {depth} mm; give how deep to push, more than 0")
     inward = -surface_normals(tissue, x)
-    solver = FiniteElements(tissue) if solver is None else solver
+    solver = finite_elements(tissue) if solver is None else solver
     force = np.empty(len(x))
     batch = 16 if isinstance(solver, FiniteElements) else 1
     for first in range(0, len(x), batch):

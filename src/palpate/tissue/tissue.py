@@ -13,8 +13,10 @@ from palpate.arrays import Bool, Float64, Int32, float64
 from palpate.errors import MaterialError
 from palpate.meshes.mesh import TetMesh
 from palpate.tissue.report import FitReport
+from palpate.tissue.supports import rigid_rank
 
 KPA = 1e-3  # N/mm² in a kPa
+ELEMENTS = ("P1", "P2", "mixed")
 
 Constant = float | ArrayLike | Mapping[int, float] | Mapping[str, float] | Mapping[int | str, float]
 
@@ -56,8 +58,9 @@ class Tissue:
     """A solid that can be pushed.
 
     mesh: the solid. young: kPa, one number, (M,) a tet, or {region number or name: kPa}. poisson: likewise, no unit,
-    0 ≤ ν < 0.5. fixed: node indices, or an (N,) mask, of the nodes held still. element: what `finite_elements` uses by
-    default, "P1" or "P2" (P1 locks near ν = 0.5). springs, report: what `fit` found.
+    0 ≤ ν < 0.5, and 0.5 too with the mixed element. fixed: node indices, or an (N,) mask, of the nodes held still.
+    element: what `finite_elements` uses by default, "P1" (locks near ν = 0.5), "P2" or "mixed". springs, report: what
+    `fit` found.
 
     Raises `MaterialError` on constants no tissue has and on supports that leave a rigid motion free.
     """
@@ -88,14 +91,9 @@ class Tissue:
             raise MaterialError(
                 f"young: {modulus[bad]:g} kPa at tet {bad}; give a positive stiffness (breast fat: 3.25)"
             )
-        if (ratio < 0).any() or (ratio >= 0.5).any():
-            bad = int(np.flatnonzero((ratio < 0) | (ratio >= 0.5))[0])
-            raise MaterialError(
-                f"poisson: {ratio[bad]:g} at tet {bad}; these elements need 0 <= poisson < 0.5: for a nearly "
-                f'incompressible tissue give 0.45, or up to 0.49 with element="P2"'
-            )
-        if element not in ("P1", "P2"):
-            raise MaterialError(f'element: {element!r} is not built; choose "P1" or "P2" (nearly incompressible)')
+        if element not in ELEMENTS:
+            raise MaterialError(f"element: {element!r} is not built; choose one of {', '.join(ELEMENTS)}")
+        _refuse_ratios(ratio, element)
         held = _node_indices(fixed, len(mesh.nodes))
         _refuse_rigid_motions(mesh, held)
         for name, value in (("young", modulus), ("poisson", ratio), ("fixed", held)):
@@ -128,37 +126,14 @@ class Tissue:
         return float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).mean())
 
 
-def resting_on(mesh: TetMesh, direction: ArrayLike, depth: float | None = None) -> Int32:
-    """Indices of the surface nodes that lie on a table in `direction`, such as (0, 0, -1) for a table below.
-
-    They face the table and are at most `depth` mm nearer than the outermost node; None: 10 % of the mesh's extent that
-    way, since a soft organ settles until it lies broadly (held by its tip alone it would tilt at a touch).
-    Raises `MaterialError` when fewer than three nodes, or nodes on one line, lie there.
-    """
-    way = float64("direction", direction, (3,))
-    length = float(np.linalg.norm(way))
-    if length == 0:
-        raise MaterialError("direction: (0, 0, 0) points nowhere; give the way to the table, such as (0, 0, -1)")
-    if depth is not None and not (np.isfinite(depth) and depth >= 0):
-        raise MaterialError(f"depth: {depth} mm; give a finite depth of 0 or more")
-    way = way / length
-    height, surface = mesh.nodes @ way, mesh.surface_nodes
-    reach = 0.1 * float(np.ptp(height)) if depth is None else depth
-    corners = mesh.nodes[mesh.surface]
-    facing = np.zeros(len(mesh.nodes))
-    for k in range(3):  # area-weighted, as the contact's normals
-        np.add.at(
-            facing, mesh.surface[:, k], np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) @ way
-        )
-    low = height[surface] >= height.max() - reach - 1e-9 * float(np.ptp(height))
-    on_table = surface[low & (facing[surface] > 1e-9 * np.abs(facing).max())]
-    if _rigid_rank(mesh.nodes[on_table]) < 6:
+def _refuse_ratios(ratio: Float64, element: str) -> None:
+    bad = (ratio < 0) | (ratio > 0.5 if element == "mixed" else ratio >= 0.5)
+    if bad.any():
+        at = int(np.flatnonzero(bad)[0])
         raise MaterialError(
-            f"only {len(on_table)} nodes, or nodes on one line, lie within {reach:g} mm of the table in direction "
-            f"{way.tolist()}; give a larger depth, such as depth={max(2 * reach, 1.0):g}"
+            f"poisson: {ratio[at]:g} at tet {at}; element {element} needs 0 <= poisson < 0.5: for a nearly "
+            f'incompressible tissue give 0.45, or up to 0.49 with element="P2"; element="mixed" takes up to 0.5 itself'
         )
-    nodes: Int32 = on_table.astype(np.int32)
-    return nodes
 
 
 def mesh_edges(mesh: TetMesh) -> Int32:
@@ -204,19 +179,6 @@ def _node_indices(fixed: ArrayLike, count: int) -> Int32:
     return np.unique(array).astype(np.int32)
 
 
-def _rigid_rank(points: Float64) -> int:
-    """How many of the six rigid motions move at least one of `points`."""
-    if len(points) == 0:
-        return 0
-    x = points - points.mean(axis=0)
-    x = x / max(float(np.abs(x).max()), 1e-300)
-    moves = np.zeros((len(x), 3, 6))
-    moves[:, :, :3] = np.eye(3)
-    for k in range(3):
-        moves[:, :, 3 + k] = np.cross(np.eye(3)[k], x)
-    return int(np.linalg.matrix_rank(moves.reshape(-1, 6), tol=1e-6 * np.sqrt(len(x))))
-
-
 def _refuse_rigid_motions(mesh: TetMesh, fixed: Int32) -> None:
     """A part joined through faces is held by three nodes not in a line; held parts hold the parts they touch."""
     parts, part = _parts(mesh.tets)
@@ -225,13 +187,13 @@ def _refuse_rigid_motions(mesh: TetMesh, fixed: Int32) -> None:
     members = [np.unique(mesh.tets[part == p]) for p in range(parts)]
     loose = list(range(parts))
     while loose:
-        caught = [p for p in loose if _rigid_rank(mesh.nodes[members[p][held[members[p]]]]) == 6]
+        caught = [p for p in loose if rigid_rank(mesh.nodes[members[p][held[members[p]]]]) == 6]
         if not caught:
             p = loose[0]
             mine = members[p][held[members[p]]]
             raise MaterialError(
                 f"fixed: {len(mine)} nodes held in part {p} of {parts} of the mesh ({len(members[p])} nodes from node "
-                f"{int(members[p][0])}) leave {6 - _rigid_rank(mesh.nodes[mine])} rigid motions free; hold three or "
+                f"{int(members[p][0])}) leave {6 - rigid_rank(mesh.nodes[mine])} rigid motions free; hold three or "
                 f"more nodes that are not on one line in each part, for example with pp.resting_on(mesh, (0, 0, -1))"
             )
         for p in caught:

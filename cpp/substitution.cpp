@@ -1,0 +1,105 @@
+#include "substitution.h"
+#include "substitution_kernels.h"
+#include <algorithm>
+
+namespace palpate {
+namespace {
+
+constexpr int width = Supernodes::panel, tile = width * width;
+
+int widest(const Supernodes& tree, int (Supernodes::*panels)(int) const) {
+    int most = 1;
+    for (int s = 0; s < tree.count(); s++) most = std::max(most, (tree.*panels)(s));
+    return width * most;
+}
+
+} // namespace
+
+template <class T>
+Substitution<T>::Substitution(const Supernodes& tree, int columns)
+    : groups(columns / width), tree(tree), columns(columns), stride(3 * tree.nodes() + 1) {
+    x.assign(size_t(stride) * columns + width, 0);
+    own.resize(size_t(widest(tree, &Supernodes::own_panels)) * std::max(columns, 1));
+    // One column: the partial sums of the way back lie behind the gathered rows.
+    below.resize(size_t(widest(tree, &Supernodes::below_panels)) * std::max(columns, 1) +
+                 (columns == 1 ? width * own.size() : 0));
+}
+
+template <class T> void Substitution<T>::forward(const T* value, const int* list, int count) {
+    for (int l = 0; l < count; l++) {
+        const int s = list[l], size = tree.own(s);
+        const Triangle n{tree.own_panels(s), tree.below_panels(s)};
+        const int* index = &tree.index[tree.index_start[s]];
+        const int64_t mine = int64_t(tile) * n.own, others = int64_t(tile) * n.below;
+        for (int g = 0; g < groups; g++) {
+            std::copy_n(of(g, 3 * tree.first[s]), width * size, &own[g * mine]);
+            std::fill(&own[g * mine] + width * size, &own[g * mine] + mine, T(0));
+            for (int i = 0; i < width * n.below; i++)
+                std::copy_n(of(g, index[i]), width, &below[g * others + width * i]);
+        }
+        palpate::forward(value + tree.entry_start[s], n, groups, own.data(), below.data());
+        for (int g = 0; g < groups; g++) {
+            std::copy_n(&own[g * mine], width * size, of(g, 3 * tree.first[s]));
+            for (int i = 0; i < width * n.below; i++)
+                std::copy_n(&below[g * others + width * i], width, of(g, index[i]));
+        }
+    }
+}
+
+template <class T> void Substitution<T>::backward(const T* value, const int* list, int count) {
+    for (int l = count - 1; l >= 0; l--) {
+        const int s = list[l], size = tree.own(s);
+        const Triangle n{tree.own_panels(s), tree.below_panels(s)};
+        const int* index = &tree.index[tree.index_start[s]];
+        const int64_t mine = int64_t(tile) * n.own, others = int64_t(tile) * n.below;
+        for (int g = 0; g < groups; g++) {
+            std::copy_n(of(g, 3 * tree.first[s]), width * size, &own[g * mine]);
+            std::fill(&own[g * mine] + width * size, &own[g * mine] + mine, T(0));
+            for (int i = 0; i < width * n.below; i++)
+                std::copy_n(of(g, index[i]), width, &below[g * others + width * i]);
+        }
+        palpate::backward(value + tree.entry_start[s], n, groups, own.data(), below.data());
+        for (int g = 0; g < groups; g++) std::copy_n(&own[g * mine], width * size, of(g, 3 * tree.first[s]));
+    }
+}
+
+template <class T> void Substitution<T>::forward_one(const T* value, const int* list, int count) {
+    for (int l = 0; l < count; l++) {
+        const int s = list[l], size = tree.own(s);
+        const Triangle n{tree.own_panels(s), tree.below_panels(s)};
+        const int* index = &tree.index[tree.index_start[s]];
+        std::copy_n(&x[3 * tree.first[s]], size, own.data());
+        std::fill_n(&own[size], width * n.own - size, T(0));
+        for (int i = 0; i < width * n.below; i++) below[i] = x[index[i]];
+        palpate::forward_one(value + tree.entry_start[s], n, own.data(), below.data());
+        std::copy_n(own.data(), size, &x[3 * tree.first[s]]);
+        for (int i = 0; i < width * n.below; i++) x[index[i]] = below[i];
+    }
+}
+
+template <class T> void Substitution<T>::backward_one(const T* value, const int* list, int count) {
+    T* sums = below.data() + (below.size() - width * own.size());
+    for (int l = count - 1; l >= 0; l--) {
+        const int s = list[l], size = tree.own(s);
+        const Triangle n{tree.own_panels(s), tree.below_panels(s)};
+        const int* index = &tree.index[tree.index_start[s]];
+        std::copy_n(&x[3 * tree.first[s]], size, own.data());
+        std::fill_n(&own[size], width * n.own - size, T(0));
+        for (int i = 0; i < width * n.below; i++) below[i] = x[index[i]];
+        palpate::backward_one(value + tree.entry_start[s], n, own.data(), below.data(), sums);
+        std::copy_n(own.data(), size, &x[3 * tree.first[s]]);
+    }
+}
+
+template <class T> void Substitution<T>::clear(const int* list, int count) {
+    const int wide = columns == 1 ? 1 : width, all = columns == 1 ? 1 : groups;
+    for (int l = 0; l < count; l++)
+        for (int g = 0; g < all; g++)
+            std::fill_n(&x[wide * (size_t(g) * stride + 3 * size_t(tree.first[list[l]]))], wide * tree.own(list[l]),
+                        T(0));
+}
+
+template class Substitution<float>;
+template class Substitution<double>;
+
+} // namespace palpate
