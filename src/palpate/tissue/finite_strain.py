@@ -14,7 +14,7 @@ from palpate.tissue.elasticity import FiniteElements, lame
 from palpate.tissue.factors import Factors
 from palpate.tissue.tissue import Tissue
 
-_POINTS = {"P1": 1, "P2": 4}  # degree that quadrature is exact to
+_DEGREE = {"P1": 1, "P2": 4}
 _NEWTON, _CHUNK, _LEAST_PART = 25, 1000, 1e-3
 
 
@@ -51,17 +51,20 @@ NEO_HOOKEAN = Law(_neo_hookean_stress, _neo_hookean_tangent)
 class FiniteStrain:
     """Hyperelastic equilibrium of a tissue at finite strain; `push` answers like a model, to rounding.
 
-    element: "P1" or "P2"; None: the tissue's own. Contacts are those of `FiniteElements`: Wᵀu = d, traction at rest.
+    element: "P1" or "P2"; None: the tissue's own. degree: that quadrature is exact to. Contacts are those of
+    `FiniteElements`: Wᵀu = d, traction at rest.
     """
 
-    def __init__(self, tissue: Tissue, element: str | None = None, law: Law = NEO_HOOKEAN) -> None:
+    def __init__(
+        self, tissue: Tissue, element: str | None = None, law: Law = NEO_HOOKEAN, degree: int | None = None
+    ) -> None:
         chosen = tissue.element if element is None else element
-        if chosen not in _POINTS:
+        if chosen not in _DEGREE:
             raise MaterialError(f'element: {chosen!r} is not built at finite strain; choose "P1" or "P2"')
         self.tissue, self.law = tissue, law
         self.linear = FiniteElements(tissue, chosen)
         space = self.linear.space.with_element(self.linear.space.elem.elem)  # of one component
-        space = type(space)(space.mesh, space.elem, intorder=_POINTS[chosen])
+        space = type(space)(space.mesh, space.elem, intorder=degree or _DEGREE[chosen])
         self._slope = np.stack([field[0].grad for field in space.basis]).transpose(2, 3, 0, 1)  # (M, q, shapes, 3)
         self._weight: Float64 = space.dx
         self._unknown = self.linear.space.element_dofs.T  # (M, 3 shapes), the components of a shape side by side
