@@ -84,6 +84,7 @@ if TYPE_CHECKING:
     from palpate.studies.tomosynthesis.study import tomosynthesis_study as tomosynthesis_study
     from palpate.tissue.files import read_tissue as read_tissue
     from palpate.tissue.files import write_tissue as write_tissue
+    from palpate.tissue.finite_strain import finite_strain as finite_strain
     from palpate.tissue.fit import fit as fit
     from palpate.tissue.lump import force_map as force_map
     from palpate.tissue.lump import lump_map as lump_map
@@ -189,6 +190,7 @@ _HOME = {
     "held_near": "tissue.supports",
     "held_beyond": "tissue.supports",
     "finite_elements": "tissue.truth",
+    "finite_strain": "tissue.finite_strain",
     "model": "tissue.models",
     "fit": "tissue.fit",
     "read_tissue": "tissue.files",

@@ -1,0 +1,117 @@
+#include "bind.h"
+#include "hyperelastic.h"
+#include <nanobind/stl/optional.h>
+#include <nanobind/stl/tuple.h>
+#include <nanobind/stl/unique_ptr.h>
+#include <nanobind/stl/vector.h>
+#include <stdexcept>
+
+using namespace nb::literals;
+using namespace palpate;
+
+namespace {
+
+using Table = nb::ndarray<nb::numpy, double, nb::ndim<2>, nb::c_contig>;
+
+Table table(size_t rows, size_t columns) {
+    double* data = new double[rows * columns]();
+    return Table(data, {rows, columns}, nb::capsule(data, [](void* p) noexcept { delete[] static_cast<double*>(p); }));
+}
+
+void refuse_shape(const NeoHookean& elements, In<double, 2> u) {
+    if (u.shape(0) != size_t(elements.nodes()) || u.shape(1) != 3)
+        throw std::invalid_argument("displacement: expected shape (nodes, 3)");
+}
+
+NeoHookean made(In<double, 2> nodes, In<int32_t, 2> tets, In<double, 1> lambda, In<double, 1> mu) {
+    const size_t count = nodes.shape(0), elements = tets.shape(0);
+    if (nodes.shape(1) != 3 || tets.shape(1) != 4 || lambda.shape(0) != elements || mu.shape(0) != elements)
+        throw std::invalid_argument("elements: expected (nodes, 3), (elements, 4), and constants of each element");
+    for (size_t k = 0; k < 4 * elements; k++)
+        if (tets.data()[k] < 0 || size_t(tets.data()[k]) >= count)
+            throw std::invalid_argument("tets: names a node that the mesh does not have");
+    return NeoHookean(nodes.data(), int(count), tets.data(), int(elements), lambda.data(), mu.data());
+}
+
+void refuse_strangers(const Hyperelastic& model, const State& state, const std::vector<Patch>& patches) {
+    if (!model.owns(state)) throw std::invalid_argument("state: another model's; take one from this model's start()");
+    for (const Patch& patch : patches)
+        for (int k = 0; k < patch.count; k++)
+            if (patch.node[k] < 0 || patch.node[k] >= model.nodes())
+                throw std::invalid_argument("patch: names a node that the model does not have");
+}
+
+using Solved = std::optional<std::tuple<Table, int>>;
+
+Solved solve(const Hyperelastic& model, State& state, const std::vector<Patch>& patches, In<double, 2> displacement,
+             int steps, double tolerance) {
+    refuse_strangers(model, state, patches);
+    if (displacement.shape(0) != patches.size() || displacement.shape(1) != 3)
+        throw std::invalid_argument("displacement: expected shape (contacts, 3)");
+    Table force = table(patches.size(), 3);
+    int done;
+    {
+        nb::gil_scoped_release free;
+        done = model.solve(state, patches.data(), int(patches.size()), displacement.data(), steps, tolerance,
+                           force.data());
+    }
+    if (done < 0) return std::nullopt;
+    return std::make_tuple(force, done);
+}
+
+} // namespace
+
+void bind_hyperelastic(nb::module_& m) {
+    nb::class_<NeoHookean>(m, "NeoHookean", "Compressible neo-Hookean tetrahedra at finite strain.")
+        .def(
+            "__init__",
+            [](NeoHookean* self, In<double, 2> nodes, In<int32_t, 2> tets, In<double, 1> lambda, In<double, 1> mu) {
+                new (self) NeoHookean(made(nodes, tets, lambda, mu));
+            },
+            "nodes"_a.noconvert(), "tets"_a.noconvert(), "lambda_"_a.noconvert(), "mu"_a.noconvert())
+        .def(
+            "energy",
+            [](const NeoHookean& e, In<double, 2> u) {
+                refuse_shape(e, u);
+                Table force = table(e.nodes(), 3);
+                std::vector<double> ratio(e.padded());
+                const auto found = e.energy(u.data(), force.data(), ratio.data());
+                return std::make_tuple(found.value, force, found.least);
+            },
+            "u"_a.noconvert(),
+            "Energy N mm (infinite where an element is flat or turned), dE/du (nodes, 3) N, least J of the elements.")
+        .def(
+            "tangent",
+            [](const NeoHookean& e, In<double, 2> u, In<double, 2> v) {
+                refuse_shape(e, u), refuse_shape(e, v);
+                Table out = table(e.nodes(), 3);
+                e.tangent(u.data(), v.data(), out.data());
+                return out;
+            },
+            "u"_a.noconvert(), "v"_a.noconvert(), "K(u) v, (nodes, 3) N.");
+    nb::class_<Hyperelastic, Model>(m, "Hyperelastic", "Neo-Hookean equilibrium under prescribed patch means.")
+        .def(
+            "__init__",
+            [](Hyperelastic* self, const NeoHookean& elements, const Cholesky& rest, In<int32_t, 1> moving) {
+                std::vector<int> free(moving.data(), moving.data() + moving.shape(0));
+                if (!rest.positive || rest.tree.nodes() != int(free.size()))
+                    throw std::invalid_argument("rest: expected positive factors of the nodes `moving`");
+                for (int i : free)
+                    if (i < 0 || i >= elements.nodes()) throw std::invalid_argument("moving: no such node");
+                new (self) Hyperelastic(elements, rest, std::move(free));
+            },
+            "elements"_a, "rest"_a, "moving"_a.noconvert(), nb::keep_alive<1, 3>())
+        .def("solve", &solve, "state"_a, "patches"_a, "displacement"_a.noconvert(), "steps"_a, "tolerance"_a,
+             "Forces of the tissue on the tools (contacts, 3) N and the steps taken; None for contacts that cannot be "
+             "held together.")
+        .def(
+            "balance",
+            [](const Hyperelastic& model, const State& state) {
+                refuse_strangers(model, state, {});
+                const auto b = model.balance(state);
+                return std::make_tuple(b.residual, b.size, b.gap);
+            },
+            "state"_a, "Residual and size, N mm; gap, mm: how far a tool still has to go.")
+        .def_prop_ro("elements", [](const Hyperelastic& model) { return model.elements; })
+        .def_ro_static("most_contacts", &Hyperelastic::most_contacts);
+}
