@@ -23,5 +23,6 @@ NB_MODULE(_core, m) {
     bind_factors(m);
     bind_mechanics(m);
     bind_hyperelastic(m);
+    bind_compliance(m);
     bind_simulation(m);
 }

@@ -11,6 +11,7 @@ void bind_mechanics(nb::module_& m);      // springs, blocks
 void bind_hyperelastic(nb::module_& m);   // neo-Hookean elements at finite strain
 void bind_simulation(nb::module_& m);     // the 1 kHz loop
 void bind_factors(nb::module_& m);        // sparse Cholesky factors
+void bind_compliance(nb::module_& m);     // Green's functions
 
 template <class T, int rank> using Array = nb::ndarray<T, nb::ndim<rank>, nb::c_contig, nb::device::cpu>;
 template <class T, int rank> using In = nb::ndarray<const T, nb::ndim<rank>, nb::c_contig, nb::device::cpu>;

@@ -35,11 +35,11 @@ template <class T>
 void solve_part(const Cholesky& factor, const T* value, const std::vector<int>& nodes, const double* load, int columns,
                 const std::vector<int>& wanted, double* out) {
     const int padded = (columns + 7) / 8 * 8;
-    PartialSolve<T> partial(factor.tree, value, wanted, padded);
+    PartialSolve<T> partial(factor.tree, value, padded);
     std::vector<T> from(3 * nodes.size() * padded), to(3 * wanted.size() * padded);
     for (size_t i = 0; i < 3 * nodes.size(); i++)
         for (int c = 0; c < columns; c++) from[i * padded + c] = T(load[i * columns + c]);
-    partial.solve(nodes.data(), int(nodes.size()), from.data(), to.data());
+    partial.solve(nodes.data(), int(nodes.size()), from.data(), wanted.data(), int(wanted.size()), to.data(), columns);
     for (size_t i = 0; i < 3 * wanted.size(); i++)
         for (int c = 0; c < columns; c++) out[i * columns + c] = to[i * padded + c];
 }

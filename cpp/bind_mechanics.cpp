@@ -131,7 +131,21 @@ void bind_ring_models(nb::module_& m) {
                 }
                 return copied(force, 3);
             },
-            "state"_a, "patch"_a.none(), "displacement"_a, "sweeps"_a, "Force of the tissue on the tool, N.");
+            "state"_a, "patch"_a.none(), "displacement"_a, "sweeps"_a, "Force of the tissue on the tool, N.")
+        .def(
+            "show",
+            [](const Model& model, State& state, In<int32_t, 1> nodes) {
+                refuse_strangers(model, state);
+                for (size_t k = 0; k < nodes.shape(0); k++)
+                    if (nodes(k) < 0 || nodes(k) >= model.nodes()) throw std::invalid_argument("nodes: one not there");
+                auto out = table<float>(nodes.shape(0), 3);
+                {
+                    nb::gil_scoped_release free;
+                    model.show(state, nodes.data(), int(nodes.shape(0)), out.data());
+                }
+                return out;
+            },
+            "state"_a, "nodes"_a.noconvert(), "What a display is given of these nodes, (n, 3) mm.");
     nb::class_<RingModel, Model>(m, "RingModel")
         .def(
             "solve",

@@ -1,5 +1,6 @@
 #include "bind.h"
 #include "loop.h"
+#include "slide.h"
 #include <algorithm>
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/string.h>
@@ -74,6 +75,8 @@ std::vector<Command> commands(In<bool, 1> held, In<double, 2> points, In<double,
 nb::tuple drain(Driven& driven) {
     std::vector<Obeyed> obeyed;
     std::vector<Digest> digests;
+    std::vector<int64_t> switches;
+    driven.loop.switches.drain(switches);
     driven.loop.obeyed.drain(obeyed);
     driven.loop.digests.drain(digests);
     std::vector<int64_t> ticks, digest_ticks;
@@ -91,7 +94,8 @@ nb::tuple drain(Driven& driven) {
         values.push_back(digest.value);
     }
     return nb::make_tuple(Column<int64_t>::from(ticks), Column<uint8_t>::from(held), rows(points), rows(displacements),
-                          Column<int64_t>::from(digest_ticks), Column<uint64_t>::from(values));
+                          Column<int64_t>::from(digest_ticks), Column<uint64_t>::from(values),
+                          Column<int64_t>::from(switches));
 }
 
 Doubles step(Driven& driven, Device& device, int64_t ticks) {
@@ -118,11 +122,12 @@ void bind_devices(nb::module_& m) {
     nb::class_<Replay, Device>(m, "Replay", "Commands of a record, each obeyed from its tick on.")
         .def(
             "__init__",
-            [](Replay* self, In<int64_t, 1> ticks, In<bool, 1> held, In<double, 2> points,
-               In<double, 2> displacements) {
-                new (self) Replay({ticks.data(), ticks.data() + ticks.shape(0)}, commands(held, points, displacements));
+            [](Replay* self, In<int64_t, 1> ticks, In<bool, 1> held, In<double, 2> points, In<double, 2> displacements,
+               In<int64_t, 1> switches) {
+                new (self) Replay({ticks.data(), ticks.data() + ticks.shape(0)}, commands(held, points, displacements),
+                                  {switches.data(), switches.data() + switches.shape(0)});
             },
-            "ticks"_a, "held"_a, "points"_a, "displacements"_a);
+            "ticks"_a, "held"_a, "points"_a, "displacements"_a, "switches"_a);
 }
 
 void bind_frame(nb::module_& m) {
@@ -172,12 +177,40 @@ void bind_simulation(nb::module_& m) {
         .def(
             "frame", [](Driven& d) { return d.loop.frames.reading(); }, "The newest frame; from one thread only.")
         .def(
-            "displacement", [](const Driven& d) { return rows(d.loop.now().u()); }, "(N, 3) mm; not while it runs")
+            "displacement",
+            [](Driven& d) {
+                std::vector<double> u(3 * size_t(d.loop.now().nodes()));
+                d.loop.now().displacement(u.data());
+                return rows(std::move(u));
+            },
+            "(N, 3) mm; not while it runs")
         .def("drain", &drain, nb::sig("def drain(self) -> tuple[typing.Any, ...]"),
-             "Commands obeyed and digests since the last call.")
-        .def("dropped", [](const Driven& d) { return d.loop.obeyed.dropped() + d.loop.digests.dropped(); });
+             "Commands obeyed, digests and switches of tables since the last call.")
+        .def("dropped", [](const Driven& d) {
+            return d.loop.obeyed.dropped() + d.loop.digests.dropped() + d.loop.switches.dropped();
+        });
     m.def("sweep_seconds", &sweep_seconds, "model"_a, "surface"_a, "radius"_a,
           "Of the model's sweep, here and now, at best.");
+    m.def(
+        "slide",
+        [](const Model& model, State& state, const Surface& surface, double radius, In<double, 2> points,
+           const Vector& displacement, int ramp, int sweeps) {
+            if (!model.owns(state)) throw std::invalid_argument("state: another model's");
+            if (points.shape(1) != 3) throw std::invalid_argument("points: expected shape (ticks, 3)");
+            Slide out;
+            {
+                nb::gil_scoped_release away;
+                out = slide(model, state, surface, radius, points.data(), int(points.shape(0)), displacement.data(),
+                            ramp, sweeps);
+            }
+            return nb::make_tuple(Column<double>::from(out.patch_seconds), Column<double>::from(out.model_seconds),
+                                  rows(out.force), Column<uint8_t>::from(out.cold));
+        },
+        "model"_a, "state"_a, "surface"_a, "radius"_a, "points"_a.noconvert(), "displacement"_a, "ramp"_a, "sweeps"_a,
+        nb::sig("def slide(model: Model, state: State, surface: Surface, radius: float, points: object, "
+                "displacement: object, ramp: int, sweeps: int) -> tuple[typing.Any, ...]"),
+        "Ticks by the clock under a patch at (ticks, 3) points: seconds to find each patch and to answer it, forces "
+        "(ticks, 3) N, and which answers lacked tables. For benchmarks.");
     m.attr("RATE") = int(Loop::rate);
     m.attr("DIGEST_TICKS") = int(Loop::digest_ticks);
 }

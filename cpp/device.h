@@ -20,6 +20,7 @@ public:
     virtual ~Device() = default;
     virtual const Command& probe(int64_t tick) = 0;
     virtual void push(const double force[3]) = 0; // N, already limited to what the device can bear
+    virtual bool cold(int64_t) { return false; }  // a record's tick that was answered without tables (State::cold)
 };
 
 // A pointer in a page: another thread writes commands, the newest wins. It feels nothing; the page draws the force.
@@ -40,11 +41,16 @@ class Replay : public Device {
     const std::vector<int64_t> ticks; // rising
     const std::vector<Command> commands;
     const Command idle;
-    size_t next = 0;
+    const std::vector<int64_t> switches; // ticks from which answers are cold, then not, then cold, ...
+    size_t next = 0, switched = 0;
 
 public:
-    Replay(std::vector<int64_t> ticks, std::vector<Command> commands)
-        : ticks(std::move(ticks)), commands(std::move(commands)) {}
+    Replay(std::vector<int64_t> ticks, std::vector<Command> commands, std::vector<int64_t> switches = {})
+        : ticks(std::move(ticks)), commands(std::move(commands)), switches(std::move(switches)) {}
+    bool cold(int64_t tick) override {
+        while (switched < switches.size() && switches[switched] <= tick) switched++;
+        return switched % 2 == 1;
+    }
     const Command& probe(int64_t tick) override {
         while (next < ticks.size() && ticks[next] <= tick) next++;
         return next ? commands[next - 1] : idle;

@@ -52,8 +52,8 @@ double sweep_seconds(const Model& model, const Surface& surface, double radius) 
 }
 
 Loop::Loop(const Model& model, const Surface& surface, const Settings& settings, std::vector<int> shown)
-    : frames(blank(shown.size())), obeyed(1 << 16), digests(1 << 16), simulation(model, surface, settings),
-      shown(std::move(shown)) {}
+    : frames(blank(shown.size())), obeyed(1 << 16), digests(1 << 16), switches(1 << 16),
+      simulation(model, surface, settings), shown(std::move(shown)) {}
 
 void Loop::start(Device& device) {
     if (thread.joinable()) throw std::logic_error("the loop runs already");
@@ -71,6 +71,7 @@ void Loop::run(Device& device) {
 #ifdef __linux__
     prctl(PR_SET_TIMERSLACK, 1000UL); // ns; by default the kernel may wake a sleeper 50 us late
 #endif
+    simulation.follow_clock(true);
     const auto began = clock::now();
     auto due = began;
     while (!stopping.load(std::memory_order_relaxed)) {
@@ -89,6 +90,7 @@ void Loop::run(Device& device) {
     Replay idle({}, {});
     tick(idle); // let go, so that the device is left without force
     device.push(simulation.pushed);
+    simulation.follow_clock(false);
     publish(seconds(clock::now() - began));
 }
 
@@ -97,6 +99,8 @@ void Loop::tick(Device& device) {
     if (!same(command, last)) obeyed.put({simulation.ticks, command});
     last = command;
     simulation.tick(command);
+    if (simulation.cold() != cold) switches.put(simulation.ticks - 1);
+    cold = simulation.cold();
     device.push(simulation.pushed);
     if (simulation.ticks % digest_ticks == 0) digests.put({simulation.ticks, simulation.digest()});
 }
@@ -116,15 +120,14 @@ void Loop::publish(double now) {
         frame.force[k] = simulation.force[k];
         frame.pushed[k] = simulation.pushed[k];
     }
-    const double* u = simulation.u().data();
-    for (size_t i = 0; i < shown.size(); i++)
-        for (int k = 0; k < 3; k++) frame.shown[3 * i + k] = float(u[3 * size_t(shown[i]) + k]);
+    simulation.show(shown.data(), int(shown.size()), frame.shown.data());
     frames.publish();
 }
 
 void Loop::step(Device& device, int64_t ticks, double* forces) {
     if (thread.joinable()) throw std::logic_error("the loop runs by the clock; stop it before stepping");
     for (int64_t i = 0; i < ticks; i++) {
+        simulation.lack_tables(device.cold(simulation.ticks));
         tick(device);
         for (int k = 0; k < 3; k++) forces[3 * i + k] = simulation.force[k];
     }

@@ -49,10 +49,11 @@ public:
     // `ticks` ticks without a clock; forces: (ticks, 3) N. Not while the thread runs.
     void step(Device& device, int64_t ticks, double* forces);
 
-    const Simulation& now() const { return simulation; } // not while the thread runs
+    Simulation& now() { return simulation; } // not while the thread runs
     Latest<Frame> frames;
     Ring<Obeyed> obeyed;
     Ring<Digest> digests;
+    Ring<int64_t> switches; // ticks from which answers lack tables, then no longer, then again, ...
 
 private:
     Simulation simulation;
@@ -60,6 +61,7 @@ private:
     Command last;
     int64_t late = 0;
     double busy = 0;
+    bool cold = false;
     std::atomic<bool> stopping{false};
     std::thread thread;
     void run(Device& device);

@@ -1,4 +1,5 @@
 #pragma once
+#include <algorithm>
 #include <memory>
 #include <vector>
 
@@ -15,11 +16,20 @@ struct Patch {
 
 class Model;
 
+// How a tick comes by what its model has not computed yet. at_once: it computes it (lockstep: the answer depends on
+// nothing else). ahead: a thread of the state's computes what will be needed; where it is late the tick answers as near
+// as it can and says so in State::cold. without: as if it were late (the replay of a tick that was).
+enum class Tables { at_once, ahead, without };
+
 // Every array of a model that changes, sized once by Model::start().
 struct State {
-    std::vector<double> u;        // displacement of each node, x y z, mm
+    std::vector<double> u;        // displacement of each node, x y z, mm; a model may leave it to displacement()
     const Model* owner = nullptr; // the model that started it: states do not fit others
+    Tables tables = Tables::at_once;
+    bool cold = false; // the last answer lacked tables
     virtual ~State() = default;
+    // All that a tick leaves behind, from which everything else follows: for digests, and to see that it is sound.
+    virtual std::vector<double>& memory() { return u; }
 };
 
 // What the loop asks of a tissue model. Immutable and thread-safe: what changes is in State.
@@ -35,6 +45,18 @@ public:
     // Allocates nothing, takes no lock, reads no clock: equal inputs give equal bits.
     virtual void advance(State& state, const Patch* patch, const double displacement[3], int sweeps,
                          double force[3]) const = 0;
+
+    // The displacement of some nodes for a display, (count, 3) mm, perhaps a few frames old; allocates nothing and
+    // takes no lock while tables are made ahead.
+    virtual void show(State& state, const int* nodes, int count, float* out) const {
+        for (int i = 0; i < count; i++)
+            for (int k = 0; k < 3; k++) out[3 * i + k] = float(state.u[3 * size_t(nodes[i]) + k]);
+    }
+    // The displacement of every node as the state stands, (nodes, 3) mm. Not in a tick.
+    virtual void displacement(State& state, double* out) const { std::copy(state.u.begin(), state.u.end(), out); }
+    // Begins and ends the time when ticks follow the clock.
+    virtual void accompany(State& state) const { state.tables = Tables::ahead; }
+    virtual void leave(State& state) const { state.tables = Tables::at_once; }
 };
 
 } // namespace palpate

@@ -4,29 +4,27 @@
 namespace palpate {
 
 // Solves for loads on a few nodes and solutions wanted on a few: the way down visits only the loaded nodes' paths to
-// the root of the elimination tree, the way up only the wanted nodes'. Sized once: no solve allocates.
+// the root of the elimination tree, the way up only the wanted nodes'. Sized once: no solve allocates. A column's bits
+// depend neither on the columns beside it nor on what else is wanted.
 template <class T> class PartialSolve {
 public:
-    // wanted: nodes. columns: right-hand sides at a time, a multiple of 8. The tree and the factor must outlive this.
-    PartialSolve(const Supernodes& tree, const T* value, std::vector<int> wanted, int columns);
+    // columns: right-hand sides at a time, a multiple of 8. The tree and the factor must outlive this.
+    PartialSolve(const Supernodes& tree, const T* value, int columns);
 
-    // load: (3 size, columns) on the unknowns of `nodes`, each named once; out: (3 wanted, columns).
-    void solve(const int* nodes, int size, const T* load, T* out);
+    // load: (3 size, columns) on the unknowns of `nodes`, each named once; out: (3 count, columns) on those of
+    // `wanted`.
+    // Only the first `used` columns are looked at; the others of out have no meaning.
+    void solve(const int* nodes, int size, const T* load, const int* wanted, int count, T* out, int used);
 
-    // Only L^-1 load. The unknowns of supernodes in `path` then hold it, in of(); all others are zero.
-    void forward(const int* nodes, int size, const T* load);
-    std::vector<int> path; // supernodes that the last load reached, rising
-    const T* of(int group, int unknown) { return substitution.of(group, unknown); }
+    const int columns;
 
 private:
     const Supernodes& tree;
     const T* value;
-    const int columns;
-    const std::vector<int> wanted;
-    std::vector<int> needed; // supernodes on the wanted nodes' paths
-    std::vector<int> spots;
+    std::vector<int> path, needed, spots;
     std::vector<uint8_t> mark;
     Substitution<T> substitution;
+    void find_paths(const int* nodes, int size, std::vector<int>& out);
 };
 
 } // namespace palpate

@@ -31,7 +31,7 @@ void Simulation::tick(const Command& command) {
 
 void Simulation::watch(bool holding) {
     double sum = force[0] + force[1] + force[2], most = 0;
-    for (double x : state->u) {
+    for (double x : state->memory()) {
         sum += x;
         most = std::max(most, std::abs(x));
     }
@@ -42,7 +42,7 @@ void Simulation::watch(bool holding) {
         proxy.grip = Proxy::Grip::refused; // the hand must let go first
     }
     home = !sound || (!holding && most < nearly_home);
-    if (home) std::fill(state->u.begin(), state->u.end(), 0.0);
+    if (home) std::fill(state->memory().begin(), state->memory().end(), 0.0);
 }
 
 void Simulation::push() {
@@ -59,7 +59,7 @@ uint64_t Simulation::digest() const {
         hash = (hash ^ bits) * 0xff51afd7ed558ccd;
         hash ^= hash >> 32;
     };
-    for (double x : state->u) mix(x);
+    for (double x : state->memory()) mix(x);
     for (double x : force) mix(x);
     return hash;
 }

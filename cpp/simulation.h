@@ -29,7 +29,12 @@ public:
     double pushed[3] = {0, 0, 0}; // N, what the device feels: limited and ramped
     Proxy proxy;
     const Settings settings;
-    const std::vector<double>& u() const { return state->u; }
+    void show(const int* nodes, int count, float* out) { model.show(*state, nodes, count, out); }
+    void displacement(double* out) const { model.displacement(*state, out); } // of every node; not in a tick
+    int nodes() const { return model.nodes(); }
+    void follow_clock(bool on) { on ? model.accompany(*state) : model.leave(*state); }
+    void lack_tables(bool on) { state->tables = on ? Tables::without : Tables::at_once; } // in lockstep
+    bool cold() const { return state->cold; }
 
 private:
     const Model& model;

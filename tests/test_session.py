@@ -33,7 +33,7 @@ def recorded(model):
     return session.record(), session.displacement
 
 
-@pytest.mark.parametrize("name", ["blocks", "springs"])
+@pytest.mark.parametrize("name", ["blocks", "springs", "compliance"])
 def test_replay_gives_the_same_states_to_the_bit(tmp_path, name):
     model = pp.model(organ(), name)
     first = pp.Session(model, **FIXED)
@@ -135,7 +135,7 @@ def test_missing_record(tmp_path):
 def test_file_of_another_kind_is_no_record(tmp_path):
     with h5py.File(tmp_path / "other.h5", "w") as file:
         file.attrs["format"] = "palpate scan"
-    with pytest.raises(pp.errors.FileError, match=r"other\.h5.*'palpate scan'.*'palpate session', 1.*--record"):
+    with pytest.raises(pp.errors.FileError, match=r"other\.h5.*'palpate scan'.*'palpate session', 2.*--record"):
         pp.read_record(tmp_path / "other.h5")
 
 

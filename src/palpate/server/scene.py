@@ -6,8 +6,9 @@ from dataclasses import asdict
 
 import numpy as np
 
+from palpate.meshes.shown import region_faces
 from palpate.server.messages import Part, Scene
-from palpate.simulation.session import RATE, Session, region_faces
+from palpate.simulation.session import RATE, Session
 from palpate.tissue.models import name_of
 
 

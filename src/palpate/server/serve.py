@@ -30,7 +30,7 @@ def touch(
 ) -> None:
     """Opens the simulator in a browser and stays until Ctrl-C.
 
-    tissue: a `Tissue`. model: "springs", "blocks" or "neo-hookean". radius: of the contact, mm (default: two edge
+    tissue: a `Tissue`. model: a name that `pp.model` knows. radius: of the contact, mm (default: two edge
     lengths). port: on loopback (default: the first free one from 8765 on). record: a file for the session, written when
     it ends. replay: a recorded session to look at instead of a pointer; model and radius are then the record's.
     Raises `PortError` if the port is taken, `FileError` if `record` cannot be written, before anything starts.

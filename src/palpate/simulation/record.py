@@ -13,7 +13,7 @@ from palpate.atomic import replacing
 from palpate.errors import FileError
 from palpate.volumes.hdf5 import refuse_endless_heap
 
-FORMAT, VERSION = "palpate session", 1
+FORMAT, VERSION = "palpate session", 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,8 +21,10 @@ class Record:
     """A session, complete: the same tissue, settings and commands give the same states.
 
     ticks: (n,) rising, the tick that first obeyed each command. held: (n,). points: (n, 3) mm, on the surface at rest.
-    displacements: (n, 3) mm. length: ticks in all. digest_ticks, digests: (m,) hash of the state after so many ticks.
-    model, tissue: name of the model and fingerprint of the tissue. settings: what a tick does besides the model.
+    displacements: (n, 3) mm. length: ticks in all. switches: (k,) rising, the ticks from which the model answered
+    without tables that were not made in time, then with them, then without again, ... digest_ticks, digests: (m,) hash
+    of the state after so many ticks. model, tissue: name of the model and fingerprint of the tissue. settings: what a
+    tick does besides the model.
     instructions: instruction set of the machine; another one rounds otherwise, so digests compare only within one.
     """
 
@@ -33,6 +35,7 @@ class Record:
     length: int
     digest_ticks: Int64
     digests: NDArray[np.uint64]
+    switches: Int64
     model: str
     tissue: str
     settings: dict[str, float]
@@ -46,6 +49,7 @@ _ARRAYS: dict[str, tuple[Any, str]] = {
     "displacements": (np.float64, "mm"),
     "digest_ticks": (np.int64, "1"),
     "digests": (np.uint64, "1"),
+    "switches": (np.int64, "1"),
 }
 
 
@@ -96,11 +100,13 @@ def read_record(path: str | Path) -> Record:
 
 
 def _check(path: Path, record: Record) -> None:
-    n, m = len(record.ticks), len(record.digest_ticks)
-    shapes = {"held": (n,), "points": (n, 3), "displacements": (n, 3), "digests": (m,)}
+    n, m, switches = len(record.ticks), len(record.digest_ticks), record.switches.size
+    shapes = {"held": (n,), "points": (n, 3), "displacements": (n, 3), "digests": (m,), "switches": (switches,)}
     for name, shape in shapes.items():
         found = getattr(record, name).shape
         if found != shape:
             raise FileError(f"{path}: {name} has shape {found}, expected {shape}; record the session again")
+    if (np.diff(record.switches) <= 0).any():
+        raise FileError(f"{path}: switches of tables do not rise; record the session again")
     if (np.diff(record.ticks) <= 0).any() or (n and (record.ticks[0] < 0 or record.ticks[-1] >= record.length)):
         raise FileError(f"{path}: ticks do not rise from 0 to the length {record.length}; record the session again")

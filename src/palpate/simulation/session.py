@@ -8,9 +8,10 @@ from typing import Any, Protocol, Self
 import numpy as np
 
 from palpate import _core
-from palpate.arrays import Float64, Int32
+from palpate.arrays import Float64
 from palpate.errors import DataError, FileError
-from palpate.meshes.mesh import TetMesh, boundary_faces
+from palpate.meshes.mesh import TetMesh
+from palpate.meshes.shown import shown_nodes
 from palpate.simulation.devices.pointer import Command
 from palpate.simulation.record import Record
 from palpate.tissue.base import TissueModel
@@ -86,6 +87,7 @@ class Session:
                 np.array([c.held for c in given], dtype=bool),
                 np.array([c.point for c in given], dtype=np.float64).reshape(-1, 3),
                 np.array([c.displacement for c in given], dtype=np.float64).reshape(-1, 3),
+                np.empty(0, dtype=np.int64),
             ),
             len(given),
         )
@@ -99,7 +101,8 @@ class Session:
         agrees(record, self)
         if self._ticks or self.loop.frame().tick:
             raise DataError("replay: this session has run already; make a fresh one for the record")
-        self._advance(_core.Replay(record.ticks, record.held, record.points, record.displacements), record.length)
+        device = _core.Replay(record.ticks, record.held, record.points, record.displacements, record.switches)
+        self._advance(device, record.length)
         mine = self.record()
         both = min(len(mine.digests), len(record.digests))
         if len(mine.digests) != len(record.digests) or (mine.digest_ticks != record.digest_ticks).any():
@@ -136,7 +139,7 @@ class Session:
         if lost := self.loop.dropped():
             raise DataError(f"record: {lost} entries were lost since nobody read frames for minutes; record again")
         columns = [np.concatenate(parts) for parts in zip(*self._kept, self.loop.drain(), strict=True)]
-        ticks, held, points, displacements, digest_ticks, digests = columns
+        ticks, held, points, displacements, digest_ticks, digests, switches = columns
         return Record(
             ticks=ticks,
             held=held.astype(bool),
@@ -145,6 +148,7 @@ class Session:
             length=int(self.loop.frame().tick),
             digest_ticks=digest_ticks,
             digests=digests,
+            switches=switches,
             model=name_of(self.model),
             tissue=fingerprint(self.model),
             settings=settings_of(self),
@@ -190,22 +194,6 @@ def fingerprint(model: TissueModel) -> str:
         hash_.update(f"{array.dtype}{array.shape}".encode() + array.tobytes())
     hash_.update(repr(getattr(model, "law", None)).encode())
     return hash_.hexdigest()[:32]
-
-
-def shown_nodes(mesh: TetMesh) -> Int32:
-    """Sorted nodes that a display draws: on the surface, or between two regions."""
-    nodes = [mesh.surface.ravel(), *(faces.ravel() for faces in region_faces(mesh).values())]
-    return np.unique(np.concatenate(nodes)).astype(np.int32)
-
-
-def region_faces(mesh: TetMesh) -> dict[int, Int32]:
-    """Triangles around each region that lies inside another, by label: all regions but the biggest."""
-    labels, count = np.unique(mesh.region, return_counts=True)
-    return {
-        int(label): boundary_faces(np.ascontiguousarray(mesh.tets[mesh.region == label]))
-        for label in labels
-        if label != labels[np.argmax(count)]
-    }
 
 
 def mean_edge(mesh: TetMesh) -> float:

@@ -5,16 +5,24 @@ from typing import Any
 from palpate.errors import MaterialError
 from palpate.tissue.base import TissueModel
 from palpate.tissue.blocks import BlockModel
+from palpate.tissue.compliance import ComplianceModel
 from palpate.tissue.hyperelastic import NeoHookeanModel
 from palpate.tissue.springs import SpringModel
 from palpate.tissue.tissue import Tissue
 
-_MODELS: dict[str, type[TissueModel]] = {"springs": SpringModel, "blocks": BlockModel, "neo-hookean": NeoHookeanModel}
+_MODELS: dict[str, type[TissueModel]] = {
+    "springs": SpringModel,
+    "blocks": BlockModel,
+    "compliance": ComplianceModel,
+    "neo-hookean": NeoHookeanModel,
+}
 
 
 def model(tissue: Tissue, name: str = "blocks", **options: Any) -> TissueModel:
-    """A real-time model of a tissue: "springs" (home and edge springs), "blocks" (ring sweeps on finite elements) or
-    "neo-hookean" (finite strain).
+    """A real-time model of a tissue: a rung of the ladder by its name.
+
+    "springs": home and edge springs. "blocks": ring sweeps on finite elements. "compliance": finite elements factored
+    once, forces from tables. "neo-hookean": finite strain.
 
     options: keywords of the model's class, such as relaxation, or law (a `SpringLaw`) for springs. It answers pushes
     with `.push(points, displacements, radii)`; `.native` is the C++ model that the loop runs. Raises `MaterialError`

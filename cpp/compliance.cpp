@@ -1,0 +1,264 @@
+#include "compliance.h"
+#include "ahead.h"
+#include "dispatch.h"
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+
+namespace palpate {
+namespace {
+
+constexpr int capacity = Patch::capacity;
+// Of what a stiffness from older tables was off by, this much is left after a tick; but it never changes the force by
+// more than this part of it a tick (a hand feels steps of some per cent).
+constexpr double fading = 0.95, most_step = 0.02;
+
+enum At { force_at = 0, displacement_at = 3, stiffness_at = 6, offset_at = 15, known_at = 24, size = 25 };
+
+void invert(const double a[9], double out[9]) {
+    const double c[9] = {a[4] * a[8] - a[5] * a[7], a[2] * a[7] - a[1] * a[8], a[1] * a[5] - a[2] * a[4],
+                         a[5] * a[6] - a[3] * a[8], a[0] * a[8] - a[2] * a[6], a[2] * a[3] - a[0] * a[5],
+                         a[3] * a[7] - a[4] * a[6], a[1] * a[6] - a[0] * a[7], a[0] * a[4] - a[1] * a[3]};
+    const double determinant = a[0] * c[0] + a[1] * c[3] + a[2] * c[6];
+    for (int k = 0; k < 9; k++) out[k] = c[k] / determinant;
+}
+
+double along(const double a[9], const double d[3]) { // |a d|
+    double sum = 0;
+    for (int k = 0; k < 3; k++) {
+        const double x = a[3 * k] * d[0] + a[3 * k + 1] * d[1] + a[3 * k + 2] * d[2];
+        sum += x * x;
+    }
+    return std::sqrt(sum);
+}
+
+double norm(const double a[9]) {
+    double sum = 0;
+    for (int k = 0; k < 9; k++) sum += a[k] * a[k];
+    return std::sqrt(sum);
+}
+
+// sum over all pairs of w_i w_j G_ij, from those i >= j. Numerical kernel.
+PALPATE_KERNEL void weigh(const float* block, const double* weight, int count, double out[9]) {
+    double half[9] = {};
+    for (int i = 0; i < count; i++) {
+        double mine[9] = {};
+        for (int j = 0; j <= i; j++, block += 9) {
+            const double w = j < i ? weight[j] : 0.5 * weight[j];
+            for (int k = 0; k < 9; k++) mine[k] += w * block[k];
+        }
+        for (int k = 0; k < 9; k++) half[k] += weight[i] * mine[k];
+    }
+    for (int k = 0; k < 9; k++) out[k] = half[k] + half[3 * (k % 3) + k / 3];
+}
+
+// out += a x + b y + c z. Numerical kernel.
+PALPATE_KERNEL void add_columns(const float* x, const float* y, const float* z, float a, float b, float c, int64_t n,
+                                float* __restrict out) {
+    for (int64_t i = 0; i < n; i++) out[i] += a * x[i] + (b * y[i] + c * z[i]);
+}
+
+} // namespace
+
+ComplianceState::ComplianceState(const Elastic& elastic, size_t budget)
+    : kept(size, 0.0), green(elastic, budget), weight(capacity), field(3 * size_t(elastic.vertices())) {
+    for (Pairs* p : {&pairs, &before}) {
+        p->vertex.resize(capacity);
+        p->block.resize(size_t(9) * capacity * (capacity + 1) / 2);
+        p->known.resize(size_t(capacity) * (capacity + 1) / 2);
+    }
+    u.assign(3 * size_t(elastic.nodes()), 0);
+}
+ComplianceState::~ComplianceState() = default;
+
+void Touch::copy(const Touch& other) {
+    serial = other.serial, count = other.count;
+    std::copy_n(other.vertex, count, vertex);
+    std::copy_n(other.weight, count, weight);
+    std::copy_n(other.force, 3, force);
+}
+
+Compliance::Compliance(Elastic e, size_t budget) : elastic(std::move(e)), budget(budget) {}
+
+std::unique_ptr<State> Compliance::start() const {
+    auto state = std::make_unique<ComplianceState>(elastic, budget);
+    state->owner = this;
+    return state;
+}
+
+void Compliance::advance(State& state, const Patch* patch, const double displacement[3], int, double force[3]) const {
+    auto& s = static_cast<ComplianceState&>(state);
+    s.touch.serial++;
+    if (patch) {
+        seat(s, *patch);
+        if (s.tables != Tables::without) fetch(s);
+        if (s.lacking > 0 && s.tables == Tables::at_once) make_now(s);
+        s.cold = s.lacking > 0 || s.tables == Tables::without;
+        s.cold_ticks += s.cold;
+        take_stiffness(s, displacement);
+        answer(s, displacement, force);
+    } else {
+        std::fill_n(s.memory().begin(), size, 0.0);
+        std::fill_n(force, 3, 0.0);
+        s.touch.count = 0;
+        s.cold = false;
+    }
+    if (s.tables == Tables::ahead) {
+        s.touches.writing().copy(s.touch);
+        s.touches.publish();
+    }
+}
+
+// The exact stiffness, or the last one where blocks lack; then the exact one again as what was off fades.
+void Compliance::take_stiffness(ComplianceState& s, const double displacement[3]) const {
+    double* kept = s.memory().data();
+    double *stiffness = kept + stiffness_at, *offset = kept + offset_at;
+    if (s.cold) {
+        kept[known_at] = -1;
+        return;
+    }
+    double C[9], exact[9];
+    weigh(s.pairs.block.data(), s.weight.data(), s.pairs.count, C);
+    invert(C, exact);
+    if (kept[known_at] < 0)
+        for (int k = 0; k < 9; k++) offset[k] = stiffness[k] - exact[k];
+    const double off = along(offset, displacement), step = most_step * along(exact, displacement);
+    const double left = off * (1 - fading) > step ? 1 - step / off : fading;
+    const bool gone = norm(offset) < 1e-8 * norm(exact);
+    for (int k = 0; k < 9; k++) {
+        offset[k] = gone ? 0 : left * offset[k];
+        stiffness[k] = exact[k] + offset[k];
+    }
+    kept[known_at] = 1;
+}
+
+void Compliance::answer(ComplianceState& s, const double displacement[3], double force[3]) const {
+    double* kept = s.memory().data();
+    for (int k = 0; k < 3; k++) {
+        force[k] = 0;
+        for (int c = 0; c < 3; c++) force[k] -= kept[stiffness_at + 3 * k + c] * displacement[c];
+        kept[force_at + k] = force[k];
+        kept[displacement_at + k] = displacement[k];
+        s.touch.force[k] = -force[k];
+    }
+    s.touch.count = s.pairs.count;
+    std::copy_n(s.pairs.vertex.data(), s.pairs.count, s.touch.vertex);
+    std::copy_n(s.weight.data(), s.pairs.count, s.touch.weight);
+}
+
+// Takes over the patch, and the blocks of the pairs that it keeps.
+void Compliance::seat(ComplianceState& s, const Patch& patch) const {
+    int vertex[capacity];
+    for (int k = 0; k < patch.count; k++) { // by insertion: patches are small, and stay nearly in order
+        const int v = elastic.vertex[patch.node[k]];
+        if (v < 0) throw std::invalid_argument("patch: a node that is not a free vertex");
+        int at = k;
+        for (; at > 0 && vertex[at - 1] > v; at--) vertex[at] = vertex[at - 1], s.weight[at] = s.weight[at - 1];
+        vertex[at] = v, s.weight[at] = patch.weight[k];
+    }
+    auto &now = s.pairs, &old = s.before;
+    if (patch.count == now.count && std::equal(vertex, vertex + patch.count, now.vertex.begin())) return;
+    std::swap(now, old);
+    now.count = patch.count;
+    std::copy_n(vertex, patch.count, now.vertex.begin());
+    int from[capacity], next = 0;
+    for (int i = 0; i < now.count; i++) {
+        while (next < old.count && old.vertex[next] < vertex[i]) next++;
+        from[i] = next < old.count && old.vertex[next] == vertex[i] ? next : -1;
+    }
+    s.lacking = 0;
+    size_t pair = 0;
+    for (int i = 0; i < now.count; i++)
+        for (int j = 0; j <= i; j++, pair++) {
+            const size_t was = from[i] < 0 || from[j] < 0 ? 0 : size_t(from[i]) * (from[i] + 1) / 2 + from[j];
+            now.known[pair] = from[i] >= 0 && from[j] >= 0 && old.known[was];
+            if (now.known[pair])
+                std::copy_n(&old.block[9 * was], 9, &now.block[9 * pair]);
+            else
+                s.lacking++;
+        }
+}
+
+// Takes over what has been made of the blocks that lack.
+void Compliance::fetch(ComplianceState& s) const {
+    if (s.lacking == 0) return;
+    s.green.open();
+    size_t pair = 0;
+    for (int i = 0; i < s.pairs.count; i++)
+        for (int j = 0; j <= i; j++, pair++)
+            if (!s.pairs.known[pair] && s.green.block(s.pairs.vertex[i], s.pairs.vertex[j], &s.pairs.block[9 * pair])) {
+                s.pairs.known[pair] = 1;
+                s.lacking--;
+            }
+    s.green.close();
+}
+
+// In lockstep: the blocks of the patch's nodes that no other has made.
+void Compliance::make_now(ComplianceState& s) const {
+    const std::vector<int> vertices(s.pairs.vertex.begin(), s.pairs.vertex.begin() + s.pairs.count);
+    double reach = 0;
+    for (int v : vertices)
+        for (int w : vertices) reach = std::max(reach, elastic.apart(v, w));
+    s.green.use(vertices.data(), int(vertices.size()));
+    std::vector<int> lacking;
+    for (int v : vertices)
+        if (!s.green.near_made(v, reach)) lacking.push_back(v);
+    for (size_t k = 0; k < lacking.size(); k += Green::batch)
+        s.green.make_near(&lacking[k], int(std::min<size_t>(Green::batch, lacking.size() - k)), 1.25 * reach);
+    fetch(s);
+}
+
+bool Compliance::contract(const Green& green, const Touch& touch, int vertices, float* out) {
+    for (int k = 0; k < touch.count; k++)
+        if (!green.columns(touch.vertex[k])) return false;
+    const int64_t n = 3 * int64_t(vertices);
+    std::fill_n(out, n, 0.0f);
+    for (int k = 0; k < touch.count; k++) {
+        const float* column = green.columns(touch.vertex[k]);
+        const double w = touch.weight[k];
+        add_columns(column, column + n, column + 2 * n, float(w * touch.force[0]), float(w * touch.force[1]),
+                    float(w * touch.force[2]), n, out);
+    }
+    return true;
+}
+
+void Compliance::show(State& state, const int* nodes, int count, float* out) const {
+    auto& s = static_cast<ComplianceState&>(state);
+    const float* field = s.field.data();
+    if (s.tables == Tables::ahead && s.ahead)
+        field = s.ahead->newest_field();
+    else if (s.touch.count == 0)
+        std::fill(s.field.begin(), s.field.end(), 0.0f);
+    else if (!contract(s.green, s.touch, elastic.vertices(), s.field.data()))
+        s.green.solve(s.touch.vertex, s.touch.weight, s.touch.count, s.touch.force, s.field.data());
+    for (int i = 0; i < count; i++) {
+        const int v = elastic.vertex[nodes[i]];
+        for (int k = 0; k < 3; k++) out[3 * i + k] = v < 0 ? 0 : field[3 * size_t(v) + k];
+    }
+}
+
+void Compliance::displacement(State& state, double* out) const {
+    auto& s = static_cast<ComplianceState&>(state);
+    std::vector<double> x(3 * size_t(elastic.factor->tree.nodes()), 0);
+    for (int k = 0; k < s.touch.count; k++)
+        for (int c = 0; c < 3; c++)
+            x[3 * size_t(elastic.place[s.touch.vertex[k]]) + c] = s.touch.weight[k] * s.touch.force[c];
+    elastic.factor->solve(x.data(), 1);
+    for (int i = 0; i < nodes(); i++)
+        for (int c = 0; c < 3; c++)
+            out[3 * size_t(i) + c] = elastic.free[i] < 0 ? 0 : x[3 * size_t(elastic.free[i]) + c];
+}
+
+void Compliance::accompany(State& state) const {
+    auto& s = static_cast<ComplianceState&>(state);
+    s.ahead = std::make_unique<Ahead>(elastic, s.green, s.touches);
+    s.tables = Tables::ahead;
+}
+
+void Compliance::leave(State& state) const {
+    auto& s = static_cast<ComplianceState&>(state);
+    s.tables = Tables::at_once;
+    s.ahead.reset();
+}
+
+} // namespace palpate

@@ -1,0 +1,39 @@
+#include "slide.h"
+#include <algorithm>
+#include <chrono>
+#include <stdexcept>
+#include <thread>
+
+namespace palpate {
+
+Slide slide(const Model& model, State& state, const Surface& surface, double radius, const double* points, int ticks,
+            const double displacement[3], int ramp, int sweeps) {
+    using clock = std::chrono::steady_clock;
+    auto seconds = [](clock::duration d) { return std::chrono::duration<double>(d).count(); };
+    auto scratch = surface.scratch();
+    Patch patch;
+    Slide out;
+    out.force.resize(3 * size_t(ticks));
+    model.accompany(state);
+    auto due = clock::now();
+    for (int t = 0; t < ticks; t++) {
+        const auto began = clock::now();
+        const auto found = surface.patch(surface.closest(points + 3 * t), radius, scratch, patch);
+        const auto met = clock::now();
+        if (found != Surface::Contact::good) break;
+        double push[3];
+        for (int k = 0; k < 3; k++) push[k] = displacement[k] * std::min(1.0, double(t + 1) / std::max(ramp, 1));
+        model.advance(state, &patch, push, sweeps, &out.force[3 * size_t(t)]);
+        const auto done = clock::now();
+        out.patch_seconds.push_back(seconds(met - began));
+        out.model_seconds.push_back(seconds(done - met));
+        out.cold.push_back(state.cold);
+        due += std::chrono::milliseconds(1);
+        std::this_thread::sleep_until(due);
+    }
+    model.leave(state);
+    if (int(out.cold.size()) < ticks) throw std::invalid_argument("slide: a point without a patch");
+    return out;
+}
+
+} // namespace palpate
