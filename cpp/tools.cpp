@@ -8,16 +8,11 @@ namespace palpate {
 
 RestSolve::RestSolve(const Supernodes& tree, const float* value, const std::vector<int>& moving, int nodes)
     : tree(tree), value(value), moving(moving), nodes(nodes), place(nodes, -1), all(tree.count()), one(tree, 1),
-      eight(tree, value, everything(tree.nodes()), 8), touched(Patch::capacity), load(3 * 8 * Patch::capacity),
+      eight(tree, value, 8), wanted(tree.nodes()), touched(Patch::capacity), load(3 * 8 * Patch::capacity),
       answer(3 * 8 * size_t(tree.nodes())) {
     for (size_t k = 0; k < moving.size(); k++) place[moving[k]] = int(k);
     std::iota(all.begin(), all.end(), 0);
-}
-
-std::vector<int> RestSolve::everything(int count) {
-    std::vector<int> out(count);
-    std::iota(out.begin(), out.end(), 0);
-    return out;
+    std::iota(wanted.begin(), wanted.end(), 0);
 }
 
 void RestSolve::solve(const double* load, double* out) {
@@ -39,7 +34,7 @@ void RestSolve::spread(const Patch& patch, double* out) {
         std::fill_n(&load[24 * i], 24, 0.0f);
         for (int c = 0; c < 3; c++) load[24 * i + 8 * c + c] = float(patch.weight[i]);
     }
-    eight.solve(touched.data(), patch.count, load.data(), answer.data());
+    eight.solve(touched.data(), patch.count, load.data(), wanted.data(), int(wanted.size()), answer.data(), 3);
     std::fill_n(out, 9 * size_t(nodes), 0.0);
     for (size_t k = 0; k < moving.size(); k++)
         for (int axis = 0; axis < 3; axis++)

@@ -26,9 +26,9 @@ private:
     std::vector<int> all;   // every supernode
     Substitution<float> one;
     PartialSolve<float> eight;
+    std::vector<int> wanted; // every node of the factor
     std::vector<int> touched;
     std::vector<float> load, answer;
-    static std::vector<int> everything(int count);
 };
 
 // The tools on a tissue: each prescribes its patch's weighted mean displacement, W'u = d. Keeps K^-1 W, so that a
