@@ -124,7 +124,7 @@ def rough():
 
 def sponge():
     """Smooth noise above a threshold: many handles, arms of all widths."""
-    grid, points, mask = drawn(ball((0, 0, 0), 18), (18, 18, 18))
+    grid, _, mask = drawn(ball((0, 0, 0), 18), (18, 18, 18))
     value = noise(grid.shape, 4.0, 5) > -0.3
     return Shape(pp.Labels((value & mask).astype(int), grid, {1: "organ"}), 1.9, None, {"fill_holes": False})
 
@@ -150,8 +150,10 @@ def parts():
 
 
 def cut():
-    grid, points, mask = drawn(ball((3, 0, -11), 19), (22, 19, 12))
-    labels = pp.Labels(mask[4:-4].astype(int), pp.Grid(mask[4:-4].shape, grid.spacing, tuple(grid.points([[4, 0, 0]])[0])))
+    grid, _, mask = drawn(ball((3, 0, -11), 19), (22, 19, 12))
+    labels = pp.Labels(
+        mask[4:-4].astype(int), pp.Grid(mask[4:-4].shape, grid.spacing, tuple(grid.points([[4, 0, 0]])[0]))
+    )
     return Shape(labels, 2.6, None, {"closed_at_border": True})
 
 
