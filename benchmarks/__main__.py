@@ -14,7 +14,7 @@ from pathlib import Path
 from benchmarks import THREADS, installed
 from palpate import _core
 
-PARTS = ("roofline", "projector", "accuracy", "iteration", "convergence")
+PARTS = ("roofline", "projector", "accuracy", "iteration", "convergence", "meshing")
 LONG = ("clinical", "calculix")  # only if asked for
 HERE = Path(__file__).parent
 

@@ -11,9 +11,9 @@ from palpate.version import __version__ as __version__
 if TYPE_CHECKING:
     from palpate.meshes.files import read_mesh as read_mesh
     from palpate.meshes.files import write_mesh as write_mesh
+    from palpate.meshes.labelled import tetrahedralize as tetrahedralize
     from palpate.meshes.mesh import TetMesh as TetMesh
     from palpate.meshes.quality import mesh_quality as mesh_quality
-    from palpate.meshes.stuffing import tetrahedralize as tetrahedralize
     from palpate.reconstruction.baselines import backproject as backproject
     from palpate.reconstruction.baselines import sirt as sirt
     from palpate.reconstruction.cover import covering_grid as covering_grid
@@ -180,7 +180,7 @@ _HOME = {
     "region_grid": "reconstruction.region",
     "local_scan": "reconstruction.region",
     "TetMesh": "meshes.mesh",
-    "tetrahedralize": "meshes.stuffing",
+    "tetrahedralize": "meshes.labelled",
     "mesh_quality": "meshes.quality",
     "read_mesh": "meshes.files",
     "write_mesh": "meshes.files",

@@ -17,6 +17,7 @@ CELL = 1.1  # side of a lattice cube in units of `edge`: makes `edge` the mean e
 MOST_TETS = 5_000_000
 # Cells of one size reach this many sides beyond an inclusion, so that its surface meets whole tets of one size only.
 REACH = 1.5
+SHORT_REACH = 0.5  # where an organ is thin, which is a place, not a surface
 MOST_HALVINGS = 5
 
 
@@ -24,12 +25,26 @@ MOST_HALVINGS = 5
 class Grading:
     """scale: side of the coarsest cell over what the edge alone would make it; halvings: (bodies,) of it at each body.
 
+    near, reach: points in them, and how far beyond, in sides.
+
     The sizes of an octree are powers of two, so those asked for share the rounding evenly.
     """
 
     scale: float
     halvings: tuple[int, ...]
     near: tuple[cKDTree, ...]
+    reach: tuple[float, ...]
+
+    @classmethod
+    def even(cls, bodies: int) -> "Grading":
+        """Cells of one size."""
+        return cls(1.0, (0,) * bodies, (cKDTree(np.zeros((0, 3))),) * bodies, (REACH,) * bodies)
+
+    def finer(self, points: Float64, halvings: int) -> "Grading":
+        """The same, and so many halvings near points (N, 3) mm."""
+        return Grading(
+            self.scale, (*self.halvings, halvings), (*self.near, cKDTree(points)), (*self.reach, SHORT_REACH)
+        )
 
     @property
     def depth(self) -> int:
@@ -43,9 +58,9 @@ class Grading:
             here = side / 2**level
             middle = origin + (places + 0.5) * here
             split = np.zeros(len(places), dtype=bool)
-            reach = (np.sqrt(3) / 2 + REACH / 2) * here
-            for halvings, tree in zip(self.halvings, self.near, strict=True):
+            for halvings, tree, beyond in zip(self.halvings, self.near, self.reach, strict=True):
                 if level < halvings:
+                    reach = (np.sqrt(3) / 2 + beyond / 2) * here
                     split |= np.isfinite(tree.query(middle, distance_upper_bound=reach)[0])
             return split
 
@@ -54,7 +69,7 @@ class Grading:
     def tets(self, bodies: Sequence[Solid], side: float) -> float:
         """About how many tets cells of `side` mm make of the first body with the others in it: 12 a cell."""
         total = bodies[0].volume / side**3
-        for body, halvings in zip(bodies, self.halvings, strict=True):
+        for body, halvings in zip(bodies, self.halvings, strict=False):
             radius = (3 * body.volume / (4 * np.pi)) ** (1 / 3)
             for level in range(1, halvings + 1):
                 here = side / 2**level
@@ -108,7 +123,7 @@ def grading(bodies: Sequence[Solid], edges: Sequence[float]) -> Grading | None:
     shift = float(shifts[np.argmin(np.maximum(off, np.abs(shifts)))])
     halvings = np.maximum(np.round(asked + shift), 0).astype(int)
     trees = [cKDTree(_voxels(body) if n else np.zeros((0, 3))) for body, n in zip(bodies, halvings, strict=True)]
-    sizes = Grading(2**shift, tuple(int(n) for n in halvings), tuple(trees))
+    sizes = Grading(2**shift, tuple(int(n) for n in halvings), tuple(trees), (REACH,) * len(bodies))
     _check_fine(bodies, edges, sizes)
     return sizes
 

@@ -1,5 +1,7 @@
 """From a mask of voxels to a smooth surface of the same volume."""
 
+from functools import cached_property
+
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import ndimage
@@ -26,7 +28,6 @@ class Level:
         self._first = np.array([span.start for span in box]) - margin  # index of the first voxel that is kept
         self.smooth = ndimage.gaussian_filter(padded, sigma, mode="constant")
         self.level = 0.5
-        self._sorted, self._above = self._samples()
 
     def __call__(self, points: Float64) -> Float64:
         """(N,) positive inside, at (N, 3) mm."""
@@ -38,10 +39,10 @@ class Level:
 
     def enclose(self, volume: float) -> None:
         """Sets the level inside which lie `volume` mm³."""
-        below = len(self._sorted) + self._above - volume / self._sample_volume
-        at = float(np.clip(below, 0, len(self._sorted) - 1))
-        low = min(int(at), len(self._sorted) - 2)
-        self.level = float(np.interp(at, [low, low + 1], self._sorted[low : low + 2]))
+        between, above, each = self._samples
+        at = float(np.clip(len(between) + above - volume / each, 0, len(between) - 1))
+        low = min(int(at), len(between) - 2)
+        self.level = float(np.interp(at, [low, low + 1], between[low : low + 2]))
 
     def triangles(self) -> tuple[Float64, Int64]:
         """The surface itself: (V, 3) mm and (T, 3), by marching cubes, triangles about the size of a voxel."""
@@ -51,13 +52,13 @@ class Level:
         points: Float64 = ((vertices.astype(np.float64) + self._first) * self.spacing)[:, ::-1]
         return points, faces.astype(np.int64)
 
-    def _samples(self) -> tuple[Float64, int]:
-        """The smooth mask at scattered points: its values from LOW to HIGH, sorted, and how many lie above HIGH.
+    @cached_property
+    def _samples(self) -> tuple[Float64, int, float]:
+        """The smooth mask at scattered points: its values from LOW to HIGH, sorted, how many lie above, mm³ of each.
 
         One point in each cell of a finer grid; scattered, or all of a flat face would change sides at one level.
         """
         fine = int(np.clip((4e6 / self.smooth.size) ** (1 / 3), 1, 4))
-        self._sample_volume = float(np.prod(self.spacing)) / fine**3
         values = self.smooth
         for axis in range(3 if fine > 1 else 0):
             steps = (np.arange(values.shape[axis] * fine) + 0.5) / fine - 0.5
@@ -72,7 +73,8 @@ class Level:
         found = ndimage.map_coordinates(self.smooth, index.T, order=1, mode="nearest", prefilter=False)
         between = np.sort(found[(found > LOW) & (found < HIGH)].astype(np.float64))
         above = np.count_nonzero(values[~near] >= HIGH) + np.count_nonzero(found >= HIGH)
-        return np.concatenate([[LOW], between, [HIGH]]), int(above)
+        each = float(np.prod(self.spacing)) / fine**3
+        return np.concatenate([[LOW], between, [HIGH]]), int(above), each
 
 
 def box_of(mask: Bool) -> tuple[slice, slice, slice]:

@@ -3,16 +3,17 @@
 import numpy as np
 
 from palpate.arrays import Bool, Float64, Int32, Int64
-from palpate.meshes.mesh import FACES, boundary_faces
+from palpate.meshes.mesh import FACES, boundary_faces, packed
 from palpate.meshes.surface import linked, pinches
 
 
 def face_neighbours(tets: Int32 | Int64) -> Int64:
     """(P, 2) pairs of tets that share a face."""
-    faces = np.sort(tets[:, FACES].reshape(-1, 3), axis=1)
+    faces: Int64 = np.sort(tets[:, FACES].reshape(-1, 3).astype(np.int64), axis=1)
     owner = np.repeat(np.arange(len(tets)), 4)
-    order = np.lexsort(faces.T[::-1])
-    same = (faces[order][1:] == faces[order][:-1]).all(axis=1)
+    key = packed(faces)
+    order = np.argsort(key, kind="stable")
+    same = key[order][1:] == key[order][:-1]
     return np.stack([owner[order][:-1][same], owner[order][1:][same]], axis=1)
 
 

@@ -80,6 +80,18 @@ def signed_volumes(nodes: Float64, tets: ArrayLike) -> Float64:
     return volumes
 
 
+def packed(rows: Int32 | Int64) -> Int64:
+    """(P,) one number for each row (P, k) of numbers from 0 on: equal rows, equal numbers, in the rows' order."""
+    base = int(rows.max(initial=0)) + 1
+    if float(base) ** rows.shape[1] >= 2.0**63:
+        order = np.unique(rows, axis=0, return_inverse=True)[1]
+        return np.asarray(order, dtype=np.int64).ravel()
+    key = rows[:, 0].astype(np.int64)
+    for column in rows.T[1:]:
+        key = key * base + column
+    return key
+
+
 def folds(tets: ArrayLike) -> Int64:
     """(P, 2) pairs of positively oriented tets that lie on the same side of a face they share: they overlap."""
     t = np.asarray(tets)
@@ -98,7 +110,7 @@ def boundary_faces(tets: Int32) -> Int32:
     """(F, 3) faces that belong to exactly one tet, normals outwards; a face of three tets or more is a `MeshError`."""
     faces = np.concatenate([tets[:, face] for face in FACES])
     key = np.sort(faces, axis=1)
-    _, first, count = np.unique(key, axis=0, return_index=True, return_counts=True)
+    _, first, count = np.unique(packed(key), return_index=True, return_counts=True)
     if (count > 2).any():
         bad = key[first[np.argmax(count)]]
         raise MeshError(

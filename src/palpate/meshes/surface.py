@@ -19,7 +19,7 @@ def _sorted_edges(surface: Int32) -> tuple[Int64, Int64, Int64, Int64]:
     """Edges (3F, 2) in order, the triangle of each, the index of the first of each kind, how many of each kind."""
     edge = np.sort(surface[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1).astype(np.int64)
     triangle = np.repeat(np.arange(len(surface)), 3)
-    order = np.lexsort(edge.T[::-1])
+    order = np.argsort(edge[:, 0] * (int(edge.max(initial=0)) + 1) + edge[:, 1], kind="stable")
     edge, triangle = edge[order], triangle[order]
     first = np.flatnonzero(np.r_[True, (edge[1:] != edge[:-1]).any(axis=1)])
     return edge, triangle, first, np.diff(np.r_[first, len(edge)])
@@ -38,8 +38,9 @@ def pinches(surface: Int32) -> tuple[Int64, Int64]:
         node = edge[pair, end]
         links.append(np.stack([_corner(surface, triangle[pair + i], node) for i in (0, 1)], axis=1))
     _, fan = linked(3 * len(surface), np.concatenate(links))
-    node_fan = np.unique(np.stack([surface.ravel().astype(np.int64), fan], axis=1), axis=0)
-    node, fans = np.unique(node_fan[:, 0], return_counts=True)
+    base = int(fan.max(initial=0)) + 1
+    node_fan = np.unique(surface.ravel().astype(np.int64) * base + fan)
+    node, fans = np.unique(node_fan // base, return_counts=True)
     return edge[first[count != 2]], node[fans > 1]
 
 

@@ -6,9 +6,9 @@ import numpy as np
 
 from palpate.arrays import Int32
 from palpate.meshes.files import read_mesh, write_mesh
+from palpate.meshes.labelled import tetrahedralize
 from palpate.meshes.mesh import TetMesh, boundary_faces
 from palpate.meshes.quality import mesh_quality
-from palpate.meshes.stuffing import tetrahedralize
 from palpate.studies.pictures import surface_map, surfaces
 from palpate.studies.report import Section
 from palpate.studies.stages import Stages
