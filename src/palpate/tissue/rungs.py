@@ -10,10 +10,10 @@ from palpate.arrays import Float64
 from palpate.errors import DataError
 from palpate.tissue.base import TissueModel
 from palpate.tissue.contact import Answer
-from palpate.tissue.elasticity import finite_elements
 from palpate.tissue.fit import half_tilted, scattered_points, surface_normals
 from palpate.tissue.models import model, names
 from palpate.tissue.tissue import Tissue
+from palpate.tissue.truth import finite_elements
 
 SKIPPED = 10  # points on which `fit` chooses the springs: those after them are new to it
 CLOSED = 1e-6  # certified error below which more sweeps change nothing that is looked at

@@ -1,5 +1,7 @@
 """What a hand would notice: ripple of the stiffness while sliding, and work that a loop should not give."""
 
+from typing import Any
+
 import numpy as np
 
 from palpate.arrays import Float64
@@ -8,13 +10,11 @@ from palpate.simulation.session import Session, settings_of
 from palpate.studies.deformation.setting import SIDE, Setting, tissue
 from palpate.studies.tables import Row
 from palpate.tissue.base import TissueModel
-from palpate.tissue.elasticity import finite_elements
 from palpate.tissue.models import model, names
+from palpate.tissue.truth import finite_elements
 
 POISSON = 0.45
 PRESS = 3.0  # mm
-TICKS = 900  # of a session's path
-STEPS = 90  # of an exact path
 
 Path = tuple[Float64, Float64]  # points (n, 3) on the surface at rest, displacements (n, 3)
 
@@ -26,12 +26,18 @@ def ripple(setting: Setting) -> dict[str, list[Row]]:
     s = np.linspace(0, 1, setting.points)
     start, along = np.array([0.39 * SIDE, 0.46 * SIDE]), np.array([4.6 * edge, 1.7 * edge])
     path = np.column_stack([start + s[:, None] * along, np.full(len(s), SIDE)])
-    pushers = {"finite elements": finite_elements(solid, "P1").push}
-    pushers |= {name: model(solid, name).push for name in names()}
+    models: dict[str, Any] = {
+        "finite elements": finite_elements(solid, "P1"),
+        **{name: model(solid, name) for name in names()},
+    }
     rows = []
     for radius in setting.radii:
-        for name, push in pushers.items():
-            force = [push(x, [0, 0, -1.0], radius * edge, tolerance=0.02).force[2] for x in path]
+        for name, one in models.items():
+            force, warm = [], None
+            for x in path:  # the force errs by the square of the tolerance at most
+                answer = one.push(x, [0, 0, -1.0], radius * edge, tolerance=0.05, warm=warm)
+                warm = answer.warm
+                force.append(answer.force[2])
             for x, f in zip(path, force, strict=True):
                 where = {"x": float(x[0]), "y": float(x[1]), "force_n": float(f)}
                 rows.append({"model": name, "radius_edges": radius, "radius_mm": radius * edge, **where})
@@ -77,11 +83,11 @@ def loops(setting: Setting) -> dict[str, list[Row]]:
     rows = []
     for name in names():
         one = model(solid, name)
-        for path, (x, d) in paths(STEPS).items():
+        for path, (x, d) in paths(setting.steps_of_path).items():
             force = np.array([one.push(a, b, radius, tolerance=1e-3).force for a, b in zip(x, d, strict=True)])
             net, held = work(x, d, force)
             rows.append({"model": name, "how": "equilibrium", "path": path, "net_nmm": net, "stored_nmm": held})
-        for path, (x, d) in paths(TICKS).items():
+        for path, (x, d) in paths(setting.ticks).items():
             for sweeps in (None, 1):
                 net, held, done = _session(one, x, d, radius, sweeps)
                 how = f"session, {'one sweep' if sweeps else 'as by default'}"

@@ -9,9 +9,9 @@ from palpate.arrays import Float64
 from palpate.studies.deformation.setting import CONTACTS, DEPTH, MARKS, Setting, contact, tissue, way
 from palpate.studies.deformation.truth import pushed
 from palpate.studies.tables import Row
-from palpate.tissue.elasticity import finite_elements
 from palpate.tissue.springs import SpringModel
 from palpate.tissue.tissue import SpringLaw, Tissue
+from palpate.tissue.truth import finite_elements
 
 Field = tuple[Float64, Float64]  # displacement (N, 3) mm and force on the tool (3,) N
 LAWS, WEIGHTS = ("uniform", "linear", "exponential"), ("equal", "cotangent")

@@ -9,9 +9,9 @@ from palpate.studies.deformation.setting import DEPTH, TOP, Setting, tissue
 from palpate.studies.deformation.truth import spring_limit
 from palpate.studies.tables import Row
 from palpate.tissue.contact import contacts
-from palpate.tissue.elasticity import finite_elements
 from palpate.tissue.models import model, names
 from palpate.tissue.tissue import SpringLaw, Tissue
+from palpate.tissue.truth import finite_elements
 
 LAW = SpringLaw("exponential", -0.14)
 POISSON = 0.3
