@@ -79,6 +79,7 @@ if TYPE_CHECKING:
     from palpate.simulation.record import read_record as read_record
     from palpate.simulation.record import write_record as write_record
     from palpate.simulation.session import Session as Session
+    from palpate.studies.deformation.study import deformation_study as deformation_study
     from palpate.studies.demo import demonstrate as demonstrate
     from palpate.studies.head_study import head_study as head_study
     from palpate.studies.tomosynthesis.study import tomosynthesis_study as tomosynthesis_study
@@ -89,6 +90,7 @@ if TYPE_CHECKING:
     from palpate.tissue.lump import force_map as force_map
     from palpate.tissue.lump import lump_map as lump_map
     from palpate.tissue.models import model as model
+    from palpate.tissue.rungs import ladder as ladder
     from palpate.tissue.supports import held_beyond as held_beyond
     from palpate.tissue.supports import held_near as held_near
     from palpate.tissue.supports import resting_on as resting_on
@@ -192,6 +194,7 @@ _HOME = {
     "finite_elements": "tissue.truth",
     "finite_strain": "tissue.finite_strain",
     "model": "tissue.models",
+    "ladder": "tissue.rungs",
     "fit": "tissue.fit",
     "read_tissue": "tissue.files",
     "write_tissue": "tissue.files",
@@ -207,6 +210,7 @@ _HOME = {
     "touch": "server.serve",
     "view": "server.viewing",
     "demonstrate": "studies.demo",
+    "deformation_study": "studies.deformation.study",
     "head_study": "studies.head_study",
     "tomosynthesis_study": "studies.tomosynthesis.study",
 }

@@ -29,11 +29,19 @@ def fit_command(
     region_poisson: Annotated[list[str] | None, typer.Option(help="Another Poisson's ratio: lump=0.4")] = None,
     law: Annotated[str, typer.Option(help="Of the home springs: uniform, linear, exponential.")] = "exponential",
     element: Annotated[str, typer.Option(help="Of finite elements: P1, P2 (above 0.45), mixed (up to 0.5).")] = "P1",
+    within: Annotated[
+        float | None, typer.Option(help="Also find the model whose worst node is off by no more, mm.")
+    ] = None,
+    force_within: Annotated[float, typer.Option(help="And whose force is off by no more, %.")] = 5.0,
+    up_to: Annotated[float, typer.Option(help="For pushes so deep, mm.")] = 10.0,
 ) -> None:
     """Example: [bold]palpate fit kidney.vtu --young 15 --rest-on 0,1,0 --depth 12 -o tissue.vtu[/bold]
 
     Gives a mesh stiffness and support, fits its springs to finite elements,
     and says how far they are off. In a CT, 0,1,0 is the way to the back.
+
+    Which model is needed for 0.3 mm and 5 % of force in pushes of 10 mm:
+    palpate fit kidney.vtu --young 15 --within 0.3 -o tissue.vtu
 
     With a stiff lump:
     palpate fit breast.vtu --young 3.25 --region-young lump=42.5 -o tissue.vtu
@@ -54,6 +62,10 @@ def fit_command(
     pp.write_tissue(output, tissue)
     assert tissue.report is not None
     typer.echo(tissue.report.text())
+    if within is not None:
+        with progress() as say:
+            found = pp.ladder(tissue, within, force_within / 100, up_to, progress=say)
+        typer.echo(found.text())
     typer.echo(f"{len(solid.nodes)} nodes, {len(tissue.fixed)} held; wrote {output}")
 
 

@@ -80,3 +80,25 @@ def head(
     with _resumable("head", quick, output) as say:
         report = pp.head_study(output, quick=quick, resume=resume, progress=say)
     typer.echo(f"report: {report.resolve()}")
+
+
+@study_app.command("deformation", short_help="Springs against finite elements, and the ladder of models between.")
+def deformation(
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder for report.html, figures, tables.")] = Path(
+        "deformation"
+    ),
+    quick: Annotated[bool, typer.Option("--quick", help="Small meshes: for tests, not for reading.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on from what an earlier run left in -o.")] = False,
+    docs: Annotated[Path | None, typer.Option(help="Write the page deformation.md and its pictures there too.")] = None,
+) -> None:
+    """Example: [bold]palpate study deformation -o study[/bold]
+
+    A cube and a kidney under a finger: how near springs come to finite
+    elements, by every law and Poisson's ratio; how soon each model
+    answers; what a hand feels.
+
+    Takes minutes; Ctrl-C stops it, and --resume goes on.
+    """
+    with _resumable("deformation", quick, output) as say:
+        report = pp.deformation_study(output, quick=quick, resume=resume, docs=docs, progress=say)
+    typer.echo(f"report: {report.resolve()}")

@@ -63,10 +63,7 @@ def fit(
         say("finite elements", 0.4 * k / _TRAINING)
     springs = _fitted(tissue, start, points[~held_out], inward[~held_out], r, true, say)
     say("report on other contacts", 0.8)
-    oblique = inward[held_out]
-    half = (len(oblique) + 1) // 2
-    oblique[half:] = _tilted(oblique[half:])
-    report = compare(truth, SpringModel(tissue, springs), points[held_out], oblique, r, d)
+    report = compare(truth, SpringModel(tissue, springs), points[held_out], half_tilted(inward[held_out]), r, d)
     say("springs fitted", 1.0)
     return Tissue(mesh, tissue.young, tissue.poisson, tissue.fixed, element=element, springs=springs, report=report)
 
@@ -155,10 +152,10 @@ def _fitted(
     return replace(law, scale=float(f @ g / (g @ g)))
 
 
-def _tilted(push: Float64) -> Float64:
-    """The same lengths, 45° away, each towards the axis that is most sideways to it."""
-    out = np.empty_like(push)
-    for k, w in enumerate(push):
+def half_tilted(push: Float64) -> Float64:
+    """The same lengths; the second half 45° away, each towards the axis that is most sideways to it."""
+    out = push.copy()
+    for k, w in list(enumerate(push))[(len(push) + 1) // 2 :]:
         axis = np.eye(3)[int(np.argmin(np.abs(w)))]
         side = np.cross(w, axis)
         out[k] = (w + side * np.linalg.norm(w) / np.linalg.norm(side)) / np.sqrt(2)

@@ -33,6 +33,11 @@ def model(tissue: Tissue, name: str = "blocks", **options: Any) -> TissueModel:
     return _MODELS[name](tissue, **options)
 
 
+def names() -> tuple[str, ...]:
+    """Of all models that `model` makes."""
+    return tuple(_MODELS)
+
+
 def name_of(model: TissueModel) -> str:
     """The name by which `model` makes models of this kind."""
     return next(name for name, kind in _MODELS.items() if type(model) is kind)

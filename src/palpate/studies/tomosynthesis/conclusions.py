@@ -5,9 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.studies.tables import Row, where
 from palpate.studies.tomosynthesis.experiments import GAPS, SAMPLING_DOSE, Record
 from palpate.studies.tomosynthesis.setting import Setting
-from palpate.studies.tomosynthesis.tables import Row, error_at, said, seconds_below, spread, where
+from palpate.studies.tomosynthesis.tables import error_at, said, seconds_below, spread
 
 # What is compared: name, fixed resolution, multi-resolution; each (optimiser, start).
 PAIRS = (

@@ -4,12 +4,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from palpate.studies.report import Section
+from palpate.studies.tables import Row, where
 from palpate.studies.tomosynthesis import conclusions, figures, plots
 from palpate.studies.tomosynthesis.conclusions import Factor
 from palpate.studies.tomosynthesis.experiments import GAPS, MOTION_DOSE, SAMPLING_DOSE, Record, cell_name
 from palpate.studies.tomosynthesis.judge import Judge
 from palpate.studies.tomosynthesis.setting import HEIGHT, PANEL, RADIUS, VIEWS
-from palpate.studies.tomosynthesis.tables import Row, summary, where
+from palpate.studies.tomosynthesis.tables import summary
 from palpate.volumes.files import read_volume
 from palpate.volumes.volume import Volume
 

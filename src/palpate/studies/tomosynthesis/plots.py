@@ -8,9 +8,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from palpate.arrays import Float64
+from palpate.studies.axes import COLOURS, TRUTH, canvas, finish
+from palpate.studies.tables import Row, where
 from palpate.studies.tomosynthesis.experiments import Record
-from palpate.studies.tomosynthesis.figures import COLOURS, TRUTH, canvas, finish
-from palpate.studies.tomosynthesis.tables import Row, best_posterior, gaps, spread, where
+from palpate.studies.tomosynthesis.tables import best_posterior, gaps, spread
 from palpate.studies.tomosynthesis.traces import columns
 
 STYLES = {"descent": "-", "momentum": "--"}

@@ -1,6 +1,5 @@
 """The runs on disk: each made once, kept as it ends, so that an interrupted study goes on."""
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -8,12 +7,11 @@ import numpy as np
 
 from palpate.arrays import Float64
 from palpate.atomic import replacing
-from palpate.errors import FileError
+from palpate.studies.records import read_json, same_study, write_json
 from palpate.studies.stages import Stages
 from palpate.studies.tomosynthesis.experiments import Laboratory, Record, cells
 from palpate.studies.tomosynthesis.judge import Judge
 from palpate.studies.tomosynthesis.setting import Setting
-from palpate.version import __version__
 from palpate.volumes.files import write_volume
 
 Say = Callable[[str, float], None]
@@ -24,7 +22,7 @@ def run_all(stages: Stages, setting: Setting, say: Say) -> tuple[list[Record], J
     """The records of all runs: those of an earlier run are read where `stages` resumes. Raises `FileError`."""
     for name in FOLDERS:
         (stages.folder / name).mkdir(exist_ok=True)
-    _same_study(stages, setting)
+    same_study(stages, f"tomosynthesis{' --quick' if setting.quick else ''}")
     judge = Judge(setting)
 
     def passed(motion: str) -> Float64:
@@ -44,36 +42,13 @@ def run_all(stages: Stages, setting: Setting, say: Say) -> tuple[list[Record], J
                 write_volume(stages.folder / f"volumes/{cell.name}.nii.gz", volume)
             return record
 
-        record = stages(f"runs/{cell.name}.json", make, _write_json, _read_json)
+        record = stages(f"runs/{cell.name}.json", make, write_json, read_json)
         laboratory.learn(record)
         records.append(record)
     say(f"{len(every)} runs", 1.0)
     return records, judge
 
 
-def _same_study(stages: Stages, setting: Setting) -> None:
-    """Marks the folder with the study that is run there: another would be resumed from files of the same names."""
-    mark = stages.folder / "study.txt"
-    now = f"tomosynthesis{' --quick' if setting.quick else ''}, palpate {__version__}\n"
-    if mark.exists() and mark.read_text() != now:
-        raise FileError(
-            f"{stages.folder}: holds the study {mark.read_text().strip()!r}, not {now.strip()!r}; "
-            f"choose another folder with -o, or remove that one"
-        )
-    with replacing(mark) as temporary:
-        temporary.write_text(now)
-
-
 def _write_array(path: Path, values: Float64) -> None:
     with replacing(path) as temporary:
         np.save(temporary, values)
-
-
-def _write_json(path: Path, record: Record) -> None:
-    with replacing(path) as temporary:
-        temporary.write_text(json.dumps(record, allow_nan=False), encoding="utf-8")
-
-
-def _read_json(path: Path) -> Record:
-    record: Record = json.loads(path.read_text(encoding="utf-8"))
-    return record

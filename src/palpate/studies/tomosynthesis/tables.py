@@ -1,20 +1,16 @@
 """The records of the runs as tables: one row a run, one file a table."""
 
-import csv
 from collections.abc import Iterable, Sequence
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from palpate.atomic import replacing
 from palpate.reconstruction.multires import pyramid
 from palpate.scans.scan import Scan
+from palpate.studies.tables import Row
 from palpate.studies.tomosynthesis.experiments import FAR, GAPS, Record
 from palpate.studies.tomosynthesis.setting import Setting
 from palpate.studies.tomosynthesis.traces import columns
 
-Row = dict[str, Any]
 QUALITIES = ("nmse", "nmse_region", "ssim", "cnr", "depth_mm")
 ABOUT = (
     "dose",
@@ -128,21 +124,6 @@ def levels(setting: Setting, convergence: Sequence[Row]) -> list[Row]:
                     row[f"iterations_{dose}"] = float(np.mean(mine))
                 rows.append(row)
     return rows
-
-
-def write_tables(folder: Path, tables: dict[str, list[Row]]) -> None:
-    """One CSV file a table. Raises `FileError`."""
-    for name, rows in tables.items():
-        heads = list(dict.fromkeys(head for row in rows for head in row))
-        with replacing(folder / f"{name}.csv") as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, heads)
-            writer.writeheader()
-            writer.writerows(rows)
-
-
-def where(rows: Iterable[Row], **wanted: object) -> list[Row]:
-    """The rows that have these values."""
-    return [row for row in rows if all(row.get(name) == value for name, value in wanted.items())]
 
 
 def spread(values: Iterable[float]) -> tuple[float, float]:

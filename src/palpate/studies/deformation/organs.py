@@ -1,0 +1,85 @@
+"""The kidney of the sample CT at several resolutions: what a deformation costs, and how wrong it is where."""
+
+from functools import partial
+
+import numpy as np
+
+from palpate import _core
+from palpate.errors import DataError
+from palpate.meshes.mesh import TetMesh
+from palpate.meshes.stuffing import tetrahedralize
+from palpate.samples import sample
+from palpate.studies.deformation.pareto import timed
+from palpate.studies.deformation.setting import DEPTH, Setting
+from palpate.studies.kidney import BED, ORGAN, POISSON
+from palpate.studies.tables import Row
+from palpate.tissue.fit import fit, scattered_points, surface_normals
+from palpate.tissue.materials import MATERIALS
+from palpate.tissue.models import model, names
+from palpate.tissue.rungs import ladder
+from palpate.tissue.supports import resting_on
+from palpate.tissue.tissue import Tissue
+from palpate.volumes.files import read_labels
+
+TOLERANCES = (1e-1, 1e-2, 1e-3)
+TOUCHES = 6
+ASKED = (0.3, 0.05, 10.0)  # mm, share of force, mm of push
+
+
+def kidney(edge: float) -> Tissue:
+    """The left kidney at this edge length, mm, its rear held, springs not fitted."""
+    mesh = tetrahedralize(read_labels(sample("abdomen") / "labels.nii.gz"), label=ORGAN, edge=edge)
+    return Tissue(mesh, MATERIALS["kidney"].young, POISSON, _bedded(mesh))
+
+
+def _bedded(mesh: TetMesh) -> np.ndarray:
+    return resting_on(mesh, (0.0, 1.0, 0.0), depth=BED * float(np.ptp(mesh.nodes[:, 1])))
+
+
+def timings(setting: Setting) -> dict[str, list[Row]]:
+    """Processor seconds of pushes from rest at several tolerances, and of one sweep, for every resolution and model."""
+    rows = []
+    for resolution, edge in setting.kidneys:
+        solid = kidney(edge)
+        radius = 2 * solid.edge
+        points = scattered_points(solid, TOUCHES)
+        pushes = -DEPTH * surface_normals(solid, points)
+        for name in names():
+            one, making = timed(partial(model, solid, name))
+            _, first = timed(partial(one.push, points[0], pushes[0], radius))
+            row: Row = {"resolution": resolution, "edge_mm": edge, "nodes": len(solid.mesh.nodes)}
+            row |= {"tets": len(solid.mesh.tets), "surface": len(solid.mesh.surface_nodes)}
+            row |= {"model": name, "making_s": making + first}
+            for tolerance in TOLERANCES:
+                push = partial(one.push, radii=radius, tolerance=tolerance)
+                spent = [
+                    min(timed(partial(push, x, w))[1] for _ in range(max(2, setting.repeats // 2)))
+                    for x, w in zip(points, pushes, strict=True)
+                ]
+                row[f"push_s_{tolerance:g}"] = float(np.median(spent))
+            row["sweep_s"] = sweep_seconds(one, radius)
+            rows.append(row)
+    return {"kidneys": rows}
+
+
+def sweep_seconds(one: object, radius: float) -> float | None:
+    """Of one native sweep as the loop's ticks do it; None for models whose ticks are not made of sweeps."""
+    try:
+        return float(_core.sweep_seconds(one.native, one.tissue.surface, radius))  # type: ignore[attr-defined]
+    except (TypeError, ValueError, DataError):
+        return None
+
+
+def fitted(setting: Setting) -> dict[str, list[Row]]:
+    """The first resolution's springs fitted: their error at each surface node, and which model is needed."""
+    solid = kidney(setting.kidneys[0][1])
+    tissue = fit(solid.mesh, solid.young, solid.poisson, solid.fixed)
+    assert tissue.report is not None
+    nodes = tissue.mesh.surface_nodes
+    error = [
+        {"x": float(x[0]), "y": float(x[1]), "z": float(x[2]), "error_mm": float(e)}
+        for x, e in zip(tissue.mesh.nodes[nodes], tissue.report.error_map[nodes], strict=True)
+    ]
+    found = ladder(tissue, *ASKED, contacts=setting.contacts)
+    text = [{"line": line} for line in (*tissue.report.text().splitlines(), *found.text().splitlines())]
+    return {"kidney_error": error, "kidney_words": text}
