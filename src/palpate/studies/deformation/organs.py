@@ -6,8 +6,8 @@ import numpy as np
 
 from palpate import _core
 from palpate.errors import DataError
+from palpate.meshes.labelled import tetrahedralize
 from palpate.meshes.mesh import TetMesh
-from palpate.meshes.stuffing import tetrahedralize
 from palpate.samples import sample
 from palpate.studies.deformation.pareto import timed
 from palpate.studies.deformation.setting import DEPTH, Setting
