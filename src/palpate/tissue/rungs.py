@@ -10,6 +10,7 @@ from palpate.arrays import Float64
 from palpate.errors import DataError
 from palpate.tissue.base import TissueModel
 from palpate.tissue.contact import Answer
+from palpate.tissue.finite_strain import finite_strain
 from palpate.tissue.fit import half_tilted, scattered_points, surface_normals
 from palpate.tissue.models import model, names
 from palpate.tissue.tissue import Tissue
@@ -58,10 +59,13 @@ class Ladder:
         """For people."""
         lines = [
             f"within {self.within:g} mm and {100 * self.force:g} % of force, pushes up to {self.depth:g} mm "
-            f"({self.contacts} contacts, patch radius {self.radius:.3g} mm, against linear finite elements, {self.truth}):"
+            f"({self.contacts} contacts, patch radius {self.radius:.3g} mm, against finite elements: {self.truth}):"
         ]
         for r in self.rungs:
             how = f"with {r.sweeps} sweeps" if r.enough else f"not, even with {r.sweeps} sweeps"
+            if not np.isfinite(r.displacement):
+                lines.append(f"  {r.name:>12}: not, some pushes are too deep for it")
+                continue
             lines.append(
                 f"  {r.name:>12}: {how}: {r.displacement:.2g} mm, {100 * r.force:.2g} % of force, "
                 f"{1e3 * r.seconds:.3g} ms a push"
@@ -78,33 +82,38 @@ def ladder(
     depth: float = 10.0,
     radius: float | None = None,
     element: str | None = None,
+    strain: str = "linear",
     models: Sequence[str] | None = None,
     contacts: int = 8,
     progress: Callable[[str, float], None] = lambda what, share: None,
 ) -> Ladder:
     """Tries every model on pushes that no fit saw, and finds the fewest sweeps that keep its error within what is asked.
 
-    within: mm, greatest nodal difference of displacement to linear finite elements on this mesh. force: share, greatest
-    difference of the force. depth: mm of the pushes, the first half along the inward normal, the rest 45° to it. radius:
-    mm; None: two mean edges. element: of the truth; None: the tissue's. models: names; None: all that there are. Each
-    push starts from rest. Raises `DataError` on numbers that ask for nothing, `MaterialError` for unknown names.
+    within: mm, greatest nodal difference of displacement to finite elements on this mesh. force: share, greatest
+    difference of the force. strain: of the truth, "linear" or "finite" (neo-Hookean). depth: mm of the pushes, the
+    first half along the inward normal, the rest 45° to it. radius: mm; None: two mean edges. element: of the truth;
+    None: the tissue's. models: names; None: all that there are. Each push starts from rest. Raises `DataError` on
+    numbers that ask for nothing, `MaterialError` for unknown names.
     """
     for name, value in (("within", within), ("force", force), ("depth", depth), ("contacts", contacts)):
         if not (np.isfinite(value) and value > 0):
             raise DataError(f"{name}: {value}; give a number above 0")
+    if strain not in ("linear", "finite"):
+        raise DataError(f'strain: {strain!r} is not known; choose "linear" or "finite"')
     r = 2 * tissue.edge if radius is None else float(radius)
     points = scattered_points(tissue, SKIPPED + contacts)[SKIPPED:]
     pushes = half_tilted(-depth * surface_normals(tissue, points))
     truth = finite_elements(tissue, element)
+    solver = truth if strain == "linear" else finite_strain(tissue, element)
     progress("finite elements", 0.0)
-    true = [truth.push(x, w, r) for x, w in zip(points, pushes, strict=True)]
+    true = [solver.push(x, w, r) for x, w in zip(points, pushes, strict=True)]
     wanted = names() if models is None else tuple(models)
     tried = []
     for k, name in enumerate(wanted):
         progress(f"trying {name}", k / len(wanted))
         tried.append(_rung(tissue, name, _Trial(points, pushes, r, true), within, force))
     progress("models tried", 1.0)
-    return Ladder(within, force, depth, r, truth.element, contacts, tuple(tried))
+    return Ladder(within, force, depth, r, f"{truth.element}, {strain} strain", contacts, tuple(tried))
 
 
 @dataclass(frozen=True)
@@ -120,7 +129,10 @@ class _Trial:
         seconds, sweeps = [], 0
         for x, w, true in zip(self.points, self.pushes, self.true, strict=True):
             began = time.process_time()
-            found = one.push(x, w, self.radius, tolerance=CLOSED, most_sweeps=most)
+            try:
+                found = one.push(x, w, self.radius, tolerance=CLOSED, most_sweeps=most)
+            except DataError:  # too deep for this model
+                return np.inf, np.inf, most, np.inf, 0.0
             seconds.append(time.process_time() - began)
             worst = max(worst, float(np.linalg.norm(found.displacement - true.displacement, axis=1).max()))
             off = max(off, float(np.linalg.norm(found.force - true.force) / np.linalg.norm(true.force)))
@@ -132,7 +144,7 @@ def _rung(tissue: Tissue, name: str, trial: _Trial, within: float, force: float)
     """Doubles the sweeps until they are enough or change nothing, then halves the last step."""
     began = time.process_time()
     one = model(tissue, name)
-    one.push(trial.points[0], trial.pushes[0], trial.radius, tolerance=0.5)
+    one.push(trial.points[0], 1e-3 * trial.pushes[0], trial.radius, tolerance=0.5)  # what is made at the first push
     making = time.process_time() - began
 
     def enough(seen: tuple[float, float, int, float, float]) -> bool:

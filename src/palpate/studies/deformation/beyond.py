@@ -81,19 +81,25 @@ def needed(told: Told) -> Section:
             r["name"],
             "yes" if r["enough"] else "no",
             r["sweeps"],
-            f"{r['displacement']:.2g}",
-            f"{100 * r['force']:.2g}",
-            f"{1e3 * r['seconds']:.3g}",
+            _said(r["displacement"], 1),
+            _said(r["force"], 100),
+            _said(r["seconds"], 1e3),
             "needed" if r["needed"] else "",
         ]
         for r in told.tables["needed"]
     ]
     text = [
         "Pushes on random points of the cube that no fit saw, half of them 45° to the normal: the fewest "
-        "sweeps from rest that keep every one within what is asked. pp.ladder and palpate fit --within "
+        "sweeps from rest that keep every one within what is asked (- where some push is too deep for "
+        "the model). pp.ladder and palpate fit --within "
         "do this for any tissue."
     ]
     return Section("Which model is needed", text, [head, *body])
+
+
+def _said(value: float | None, unit: float) -> str:
+    """None: too deep a push for the model."""
+    return "-" if value is None else f"{unit * value:.2g}"
 
 
 def fit(told: Told) -> Section:
@@ -154,25 +160,22 @@ def loops(told: Told) -> Section:
 def strain(told: Told) -> Section:
     """Against finite strain, where that is built."""
     rows = told.tables["large"]
-    if not rows:
-        text = [
-            "Not measured: no finite-strain model is built into this version. Elsewhere, linear elements "
-            "were 7, 15 and 24 % off a neo-Hookean solid at 5, 10 and 15 mm."
-        ]
-        return Section("Large strain", text)
     head = ["model", "push, mm", "worst, mm", "RMS, mm", "force off, %", "least volume of an element"]
     body = [
         [
             r["model"],
             f"{r['depth_mm']:g}",
-            f"{r['worst_mm']:.2f}",
-            f"{r['rms_mm']:.2f}",
-            f"{100 * r['force_error']:.0f}",
+            f"{r['worst_mm']:.2g}",
+            f"{r['rms_mm']:.2g}",
+            f"{100 * r['force_error']:.2g}",
             f"{r['least_volume']:.2f}",
         ]
         for r in rows
     ]
-    text = ["Against neo-Hookean finite strain on the same mesh (P1), smooth patch, Poisson's ratio 0.3."]
+    text = [
+        "Against neo-Hookean finite strain on the same mesh (P1, Newton's method), smooth patch, "
+        "Poisson's ratio 0.3. An element whose volume falls below 0 is inside out."
+    ]
     picture = (plots.large(rows), told.caption("How far linear models are from finite strain."))
     return Section("Large strain", text, [head, *body], [picture])
 

@@ -75,7 +75,7 @@ class Answers:
         def error(log: float) -> float:
             return float(self.errors(float(np.exp(log)), true)[of])
 
-        seen = [error(log) for log in np.log(grid)]
+        seen = [float(self.errors(size, true)[of]) for size in grid.tolist()]
         k = int(np.argmin(seen))
         a, b = np.log(grid[max(k - 1, 0)]), np.log(grid[min(k + 1, len(grid) - 1)])
         found = minimize_scalar(error, bounds=(float(a), float(b)), method="bounded", options={"xatol": 0.02})
@@ -86,7 +86,7 @@ def sweep(setting: Setting, true: dict[float, dict[str, Field]]) -> dict[str, li
     """Error over RSC0 for each law, weight and contact, and the RSC0 of least error, by Poisson's ratio."""
     curves, best = [], []
     solid = tissue(setting.main, 0.3)  # springs do not know of Poisson's ratio
-    grid = np.exp(np.log(np.geomspace(*SEARCH, setting.steps)))
+    grid = np.geomspace(*SEARCH, setting.steps)
     for name, weights, law in itertools.product(CONTACTS, WEIGHTS, LAWS):
         answers = Answers(solid, law, weights, name, setting.radius)
         for poisson, fields in true.items():

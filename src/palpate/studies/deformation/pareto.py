@@ -12,6 +12,7 @@ from palpate import _core
 from palpate.studies.deformation.setting import DEPTH, TOP, Setting, tissue
 from palpate.studies.tables import Row
 from palpate.tissue.contact import Answer
+from palpate.tissue.finite_strain import finite_strain
 from palpate.tissue.fit import fit
 from palpate.tissue.models import model, names
 from palpate.tissue.rungs import ladder
@@ -20,6 +21,7 @@ from palpate.tissue.truth import finite_elements
 
 POISSON = 0.45
 TOLERANCES = (0.5, 0.1, 0.03, 0.01, 1e-3, 1e-5)
+FINITE = "neo-hookean"
 ASKED = ((0.3, 0.05, 10.0), (1.0, 0.2, 10.0), (0.05, 0.01, 10.0))  # mm, share of force, mm of push
 
 
@@ -35,13 +37,15 @@ def front(setting: Setting, nodes: int) -> dict[str, list[Row]]:
     down = [0.0, 0.0, -DEPTH]
     direct = finite_elements(solid, "P1")
     true, _ = timed(lambda: direct.push(TOP, down, setting.radius))
+    finite = finite_strain(solid, "P1").push(TOP, down, setting.radius)
     finer = finite_elements(solid, "P2").push(TOP, down, setting.radius) if nodes == setting.main else None
     rows: list[Row] = []
 
     def note(name: str, tolerance: float, answer: Answer, seconds: float, making: float) -> None:
         row: Row = {"nodes": nodes, "model": name, "tolerance": tolerance, "seconds": seconds, "making_s": making}
         row |= {"sweeps": answer.sweeps, "bound": answer.error if np.isfinite(answer.error) else None}
-        for who, other in (("", true), ("_p2", finer)):
+        own = finite if name == FINITE else true
+        for who, other in (("", own), ("_p2", finer), ("_finite", finite)):
             if other is not None:
                 gap = np.linalg.norm(answer.displacement - other.displacement, axis=1).max() / DEPTH
                 row[f"error{who}"] = float(gap)
@@ -79,13 +83,14 @@ def timed(act: Callable[[], Any]) -> tuple[Any, float]:
 
 
 def needed(setting: Setting) -> dict[str, list[Row]]:
-    """Which model is needed for three accuracies on the main cube, against P1 and against P2."""
+    """Which model is needed for three accuracies on the main cube: against P1, P2, and P1 at finite strain."""
     solid, rows = fitted(setting, setting.main), []
-    for element in ("P1", "P2"):
+    for element, strain in (("P1", "linear"), ("P2", "linear"), ("P1", "finite")):
         for within, force, depth in ASKED[: setting.asked]:
-            found = ladder(solid, within, force, depth, setting.radius, element, contacts=setting.contacts)
+            found = ladder(solid, within, force, depth, setting.radius, element, strain, contacts=setting.contacts)
             best = found.needed
             for rung in found.rungs:
-                asked = {"truth": element, "within_mm": within, "within_force": force, "depth_mm": depth}
-                rows.append({**asked, **asdict(rung), "needed": best is not None and best.name == rung.name})
+                asked = {"truth": found.truth, "within_mm": within, "within_force": force, "depth_mm": depth}
+                tried = {k: None if v == np.inf else v for k, v in asdict(rung).items()}
+                rows.append({**asked, **tried, "needed": best is not None and best.name == rung.name})
     return {"needed": rows}

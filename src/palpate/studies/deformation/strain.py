@@ -1,13 +1,16 @@
 """Beyond linear elasticity: large pushes, and a cube that was really measured."""
 
+from typing import Any
+
 import numpy as np
 
 from palpate.arrays import Float64
 from palpate.studies.deformation.setting import DEPTHS, TOP, YOUNG, Setting, cube, tissue
 from palpate.studies.deformation.truth import imposed
 from palpate.studies.tables import Row
+from palpate.tissue.finite_strain import finite_strain
 from palpate.tissue.fit import fit
-from palpate.tissue.models import model, names
+from palpate.tissue.models import model
 from palpate.tissue.tissue import Tissue
 from palpate.tissue.truth import finite_elements
 
@@ -18,24 +21,22 @@ TRUTH_CUBE_SIDE, TRUTH_CUBE_STRAINS = 80.0, (0.05, 0.125, 0.1825)
 
 
 def large(setting: Setting) -> dict[str, list[Row]]:
-    """Linear models against finite strain at every depth; nothing where no such model is built."""
-    if FINITE not in names():
-        return {"large": []}
+    """Every model against finite strain (Newton's method, P1) at every depth."""
     solid = tissue(setting.main, POISSON)
     solid = fit(solid.mesh, solid.young, solid.poisson, solid.fixed, radius=setting.radius, depth=DEPTHS[0])
-    truth, rows = model(solid, FINITE), []
-    pushers = {"linear finite elements": finite_elements(solid, "P1").push, "springs": model(solid, "springs").push}
+    truth, rows = finite_strain(solid, "P1"), []
+    models: dict[str, Any] = {"linear finite elements": finite_elements(solid, "P1")}
+    models |= {name: model(solid, name) for name in ("springs", FINITE)}
     for depth in DEPTHS:
         down = [0.0, 0.0, -depth]
-        true = truth.push(TOP, down, setting.radius, tolerance=1e-6)
-        volume = _volumes(solid, true.displacement)
-        for name, push in pushers.items():
-            found = push(TOP, down, setting.radius, tolerance=1e-6)
+        true = truth.push(TOP, down, setting.radius)
+        for name, one in models.items():
+            found = one.push(TOP, down, setting.radius, tolerance=1e-5)
             gap = np.linalg.norm(found.displacement - true.displacement, axis=1)
             off = float(np.linalg.norm(found.force - true.force) / np.linalg.norm(true.force))
             row: Row = {"model": name, "depth_mm": depth, "worst_mm": float(gap.max())}
             row |= {"rms_mm": float(np.sqrt((gap**2).mean())), "force_error": off, "true_force_n": float(true.force[2])}
-            rows.append(row | {"least_volume": float(volume.min())})
+            rows.append(row | {"least_volume": float(_volumes(solid, found.displacement).min())})
     return {"large": rows}
 
 
