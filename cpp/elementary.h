@@ -48,7 +48,7 @@ PALPATE_INLINE double fast_log(double x) {
     constexpr int64_t root_half = 0x3fe6a09e667f3bcd;
     const int64_t above = bits_of(x) - root_half + (int64_t(1023) << 52); // biased, so that the shift needs no sign
     const int64_t k = int64_t(uint64_t(above) >> 52);
-    const double m = double_of(bits_of(x) - ((k - 1023) << 52)), s = (m - 1) / (m + 1), s2 = s * s;
+    const double m = double_of(bits_of(x) - int64_t(uint64_t(k - 1023) << 52)), s = (m - 1) / (m + 1), s2 = s * s;
     constexpr double odd[] = {1 / 19.0, 1 / 17.0, 1 / 15.0, 1 / 13.0, 1 / 11.0, 1 / 9.0, 1 / 7.0, 0.2, 1 / 3.0, 1.0};
     double sum = 1 / 21.0;
     for (double c : odd) sum = sum * s2 + c;

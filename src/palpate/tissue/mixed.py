@@ -68,34 +68,31 @@ class MixedElements(FiniteElements):
         return splu(csc_array(self._like))
 
     def solve(self, load: Float64) -> Float64:
-        """(unknowns, k) displacements and pressures for (unknowns, k) loads, held unknowns 0."""
-        out = np.zeros_like(load)
-        for column in range(load.shape[1]):
-            out[:, column] = self._solve(load[:, column])
-        return out
+        """(unknowns, k) displacements and pressures for (unknowns, k) loads, held unknowns 0.
 
-    def _solve(self, load: Float64) -> Float64:
-        """Conjugate gradients on (B A⁻¹ Bᵀ + C) p = B A⁻¹ f − g; each step costs one solve with A."""
-        B = self.B[:, self.moving]
+        Conjugate gradients on (B A⁻¹ Bᵀ + C) p = B A⁻¹ f − g, all columns abreast; each step is one solve with A.
+        """
+        B, like = self.B[:, self.moving], self._like_factors.solve
         u = self.factors.solve(load[self.moving])
-        p, g = np.zeros(B.shape[0]), load[self.space.N :]
-        r = B @ u - g
-        z = self._like_factors.solve(r)
-        way, size = z.copy(), float(r @ z)
-        enough = 1e-26 * max(float(v @ self._like_factors.solve(v)) for v in (B @ u, g))
+        g = load[self.space.N :]
+        p, r = np.zeros_like(g), B @ u - g
+        z = like(r)
+        way, size = z.copy(), (r * z).sum(axis=0)
+        enough = 1e-26 * np.maximum(*((v * like(v)).sum(axis=0) for v in (B @ u, np.ascontiguousarray(g))))
         for _ in range(_MOST_STEPS):
-            if size <= enough:
+            going = np.flatnonzero(size > enough)
+            if len(going) == 0:
                 break
-            moved = self.factors.solve(B.T @ way)
-            image = B @ moved + self.C @ way
-            step = size / float(way @ image)
-            p += step * way
-            u -= step * moved
-            r -= step * image
-            z = self._like_factors.solve(r)
-            before, size = size, float(r @ z)
-            way = z + (size / before) * way
-        out = np.zeros(self.K.shape[0])
+            moved = self.factors.solve(B.T @ way[:, going])
+            image = B @ moved + self.C @ way[:, going]
+            step = size[going] / (way[:, going] * image).sum(axis=0)
+            p[:, going] += step * way[:, going]
+            u[:, going] -= step * moved
+            r[:, going] -= step * image
+            z = like(np.ascontiguousarray(r[:, going]))
+            before, size[going] = size[going], (r[:, going] * z).sum(axis=0)
+            way[:, going] = z + (size[going] / before) * way[:, going]
+        out = np.zeros_like(load)
         out[self.moving], out[self.space.N :] = u, p
         return out
 
