@@ -22,5 +22,6 @@ NB_MODULE(_core, m) {
     bind_reconstruction(m);
     bind_factors(m);
     bind_mechanics(m);
+    bind_multigrid(m);
     bind_simulation(m);
 }

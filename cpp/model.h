@@ -1,4 +1,5 @@
 #pragma once
+#include <algorithm>
 #include <memory>
 #include <vector>
 
@@ -20,6 +21,7 @@ struct State {
     std::vector<double> u;        // displacement of each node, x y z, mm
     const Model* owner = nullptr; // the model that started it: states do not fit others
     virtual ~State() = default;
+    virtual void rest() { std::fill(u.begin(), u.end(), 0.0); } // as it was at the start
 };
 
 // What the loop asks of a tissue model. Immutable and thread-safe: what changes is in State.

@@ -5,14 +5,16 @@ from typing import Any
 from palpate.errors import MaterialError
 from palpate.tissue.base import TissueModel
 from palpate.tissue.blocks import BlockModel
+from palpate.tissue.multigrid import MultigridModel
 from palpate.tissue.springs import SpringModel
 from palpate.tissue.tissue import Tissue
 
-_MODELS: dict[str, type[TissueModel]] = {"springs": SpringModel, "blocks": BlockModel}
+_MODELS: dict[str, type[TissueModel]] = {"springs": SpringModel, "blocks": BlockModel, "multigrid": MultigridModel}
 
 
 def model(tissue: Tissue, name: str = "blocks", **options: Any) -> TissueModel:
-    """A real-time model of a tissue: "springs" (home and edge springs) or "blocks" (ring sweeps on finite elements).
+    """A real-time model of a tissue: "springs" (home and edge springs), "blocks" (ring sweeps on finite elements) or
+    "multigrid" (conjugate gradients on finite elements, preconditioned by multigrid).
 
     options: keywords of the model's class, such as relaxation, or law (a `SpringLaw`) for springs. It answers pushes
     with `.push(points, displacements, radii)`; `.native` is the C++ model that the loop runs. Raises `MaterialError`
