@@ -22,6 +22,7 @@ NB_MODULE(_core, m) {
     bind_reconstruction(m);
     bind_factors(m);
     bind_mechanics(m);
+    bind_multigrid(m);
     bind_hyperelastic(m);
     bind_compliance(m);
     bind_simulation(m);

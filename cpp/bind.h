@@ -8,6 +8,7 @@ namespace nb = nanobind;
 void bind_projection(nb::module_& m);     // projector and its transpose
 void bind_reconstruction(nb::module_& m); // likelihood, prior, descent
 void bind_mechanics(nb::module_& m);      // springs, blocks
+void bind_multigrid(nb::module_& m);      // the ladder's multigrid
 void bind_hyperelastic(nb::module_& m);   // neo-Hookean elements at finite strain
 void bind_simulation(nb::module_& m);     // the 1 kHz loop
 void bind_factors(nb::module_& m);        // sparse Cholesky factors

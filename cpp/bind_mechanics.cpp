@@ -187,6 +187,17 @@ void bind_ring_models(nb::module_& m) {
             },
             "state"_a, "force"_a.noconvert(), "Energy u'Ku/2 and residual r'M^-1 r/2, N mm.")
         .def(
+            "residual",
+            [](const RingModel& model, const State& state, In<double, 2> force) {
+                refuse_strangers(model, state);
+                if (force.shape(0) < size_t(static_cast<const RingState&>(state).contacts) || force.shape(1) != 3)
+                    throw std::invalid_argument("force: expected shape (contacts, 3)");
+                auto out = table<double>(model.nodes(), 3);
+                model.residual(state, force.data(), out.data());
+                return out;
+            },
+            "state"_a, "force"_a.noconvert(), "(nodes, 3) N out of balance at the nodes that may move.")
+        .def(
             "rows",
             [](const RingModel& model, const State& state) {
                 refuse_strangers(model, state);

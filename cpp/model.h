@@ -30,6 +30,7 @@ struct State {
     virtual ~State() = default;
     // All that a tick leaves behind, from which everything else follows: for digests, and to see that it is sound.
     virtual std::vector<double>& memory() { return u; }
+    virtual void rest() { std::fill(memory().begin(), memory().end(), 0.0); } // as it was at the start
 };
 
 // What the loop asks of a tissue model. Immutable and thread-safe: what changes is in State.

@@ -150,21 +150,30 @@ void RingModel::hold(RingState& s, const double* displacement, double* force) co
     }
 }
 
+void RingModel::residual(const State& state, const double* force, double* out) const {
+    const auto& s = static_cast<const RingState&>(state);
+    internal_force(s, out);
+    for (int i = 0; i < nodes(); i++) {
+        const bool given = held[i] || (imposed() && s.place[i] >= 0); // no unknown, so out of no balance
+        for (int k = 0; k < 3; k++) {
+            double& r = out[3 * size_t(i) + k];
+            if (s.place[i] >= 0)
+                for (int c = 0; c < s.contacts; c++) r += s.weight[c * capacity + s.place[i]] * force[3 * c + k];
+            r = given ? 0 : -r;
+        }
+    }
+}
+
 void RingModel::balance(const State& state, const double* force, double* energy, double* residual) const {
     const auto& s = static_cast<const RingState&>(state);
-    std::vector<double> r(s.u.size());
-    internal_force(s, r.data());
+    std::vector<double> u_force(s.u.size()), r(s.u.size());
+    internal_force(s, u_force.data());
+    this->residual(state, force, r.data());
     *energy = *residual = 0;
     for (int i = 0; i < nodes(); i++) {
         if (held[i]) continue;
-        const bool given = imposed() && s.place[i] >= 0; // no unknown, so out of no balance
-        for (int k = 0; k < 3; k++) {
-            *energy += 0.5 * s.u[3 * size_t(i) + k] * r[3 * size_t(i) + k];
-            if (s.place[i] >= 0)
-                for (int c = 0; c < s.contacts; c++)
-                    r[3 * size_t(i) + k] += s.weight[c * capacity + s.place[i]] * force[3 * c + k];
-        }
-        if (!given) *residual += 0.5 * weighed(s, i, &r[3 * size_t(i)]);
+        for (int k = 0; k < 3; k++) *energy += 0.5 * s.u[3 * size_t(i) + k] * u_force[3 * size_t(i) + k];
+        *residual += 0.5 * weighed(s, i, &r[3 * size_t(i)]);
     }
 }
 

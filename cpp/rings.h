@@ -65,6 +65,9 @@ public:
     // the nodes that may move. force: (contacts, 3), of the tissue on the tools, as solve() left it.
     void balance(const State& state, const double* force, double* energy, double* residual) const;
 
+    // r, N: what is out of balance at the nodes that may move, 0 elsewhere. out: (nodes, 3).
+    void residual(const State& state, const double* force, double* out) const;
+
 protected:
     RingModel(Graph graph, std::vector<uint8_t> held, double relaxation, int unknowns);
     const Graph graph;

@@ -42,7 +42,7 @@ void Simulation::watch(bool holding) {
         proxy.grip = Proxy::Grip::refused; // the hand must let go first
     }
     home = !sound || (!holding && most < nearly_home);
-    if (home) std::fill(state->memory().begin(), state->memory().end(), 0.0);
+    if (home) state->rest();
 }
 
 void Simulation::push() {

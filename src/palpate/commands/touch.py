@@ -15,7 +15,7 @@ def add(app: typer.Typer) -> None:
 
 def touch_command(
     tissue: Annotated[Path, typer.Argument(help="What `palpate fit` or `palpate demo` wrote (.vtu).")],
-    model: Annotated[str, typer.Option(help="springs, blocks, compliance or neo-hookean.")] = "blocks",
+    model: Annotated[str, typer.Option(help="springs, blocks, multigrid, compliance or neo-hookean.")] = "blocks",
     radius: Annotated[float | None, typer.Option(help="Of the contact, mm. Default: two edge lengths.")] = None,
     port: Annotated[
         int | None, typer.Option(help="On this machine's loopback. Default: a free one from 8765 on.")

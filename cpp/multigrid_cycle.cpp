@@ -1,0 +1,185 @@
+#include "multigrid_cycle.h"
+#include "four.h"
+#include <algorithm>
+#include <cmath>
+
+namespace palpate {
+namespace {
+
+constexpr int few = 100; // nodes whose dense inverse is cheaper than another level
+
+// out = P' v; out is zero on entry.
+PALPATE_KERNEL void restrict(int nodes, const int* parent, const float* weight, const float* v, float* out) {
+    for (int i = 0; i < nodes; i++) {
+        Four x, to;
+        load(x, v + 4 * size_t(i));
+        for (int k = 0; k < 8; k++) {
+            float* at = out + parent[8 * size_t(i) + k];
+            load(to, at);
+            store(at, to + weight[8 * size_t(i) + k] * x);
+        }
+    }
+}
+
+PALPATE_KERNEL void prolong(int nodes, const int* parent, const float* weight, const float* v, float* out) {
+    for (int i = 0; i < nodes; i++) {
+        Four sum = {}, x;
+        for (int k = 0; k < 8; k++) {
+            load(x, v + parent[8 * size_t(i) + k]);
+            sum += weight[8 * size_t(i) + k] * x;
+        }
+        store(out + 4 * size_t(i), sum);
+    }
+}
+
+// out = A v, A of `rows` rows of `row` floats, a multiple of eight; v padded with zeros.
+PALPATE_KERNEL void dense_times(const float* A, int rows, int row, const float* v, float* out) {
+    for (int i = 0; i < rows; i++) {
+        Lanes sum = {}, more = {}, a, b;
+        const float* from = A + size_t(i) * row;
+        for (int j = 0; j < row; j += 16) {
+            load(a, from + j), load(b, v + j), sum += a * b;
+            load(a, from + j + 8), load(b, v + j + 8), more += a * b;
+        }
+        sum += more;
+        out[i] = total(sum);
+    }
+}
+
+// A^-1 in place of symmetric positive A, by Cholesky; in double.
+void invert(std::vector<double>& A, int n) {
+    auto at = [&](int i, int j) -> double& { return A[size_t(i) * n + j]; };
+    for (int i = 0; i < n; i++) {
+        const double before = at(i, i);
+        for (int j = 0; j <= i; j++) {
+            double sum = at(i, j);
+            for (int k = 0; k < j; k++) sum -= at(i, k) * at(j, k);
+            // A pivot lost to rounding: a shape that nothing holds, which must stay where it is.
+            at(i, j) = j < i ? sum / at(j, j) : std::sqrt(sum > 1e-10 * before ? sum : 1e30 * (before + 1e-30));
+        }
+    }
+    std::vector<double> inverse(A.size());
+    std::vector<double> x(n);
+    for (int c = 0; c < n; c++) {
+        std::fill(x.begin(), x.end(), 0.0);
+        x[c] = 1;
+        for (int i = c; i < n; i++) {
+            for (int k = c; k < i; k++) x[i] -= at(i, k) * x[k];
+            x[i] /= at(i, i);
+        }
+        for (int i = n - 1; i >= 0; i--) {
+            x[i] /= at(i, i);
+            for (int k = 0; k < i; k++) x[k] -= at(i, k) * x[i];
+        }
+        for (int i = 0; i < n; i++) inverse[size_t(i) * n + c] = x[i];
+    }
+    A.swap(inverse);
+}
+
+} // namespace
+
+Cycle::Cycle(const BlockRows& K, const Elements& mesh, double edge, int s, double omega)
+    : sweeps(s), relaxation(float(omega)) {
+    level.push_back({HalfMatrix(K, mesh.held), {}});
+    Lattice lattice(mesh, edge, level.back().up);
+    while (lattice.nodes() > few) {
+        level.push_back({HalfMatrix(lattice.stiffness(), nullptr), {}});
+        lattice = lattice.halved(level.back().up);
+    }
+    coarsest = lattice.nodes();
+    invert_coarsest(lattice.stiffness());
+}
+
+void Cycle::invert_coarsest(const BlockRows& K) {
+    const int n = 3 * coarsest;
+    std::vector<double> A(size_t(n) * n);
+    for (int i = 0; i < coarsest; i++)
+        for (int k = K.start[i]; k < K.start[i + 1]; k++)
+            for (int a = 0; a < 3; a++)
+                for (int b = 0; b < 3; b++)
+                    A[size_t(3 * i + a) * n + 3 * K.column[k] + b] = K.block[9 * size_t(k) + 3 * a + b];
+    invert(A, n);
+    row = (4 * coarsest + 15) / 16 * 16; // in the vectors' layout, four a node
+    dense.assign(size_t(4 * coarsest) * row, 0);
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j < n; j++)
+            dense[size_t(i / 3 * 4 + i % 3) * row + j / 3 * 4 + j % 3] =
+                float((A[size_t(i) * n + j] + A[size_t(j) * n + i]) / 2);
+}
+
+CycleWork Cycle::work() const {
+    CycleWork work;
+    for (const Level& l : level) {
+        const size_t n = 4 * size_t(l.K.nodes);
+        CycleWork::Level w;
+        for (Buffer* b : {&w.rhs, &w.x, &w.step, &w.even, &w.odd, &w.up}) b->assign(n, 0);
+        work.level.push_back(std::move(w));
+    }
+    work.rhs.assign(row, 0);
+    work.x.assign(row, 0);
+    return work;
+}
+
+std::vector<int> Cycle::sizes() const {
+    std::vector<int> out;
+    for (const Level& l : level) out.push_back(l.K.nodes);
+    out.push_back(coarsest);
+    return out;
+}
+
+void Cycle::apply(CycleWork& work, const float* rhs, float* x, float* product) const {
+    CycleWork::Level& w = work.level[0];
+    std::copy_n(rhs, w.rhs.size(), w.rhs.data());
+    descend(work, 0, x);
+    // `descend` leaves the residual, less -L d, in `even` or `odd`: after sweeps steps down.
+    finish(level[0].K, rhs, (sweeps % 2 ? w.even : w.odd).data(), w.step.data(), product);
+}
+
+void Cycle::apply_coarse(CycleWork& work, const float* rhs, float* x) const {
+    const Level& l = level[0];
+    const bool last = level.size() == 1;
+    Buffer& to = last ? work.rhs : work.level[1].rhs;
+    std::fill(to.begin(), to.end(), 0.0f);
+    restrict(l.K.nodes, l.up.parent.data(), l.up.weight.data(), rhs, to.data());
+    if (last)
+        solve_coarsest(work);
+    else
+        descend(work, 1, work.level[1].x.data());
+    prolong(l.K.nodes, l.up.parent.data(), l.up.weight.data(), (last ? work.x : work.level[1].x).data(), x);
+}
+
+void Cycle::solve_coarsest(CycleWork& work) const {
+    dense_times(dense.data(), 4 * coarsest, row, work.rhs.data(), work.x.data());
+}
+
+void Cycle::descend(CycleWork& work, size_t k, float* x) const {
+    const Level& l = level[k];
+    CycleWork::Level& w = work.level[k];
+    const float* r = w.rhs.data();
+    Buffer *now = &w.even, *next = &w.odd;
+    for (int s = 0; s < sweeps; s++) {
+        relax_forward(l.K, relaxation, r, w.step.data(), now->data(), x, s == 0);
+        r = now->data();
+        std::swap(now, next);
+    }
+    std::swap(now, next); // now: the residual; next: free
+    const bool last = k + 1 == level.size();
+    Buffer& to = last ? work.rhs : work.level[k + 1].rhs;
+    std::fill(to.begin(), to.end(), 0.0f);
+    restrict(l.K.nodes, l.up.parent.data(), l.up.weight.data(), r, to.data());
+    float* coarse = (last ? work.x : work.level[k + 1].x).data();
+    if (last)
+        solve_coarsest(work);
+    else
+        descend(work, k + 1, coarse);
+    prolong(l.K.nodes, l.up.parent.data(), l.up.weight.data(), coarse, w.up.data());
+    for (int s = 0; s < sweeps; s++) {
+        std::fill(next->begin(), next->end(), 0.0f);
+        if (s == 0)
+            relax_turn(l.K, relaxation, w.up.data(), now->data(), w.step.data(), next->data(), x);
+        else
+            relax_backward(l.K, relaxation, now->data(), w.step.data(), next->data(), x);
+    }
+}
+
+} // namespace palpate

@@ -1,0 +1,68 @@
+"""How far an answer is from the exact one: a bound that a factorisation proves, sharp to rounding."""
+
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import bsr_array, csr_array
+
+from palpate.arrays import Bool, Float64
+from palpate.errors import MaterialError
+from palpate.tissue.factors import Factors
+
+MOST_NODES = 30_000
+"""Nodes beyond which a model does not factor its stiffness only to know how well it did."""
+
+
+class Certificate:
+    """‖r‖ in the norm of K⁻¹, for residuals r of the elastic equilibrium K u = W f under Wᵀu = d.
+
+    K: (3N, 3N) in 3×3 blocks, N/mm. held: (N,) nodes that stand still. places: (N, 3) mm.
+
+    An answer that holds Wᵀu = d errs by e with Wᵀe = 0 and K e = W(f − f*) − r at the nodes that may move, so
+    eᵀKe = −eᵀr ≤ ‖e‖_K ‖r‖_{K⁻¹}: the energy norm of the error is at most ‖r‖_{K⁻¹}, whatever force f the residual was
+    made with. Rounding: the factors give x with K x = r − t, t evaluated in float64, and
+    rᵀK⁻¹r ≤ (‖x‖_K + ‖t‖/√λ)², λ a lower bound of K's eigenvalues that a second factorisation, of K − λ, proves.
+    """
+
+    def __init__(self, K: bsr_array, held: Bool, places: Float64) -> None:
+        self._free = np.flatnonzero(np.repeat(~held, 3))
+        self._K = csr_array(csr_array(K)[self._free][:, self._free])
+        self._places = np.ascontiguousarray(places[~held])
+
+    @cached_property
+    def _factors(self) -> Factors:
+        factors = Factors(self._K, self._places)
+        if not factors.positive:
+            raise MaterialError(
+                "the stiffness is not positive definite; hold more nodes, or mend flat tets of the mesh"
+            )
+        return factors
+
+    @cached_property
+    def least(self) -> float:
+        """N/mm, proven lower bound of K's eigenvalues; a crude one will do."""
+        x = np.random.default_rng(0).standard_normal(self._K.shape[0])
+        for _ in range(3):  # inverse iteration from above; the factorisation below proves it or tries a smaller one
+            x = self._factors.solve(x / np.linalg.norm(x))
+        shift = 0.5 / float(np.linalg.norm(x))
+        identity = csr_array((np.ones(len(x)), np.arange(len(x)), np.arange(len(x) + 1)))
+        for _ in range(20):
+            factors = Factors(self._K - shift * identity, self._places)
+            if factors.positive and shift > 2 * factors.slack:
+                return shift - factors.slack
+            shift /= 4
+        raise MaterialError("the stiffness is too near to singular to certify; hold more nodes, or mend flat tets")
+
+    def distance(self, residual: Float64) -> float:
+        """√(N mm): at least ‖r‖_{K⁻¹}, for r (N, 3) N."""
+        r = residual.reshape(-1)[self._free]
+        x = self._factors.solve(r)
+        force = self._K @ x
+        left = r - force
+        rounding = 1e-15 * float(np.linalg.norm(np.abs(self._K) @ np.abs(x)))
+        return float(np.sqrt(max(float(x @ force), 0.0)) + (np.linalg.norm(left) + rounding) / np.sqrt(self.least))
+
+
+def relative(distance: float, energy_norm: float) -> float:
+    """Bound on ‖u − u*‖/‖u*‖ from one on ‖u − u*‖ and from ‖u‖, all in the energy norm."""
+    return distance / (energy_norm - distance) if energy_norm > distance else float("inf")
