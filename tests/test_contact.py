@@ -130,8 +130,8 @@ def test_pushes_that_cannot_be_are_refused_by_every_model(name):
     push = pp.finite_elements(tissue).push if name == "finite elements" else pp.model(tissue, name).push
     for arguments, words in [
         (
-            {"points": [25, 25, 50], "displacements": [0, 0, -1], "radii": 9, "friction": 0.5},
-            ["friction", "0.5", "inf"],
+            {"points": [25, 25, 50], "displacements": [0, 0, -1], "radii": 9, "friction": -0.5},
+            ["friction", "-0.5", "inf"],
         ),
         ({"points": [25, 25, 50], "displacements": [0, 0, np.nan], "radii": 9}, ["displacements", "finite"]),
         ({"points": [[25, 25, 50]] * 2, "displacements": [[0, 0, -1]] * 3, "radii": 9}, ["displacements", "(3, 3)"]),

@@ -19,6 +19,8 @@ class TissueModel(ABC):
     is a keyword of the class, too.
     """
 
+    slides = False  # whether contacts of finite friction can be answered
+
     def __init__(self, tissue: Tissue, native: "_core.Model", settings: dict[str, float] | None = None) -> None:
         self.tissue = tissue
         self.native = native
@@ -51,7 +53,8 @@ class TissueModel(ABC):
         """Pushes m contacts at once, until the certified error is below `tolerance`.
 
         points: (m, 3) mm, rest positions on the surface. displacements: (m, 3) mm. radii: (m,) mm. One contact keeps
-        (3,), (3,), scalar. friction: inf (glue); sliding is not built yet. warm: a state from `start` or an earlier
+        (3,), (3,), scalar. friction: inf is glue; with a finite one (Coulomb's) contacts slide and open, for the models
+        that `slides` says. normals: (m, 3) outwards, for that; None: the surface's. warm: a state from `start` or an earlier
         answer, which this push moves on. The answer says its certified error, which exceeds the tolerance only if
         `most_sweeps` sweeps (or iterations) were not enough. Raises `DataError` or `MaterialError` for contacts that
         cannot be.
@@ -59,6 +62,11 @@ class TissueModel(ABC):
         if not 0 < tolerance < 1:
             raise DataError(f"tolerance: {tolerance}; give a relative error between 0 and 1, such as 1e-3")
         found = contacts(self.tissue, points, displacements, radii, normals, friction)
+        if found.normals is not None and not self.slides:
+            raise DataError(
+                f"friction: {friction:g}: this model's contacts are glued; leave it at inf, or take the model "
+                f"`compliance` or `finite_elements`"
+            )
         state = self.start() if warm is None else warm
         force, error, done = self.solve(found, state, tolerance, most_sweeps)
         return found.answer(self.tissue, force, state.u.copy(), error, done, state)

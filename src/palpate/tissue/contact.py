@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from palpate import _core
 from palpate.arrays import Float64, Int32, float64
 from palpate.errors import DataError, MaterialError
+from palpate.tissue.friction import sliding_forces, states
 from palpate.tissue.tissue import Tissue
 
 
@@ -17,10 +18,10 @@ class Answer:
     """What a tissue does under m contacts (one contact alone drops the leading axis of force, realised and state).
 
     force: (m, 3) N of the tissue on the tool. displacement: (N, 3) mm. realised: (m, 3) mm, the weighted mean
-    displacement of each patch. state: "stick" a contact (this is glue). error: certified bound on the distance to the
-    exact solution of the model's own equations, in the energy norm, relative to that solution; the force's relative
-    error along the push is at most its square (of `neo-hookean` an estimate, and the force's is of like size). warm:
-    hand it to the next push to start from here.
+    displacement of each patch. state: a contact's "stick" (always, if glued), "slide" or "open". error: certified bound
+    on the distance to the exact solution of the model's own equations, in the energy norm, relative to that solution;
+    the force's relative error along the push is at most its square (of `neo-hookean` an estimate, and the force's is of
+    like size). warm: hand it to the next push to start from here.
     """
 
     force: Float64
@@ -40,11 +41,22 @@ class Answer:
 
 @dataclass(frozen=True, eq=False)
 class Contacts:
-    """The patches of a push, and the displacement (m, 3) mm that each is given. single: the caller gave one, bare."""
+    """The patches of a push, and the displacement (m, 3) mm that each is given. single: the caller gave one, bare.
+
+    normals: (m, 3) unit, outwards, where contacts may slide and open with this friction; None: they are glued.
+    """
 
     patches: "list[_core.Patch]"
     displacement: Float64
     single: bool
+    normals: Float64 | None = None
+    friction: float = np.inf
+
+    def forces(self, C: Float64) -> Float64:
+        """(m, 3) N of the tools on the tissue, C (3m, 3m) mm/N the compliance of their patches."""
+        if self.normals is not None:
+            return sliding_forces(C, self.displacement, self.normals, self.friction)
+        return np.asarray(np.linalg.solve(C, self.displacement.ravel()), dtype=np.float64).reshape(-1, 3)
 
     def weights(self, nodes: int) -> Float64:
         """(N, m): column c holds the weights of contact c."""
@@ -57,9 +69,12 @@ class Contacts:
         """The answer in the shape in which the caller asked."""
         realised = np.stack([p.weights @ u[p.nodes] for p in self.patches])
         surface = tissue.mesh.surface_nodes
+        state = ("stick",) * len(self.patches)
+        if self.normals is not None:
+            state = states(-force, self.normals, self.friction)
         if self.single:
-            return Answer(force[0], u, realised[0], "stick", error, surface, sweeps, warm)
-        return Answer(force, u, realised, ("stick",) * len(self.patches), error, surface, sweeps, warm)
+            return Answer(force[0], u, realised[0], state[0], error, surface, sweeps, warm)
+        return Answer(force, u, realised, state, error, surface, sweeps, warm)
 
 
 def patch(tissue: Tissue, point: ArrayLike, radius: float) -> "_core.Patch":
@@ -101,13 +116,12 @@ def contacts(
     normals: ArrayLike | None = None,
     friction: float = np.inf,
 ) -> Contacts:
-    """The patches of a push. points, displacements: (m, 3) mm or one (3,). radii: (m,) mm or one for all."""
-    if np.isfinite(friction):
-        raise DataError(
-            f"friction: {friction} asks for sliding contact, which is not built yet; leave it at inf (glue)"
-        )
-    if normals is not None:
-        float64("normals", normals)
+    """The patches of a push. points, displacements: (m, 3) mm or one (3,). radii: (m,) mm or one for all.
+
+    normals: (m, 3) or one (3,), out of the tissue, any length; None: the surface's. They matter for finite friction.
+    """
+    if not friction >= 0:
+        raise DataError(f"friction: {friction}; give Coulomb's coefficient, 0 or more, or inf (glue)")
     bare = np.ndim(points) == 1
     x = np.atleast_2d(float64("points", points, (3,) if bare else (None, 3)))
     d = np.atleast_2d(float64("displacements", displacements, (3,) if bare else (len(x), 3)))
@@ -117,9 +131,21 @@ def contacts(
     if len(x) == 0:
         raise DataError("points: no contact given; give at least one point")
     patches = [patch(tissue, point, float(radius)) for point, radius in zip(x, np.broadcast_to(r, len(x)), strict=True)]
-    found = Contacts(patches, np.ascontiguousarray(d), bare)
+    outwards = _unit_normals(tissue, x, normals, bare)
+    found = Contacts(patches, np.ascontiguousarray(d), bare, outwards if np.isfinite(friction) else None, friction)
     _refuse_overlap(found, len(tissue.mesh.nodes), x)
     return found
+
+
+def _unit_normals(tissue: Tissue, points: Float64, normals: ArrayLike | None, bare: bool) -> Float64:
+    """(m, 3) outwards."""
+    if normals is None:
+        return np.stack([tissue.surface.normal(tissue.surface.closest(x)) for x in points])
+    n = np.atleast_2d(float64("normals", normals, (3,) if bare else (len(points), 3)))
+    length = np.linalg.norm(n, axis=1, keepdims=True)
+    if not (length > 0).all():
+        raise DataError(f"normals: that of contact {int(np.argmin(length))} is zero; give the way out of the tissue")
+    return np.asarray(n / length)
 
 
 def _refuse_overlap(found: Contacts, nodes: int, points: Float64) -> None:

@@ -114,12 +114,12 @@ class FiniteElements:
         tolerance: float = 1e-3,
         warm: Any = None,
     ) -> Answer:
-        """The exact answer of linear finite elements to m glued contacts; arguments as for every model's `push`."""
+        """The exact answer of linear finite elements to m contacts; arguments as for every model's `push`."""
         found = contacts(self.tissue, points, displacements, radii, normals, friction)
         W = self.loads(found)
         columns = self.solve(W)
         C = W.T @ columns
-        force = np.asarray(np.linalg.solve((C + C.T) / 2, found.displacement.ravel()), dtype=np.float64)
+        force = found.forces((C + C.T) / 2).ravel()
         u = columns @ force
         residual = self.K[self.free] @ u - W[self.free] @ force
         error = float(np.linalg.norm(residual) / max(float(np.linalg.norm(W[self.free] @ force)), 1e-300))
