@@ -15,7 +15,7 @@ from benchmarks import THREADS, installed
 from palpate import _core
 
 PARTS = ("roofline", "projector", "accuracy", "iteration", "convergence", "meshing")
-LONG = ("clinical", "calculix")  # only if asked for
+LONG = ("clinical", "calculix", "strain")  # only if asked for
 HERE = Path(__file__).parent
 
 

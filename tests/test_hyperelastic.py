@@ -195,6 +195,26 @@ def test_the_work_over_a_closed_loop_of_pushes_is_zero():
     assert abs(work) < 1e-3 * most
 
 
+def test_one_step_a_tick_gives_the_hand_no_energy():
+    """As the loop runs it: a tenth of a millimetre a tick, one step of descent each, far from converged."""
+    tissue = block(7, poisson=0.45)
+    model, elements = pp.model(tissue, "neo-hookean"), elements_of(tissue)
+    patch = tissue.surface.patch(tissue.surface.closest(TOP), RADIUS)
+    corners = np.array([[0, 0, 0], [0, 0, -8], [6, 0, -8], [6, 4, -2], [0, 0, 0]], dtype=float)
+    path = np.concatenate(
+        [np.linspace(a, b, int(10 * np.linalg.norm(b - a)) + 1)[1:] for a, b in itertools.pairwise(corners)]
+    )
+    state, force, work, most, least = model.start(), np.zeros(3), 0.0, 0.0, 0.0
+    for a, b in itertools.pairwise(path):
+        now = model.native.advance(state, patch, b, 1)
+        work -= (now + force) / 2 @ (b - a)
+        force, stored = now, elements.energy(state.u)[0]
+        most, least = max(most, stored), min(least, work - stored)
+    assert most > 1
+    assert least > -0.01 * most
+    assert work < 0.05 * most  # nor is much lost
+
+
 def test_a_sliding_contact_ends_where_a_fresh_one_begins(mixed):
     model = pp.model(mixed, "neo-hookean")
     state = model.start()
