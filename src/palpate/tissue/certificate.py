@@ -1,6 +1,7 @@
 """How far an answer is from the exact one: a bound that a factorisation proves, sharp to rounding."""
 
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.sparse import bsr_array, csr_array
@@ -26,7 +27,7 @@ class Certificate:
 
     def __init__(self, K: bsr_array, held: Bool, places: Float64) -> None:
         self._free = np.flatnonzero(np.repeat(~held, 3))
-        self._K = csr_array(csr_array(K)[self._free][:, self._free])
+        self._K: Any = csr_array(csr_array(K)[self._free][:, self._free])
         self._places = np.ascontiguousarray(places[~held])
 
     @cached_property
@@ -45,7 +46,7 @@ class Certificate:
         for _ in range(3):  # inverse iteration from above; the factorisation below proves it or tries a smaller one
             x = self._factors.solve(x / np.linalg.norm(x))
         shift = 0.5 / float(np.linalg.norm(x))
-        identity = csr_array((np.ones(len(x)), np.arange(len(x)), np.arange(len(x) + 1)))
+        identity: Any = csr_array((np.ones(len(x)), np.arange(len(x)), np.arange(len(x) + 1)))
         for _ in range(20):
             factors = Factors(self._K - shift * identity, self._places)
             if factors.positive and shift > 2 * factors.slack:
