@@ -14,7 +14,7 @@ from pathlib import Path
 from benchmarks import THREADS, installed
 from palpate import _core
 
-PARTS = ("roofline", "projector", "accuracy", "iteration", "convergence", "meshing")
+PARTS = ("roofline", "projector", "accuracy", "iteration", "convergence", "meshing", "tables")
 LONG = ("clinical", "calculix", "strain")  # only if asked for
 HERE = Path(__file__).parent
 
