@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from running import ended
 import palpate as pp
 from palpate.studies import head_study as study
 from palpate.studies import leaving
-from palpate.studies.head_report import standing
+from palpate.studies.head_report import at_the_end, standing
 
 
 @pytest.fixture(scope="module")
@@ -32,17 +33,21 @@ def test_the_quick_study_writes_report_scores_and_folds(folder):
     full = {name: np.mean([float(r["full band"]) for r in rows if r["method"] == name]) for name in named}
     assert full["M-MAP"] > max(full["backprojection"], full["FBP"])
     report = (folder / "report.html").read_text()
-    for title in ("Who predicts best", "Before and after correction", "What was chosen without the view"):
+    for title in ("Conclusions", "Before and after correction", "What was chosen without the view", "Slices"):
         assert title in report
-    assert report.count("<img") >= 5
+    assert report.count("<img") >= 8
 
 
 def test_a_resumed_study_takes_the_folds_that_are_there(folder):
     fold = json.loads((folder / "view_3.json").read_text())
     fold["scores"]["SIRT"] = [0.123456, 0.5]
     (folder / "view_3.json").write_text(json.dumps(fold))
-    pp.head_study(folder, quick=True, resume=True)
-    assert "0.1235" in (folder / "report.html").read_text()
+    pp.head_study(folder, quick=True, resume=True, docs=folder / "docs")
+    assert "0.12346" in (folder / "report.html").read_text()
+    page = (folder / "docs" / "head.md").read_text()
+    assert "0.12346" in page
+    for picture in re.findall(r"\]\((images/head/.*?)\)", page):
+        assert (folder / "docs" / picture).stat().st_size > 1000
 
 
 def test_pairs_serve_every_view_and_never_neighbours():
@@ -111,3 +116,9 @@ def test_the_null_model_at_the_ends_is_the_one_neighbour():
 def test_what_is_not_beaten_is_said():
     fold = {"scores": {"M-MAP": [0.9, 0.5], "SART": [0.95, 0.4]}}
     assert standing([fold], np.array([[0.8, 0.6]])) == {"SART": [[0], []], "mean of the neighbours": [[], [0]]}
+
+
+def test_choices_at_the_ends_of_their_lists_are_counted():
+    folds = [{"chosen": {"SART": name, "FBP": "b", "backprojection": "-"}} for name in ("a", "c", "c")]
+    lists = {"SART": ["a", "b", "c"], "FBP": ["a", "b", "c"], "backprojection": ["-"]}
+    assert at_the_end(folds, lists) == {"SART": (1, 2), "FBP": (0, 0)}

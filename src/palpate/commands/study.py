@@ -62,12 +62,13 @@ def tomosynthesis(
 @study_app.command("head", short_help="Real portal images: who predicts the view that was left out?")
 def head(
     output: Annotated[
-        Path, typer.Option("-o", "--output", help="Folder for report.html, scores.csv, one file a fold.")
+        Path, typer.Option("-o", "--output", help="Folder for report.html, scores.csv, figures, one file a fold.")
     ] = Path("head"),
     quick: Annotated[
         bool, typer.Option("--quick", help="Four views, voxels of 8 and 16 mm: for tests, not for reading.")
     ] = False,
     resume: Annotated[bool, typer.Option("--resume", help="Go on from what an earlier run left in -o.")] = False,
+    docs: Annotated[Path | None, typer.Option(help="Write the page head.md and its pictures there too.")] = None,
 ) -> None:
     """Example: [bold]palpate study head -o head[/bold]
 
@@ -75,10 +76,10 @@ def head(
     and predicted from the others by every method, with all settings, gains
     and shifts chosen without it.
 
-    Takes minutes; Ctrl-C stops it, and --resume goes on.
+    Takes an hour or two on 2 cores; Ctrl-C stops it, and --resume goes on.
     """
     with _resumable("head", quick, output) as say:
-        report = pp.head_study(output, quick=quick, resume=resume, progress=say)
+        report = pp.head_study(output, quick=quick, resume=resume, docs=docs, progress=say)
     typer.echo(f"report: {report.resolve()}")
 
 

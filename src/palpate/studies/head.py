@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 
@@ -12,13 +11,12 @@ from palpate.reconstruction.likelihood import WeightedLeastSquares
 from palpate.reconstruction.multires import pyramid
 from palpate.reconstruction.prior import Prior
 from palpate.reconstruction.projector import Projector
-from palpate.reconstruction.reconstruct import iterates
 from palpate.reconstruction.tune import tune
 from palpate.scans.correct import line_integrals
 from palpate.scans.files import read_scan, write_scan
 from palpate.scans.importers import import_scan
 from palpate.scans.scan import Scan
-from palpate.studies.leaving import ERODED, correlation, high_passed, judged
+from palpate.studies.leaving import ERODED, Judge, Level, judges, map_path, null_scores, without
 from palpate.studies.organ import files_section
 from palpate.studies.pictures import projections, slices, three_planes
 from palpate.studies.reconstructing import reconstructed
@@ -31,29 +29,27 @@ from palpate.volumes.volume import Volume
 # Head, couch and its rails: what lies outside the box would be fitted inside. The volume is reconstructed at level 1 of it
 # (2 mm voxels in 5 mm slices, pixels in twos), predictions at level 2 (4 mm).
 GRID = Grid((80, 400, 440), (5.0, 1.0, 1.0), (-219.5, -199.5, -197.5))
-FACTORS = (1.0, 0.1, 0.01)  # of the default strength, which takes 8-bit values for counts
-
-Score = tuple[float, float]  # correlation, full band and high-passed
+FACTORS, EACH = (1.0, 0.3, 0.1), 20  # of the default strength, which takes 8-bit values for counts; iterations of each
 
 
 def head(stages: Stages) -> Mapping[str, Tissue]:
     """Portal images to volume, prediction of left-out views and report.html; nothing to touch. Raises `FileError`."""
     scan = stages("scan.h5", lambda: import_scan("head"), write_scan, read_scan)
     levels = pyramid(scan, GRID, 3, "sum")
-    scores = left_out(scan, *levels[2], stages)
+    panel = judges(scan)
+    scores = left_out(scan, levels[2], panel, stages)
     factor = FACTORS[int(np.argmax(scores[:, :, 1].mean(axis=1)))]
     coarse, grid = levels[1]
     prior = softened(coarse, grid, factor)
     volume, _ = reconstructed(
         stages, coarse, grid, levels=3, likelihood="least-squares", prior=prior, iterations=(8, 15, 25)
     )
-    measured, region = line_integrals(scan), judged(scan)
     again = Projector(scan.views, grid)(volume.values)
-    fits = [correlation(a, m, r) for a, m, r in zip(again, measured, region, strict=True)]
+    fits = [float(judge(image)[0]) for judge, image in zip(panel, again, strict=True)]
     sections = [
-        _scan_section(scan, measured, again, fits),
+        _scan_section(scan, again, fits),
         _volume_section(volume, factor),
-        _prediction_section(scores, null_scores(scan)),
+        _prediction_section(scores, null_scores(panel)),
         files_section(stages),
     ]
     title = "A head from eleven portal images"
@@ -69,43 +65,20 @@ def softened(scan: Scan, grid: Grid, factor: float) -> Prior:
     return replace(prior, strength=prior.strength * factor)
 
 
-def left_out(scan: Scan, coarse: Scan, grid: Grid, stages: Stages) -> Float64:
-    """Scores (factors, views, 2) of each view predicted from the others at each strength, judged on the full panel.
-
-    Each strength goes on from the stronger one before it, so weaker ones are nearer to their minimum: the choice is of
-    strength and effort together.
-    """
-    scores = np.empty((len(FACTORS), len(scan.views), 2))
-    for k in range(len(scan.views)):
-        stages.progress(f"view {k} predicted from the others", k / len(scan.views))
-        others = coarse[[i for i in range(len(scan.views)) if i != k]]
-        start: Literal["backprojection"] | Volume = "backprojection"
-        for i, factor in enumerate(FACTORS):
-            prior = softened(others, grid, factor)
-            *_, last = iterates(
-                others, grid, levels=1, likelihood="least-squares", prior=prior, iterations=8, start=start
-            )
-            start = last.volume
-            scores[i, k] = scored(Projector(scan.views[[k]], grid)(last.volume.values)[0], scan, k)
+def left_out(scan: Scan, coarse: Level, panel: Sequence[Judge], stages: Stages) -> Float64:
+    """Scores (factors, views, 2) of each view predicted from the others at each strength, judged on the full panel."""
+    scores = np.empty((len(FACTORS), len(panel), 2))
+    for k, judge in enumerate(panel):
+        stages.progress(f"view {k} predicted from the others", k / len(panel))
+        ((others, grid),) = without([coarse], [k])
+        ahead = Projector(scan.views[[k]], grid)
+        for i, (_, values) in enumerate(map_path(others, grid, FACTORS, EACH)):
+            scores[i, k] = judge(ahead(values)[0])
     stages.progress("left-out views", 1.0)
     return scores
 
 
-def null_scores(scan: Scan) -> list[Score | None]:
-    """How well the mean of its two neighbours predicts each view; the outermost have not two."""
-    measured = line_integrals(scan)
-    inner = [scored((measured[k - 1] + measured[k + 1]) / 2, scan, k) for k in range(1, len(measured) - 1)]
-    return [None, *inner, None]
-
-
-def scored(image: Float32, scan: Scan, view: int) -> Score:
-    """Correlations of an image with what was measured in a view, full band and high-passed."""
-    measured, region = line_integrals(scan)[view], judged(scan)[view]
-    fine = [high_passed(i, scan.mask[view]) for i in (image, measured)]
-    return correlation(image, measured, region), correlation(fine[0], fine[1], region)
-
-
-def _scan_section(scan: Scan, measured: Float32, again: Float32, fits: Sequence[float]) -> Section:
+def _scan_section(scan: Scan, again: Float32, fits: Sequence[float]) -> Section:
     angles = np.degrees(np.arctan2(scan.views.source[:, 0], scan.views.source[:, 2]))
     titles = [f"{a:+.0f}°, r = {r:.4f}" for a, r in zip(angles, fits, strict=True)]
     beams = ", ".join(f"{b:.0f}" for b in scan.incident.max(axis=(1, 2)))
@@ -120,7 +93,7 @@ def _scan_section(scan: Scan, measured: Float32, again: Float32, fits: Sequence[
         ],
         pictures=[
             (
-                projections(measured[::2], titles[::2]),
+                projections(line_integrals(scan)[::2], titles[::2]),
                 "Measured, -log(intensity / open beam); r is the re-projection's.",
             ),
             (projections(again[::2], titles[::2]), "Re-projected from the volume."),
@@ -160,23 +133,22 @@ def _about_the_axis(volume: Volume, reach: float) -> Volume:
     return Volume(values, Grid(values.shape, g.spacing, origin))
 
 
-def _prediction_section(scores: Float64, null: Sequence[Score | None]) -> Section:
+def _prediction_section(scores: Float64, null: Float64) -> Section:
     head = ("view left out", "strength", "full band", "high-passed", "null, full band", "null, high-passed")
     table = []
     for k, other in enumerate(null):
         fine = np.delete(scores[:, :, 1], k, axis=1).mean(axis=1)
         i = int(np.argmax(fine))
-        cells = [*scores[i, k], *(other or ())]
-        table.append((k, f"{FACTORS[i]:g}", *(f"{c:.4f}" for c in cells), *([] if other else ["–", "–"])))
+        table.append((k, f"{FACTORS[i]:g}", *(f"{c:.4f}" for c in (*scores[i, k], *other))))
     return Section(
         "Views that were left out",
         [
             "Each view is predicted from the ten others, with 4 mm voxels; the prior's strength is the one that best "
             "predicts the other views. Correlation with what was measured there, full band and without what is coarser than "
-            "about 8 pixels. Strengths are tried from strong to weak, eight iterations each, going on from the one before: "
-            "weaker ones are nearer to their minimum, and the choice is of strength and effort together.",
-            "The null score is the mean of the two neighbouring views, 4° away on either side: hard to beat, since "
-            "neighbours share almost everything.",
+            f"about 8 pixels. Strengths are tried from strong to weak, {EACH} iterations each, going on from the one before.",
+            "The null score is the mean of the two neighbouring views, 4° away on either side (of the one neighbour at "
+            "either end): hard to beat, since neighbours share almost everything. `palpate study head` predicts with finer "
+            "voxels, every choice nested.",
         ],
         table=[head, *table],
     )

@@ -1,92 +1,168 @@
 """The head study's report: who predicts the left-out views best, before and after correction, in words, tables, pictures."""
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from scipy import ndimage
 
-from palpate.arrays import Float32, Float64
+from palpate.arrays import AnyArray, Float32, Float64
 from palpate.reconstruction.refine import Refinement
+from palpate.studies.axes import canvas, finish
 from palpate.studies.leaving import Judge
-from palpate.studies.pictures import curves, projections
-from palpate.studies.report import Section, write_report
+from palpate.studies.pictures import curves, pictured, projections
+from palpate.studies.report import Section
 
+TITLE = "A head from portal images: views predicted from the others"
 BANDS = ("full band", "high-passed")
+NULL = "mean of the neighbours"
 Fold = Mapping[str, Any]
+Table = list[Sequence[object]]
 
 
-def write(
-    path: Path,
-    command: str,
+def sections(
     folds: Sequence[Fold],
     null: Float64,
-    corrections: Sequence[str],
+    lists: Mapping[str, Sequence[str]],
     everyone: Refinement,
     angles: Float64,
     voxel: str,
-    sections: Sequence[Section],
-) -> None:
-    """Writes the report: scores first, then what was chosen, what correction gains, and the sections given."""
-    write_report(
-        path,
-        "A head from portal images: views predicted from the others",
-        command,
-        [
-            _verdict(folds, null, voxel),
-            *(_scores(folds, null, band) for band in (0, 1)),
-            _choices(folds),
-            _corrections(folds, corrections, everyone, angles),
-            *sections,
-        ],
-    )
+) -> list[Section]:
+    """Scores first, then what was chosen and what correction gains.
+
+    lists: every method's candidates, in order. everyone: gains and shifts from all views, angles (views,) radians.
+    """
+    return [
+        _conclusions(folds, null, lists),
+        _judging(folds, voxel),
+        *(_scores(folds, null, band) for band in (0, 1)),
+        _choices(folds, lists),
+        _corrections(folds, everyone, angles),
+    ]
 
 
 def predicted_section(judge: Judge, view: int, images: Mapping[str, Float32]) -> Section:
-    """One left-out view as measured and as predicted, whole and without what is coarse."""
-    shown = {"measured": judge.measured, **images}
-    whole = np.stack([_scaled(image, judge) for image in shown.values()])
-    fine = np.stack([judge.detail(image) * judge.region for image in whole])
+    """One left-out view as measured, as predicted, and what the predictions miss."""
+    box = _box(judge)
+    scaled = {name: _scaled(image, judge)[box] for name, image in images.items()}
+    measured, region = judge.measured[box], judge.region[box]
+    fine = {"measured": judge.detail(judge.measured), **{n: judge.detail(_scaled(i, judge)) for n, i in images.items()}}
+    missed = [(measured - image) * region for image in scaled.values()]
+    spread = 3 * float(np.std([m[region] for m in missed]))
+    detail = 3 * float(fine["measured"][judge.region].std())
+    low, high = np.quantile(measured[region], [0.02, 0.998]).tolist()
     return Section(
         f"View {view}, which no method had seen",
         ["Every image at the gain and offset at which it is nearest to the measured one."],
         pictures=[
-            (projections(whole, list(shown)), "Whole."),
-            (projections(fine, list(shown)), "High-passed, where it is judged."),
+            (
+                projections(
+                    np.stack([measured, *scaled.values()]),
+                    ["measured", *scaled],
+                    window=(low - 0.1 * (high - low), high),
+                ),
+                "Line integrals.",
+            ),
+            (
+                projections(np.stack(missed), list(scaled), window=(-spread, spread)),
+                f"What is missed, measured less predicted; black to white ±{spread:.3f}.",
+            ),
+            (
+                projections(
+                    np.stack([image[box] * region for image in fine.values()]), list(fine), window=(-detail, detail)
+                ),
+                f"High-passed, where it is judged; black to white ±{detail:.3f}.",
+            ),
+        ],
+    )
+
+
+def slices_section(view: int, slices: Mapping[str, Float32], depths: Sequence[float]) -> Section:
+    """Coronal slices (depths, rows, columns) of every method, made without the view."""
+    rows = {}
+    for name, planes in slices.items():
+        inner = planes[:, planes.shape[1] // 5 : -planes.shape[1] // 5, planes.shape[2] // 4 : -planes.shape[2] // 4]
+        rows[name] = (planes, tuple(np.quantile(inner, [0.01, 0.995]).tolist()))
+    heads = [f"z = {z:g} mm" for z in depths]
+    caption = f"Coronal slices through the head, from all views but {view}, at the settings chosen there without it. "
+    return Section(
+        "Slices",
+        ["The views span 40°: what lies above and below a slice is smeared into it."],
+        pictures=[
+            (pictured(rows, heads), caption + "Black and white are each method's own 1 % and 99.5 % in the middle.")
         ],
     )
 
 
 def standing(folds: Sequence[Fold], null: Float64) -> dict[str, list[list[int]]]:
     """For each rival and band, the views on which M-MAP does not score higher."""
-    ours = np.array([fold["scores"]["M-MAP"] for fold in folds])
-    rivals = {
-        name: np.array([fold["scores"][name] for fold in folds]) for name in folds[0]["scores"] if name != "M-MAP"
-    }
-    rivals["mean of the neighbours"] = null
+    ours, rivals = _scored(folds, null)
     return {
         name: [np.flatnonzero(ours[:, band] <= theirs[:, band]).tolist() for band in (0, 1)]
         for name, theirs in rivals.items()
     }
 
 
-def _verdict(folds: Sequence[Fold], null: Float64, voxel: str) -> Section:
-    table: list[Sequence[object]] = [("M-MAP against", *BANDS)]
-    for name, lost in standing(folds, null).items():
-        won = [f"higher on {len(folds) - len(views)} of {len(folds)}" for views in lost]
-        table.append(
-            (name, *(w + (f"; not on {', '.join(map(str, v))}" if v else "") for w, v in zip(won, lost, strict=True)))
+def at_the_end(folds: Sequence[Fold], lists: Mapping[str, Sequence[str]]) -> dict[str, tuple[int, int]]:
+    """For each method with more than one candidate, on how many views the first and the last of its list were chosen."""
+    return {
+        name: (
+            sum(fold["chosen"][name] == names[0] for fold in folds),
+            sum(fold["chosen"][name] == names[-1] for fold in folds),
         )
+        for name, names in lists.items()
+        if len(names) > 1
+    }
+
+
+def _scored(folds: Sequence[Fold], null: Float64) -> tuple[Float64, dict[str, Float64]]:
+    ours = np.array([fold["scores"]["M-MAP"] for fold in folds])
+    names = [name for name in folds[0]["scores"] if name != "M-MAP"]
+    return ours, {**{name: np.array([fold["scores"][name] for fold in folds]) for name in names}, NULL: null}
+
+
+def _conclusions(folds: Sequence[Fold], null: Float64, lists: Mapping[str, Sequence[str]]) -> Section:
+    ours, rivals = _scored(folds, null)
+    table: Table = [("M-MAP against", *(f"better on, {b}" for b in BANDS), *(f"error ratio, {b}" for b in BANDS))]
+    for name, lost in standing(folds, null).items():
+        won = [
+            f"{len(folds) - len(views)} of {len(folds)}" + (f", not on {', '.join(map(str, views))}" if views else "")
+            for views in lost
+        ]
+        ratio = np.exp(np.mean(np.log((1 - ours) / (1 - rivals[name])), axis=0))
+        table.append((name, *won, *(f"{r:.2f}" for r in ratio)))
+    beaten = [name for name, lost in standing(folds, null).items() if not any(lost)]
+    open_ = [name for name in rivals if name not in beaten]
+    closest = int(np.argmax(((1 - ours) / (1 - null))[:, 0]))
+    gained = np.mean([np.subtract(f["corrections"]["shifts"], f["corrections"]["none"]) for f in folds], axis=0)
+    ends = {name: last for name, (_, last) in at_the_end(folds, lists).items()}
+    text = [
+        f"On every view and in both bands M-MAP predicts better than: {', '.join(beaten) or 'none'}. "
+        f"Not on every view: {', '.join(open_) or 'none'}.",
+        f"The neighbours' mean comes nearest on view {closest}: {null[closest, 0]:.5f} against {ours[closest, 0]:.5f}, "
+        "full band.",
+        f"Correcting shifts changes the scores on the coarse grid by {gained[0]:+.5f} (full band) and {gained[1]:+.4f} "
+        "(high-passed) on the mean.",
+        "Views for which the last of a method's candidates was chosen, so that a longer list might do better: "
+        + ", ".join(f"{name} {n}" for name, n in ends.items())
+        + ".",
+        "Error is 1 - r, r the correlation with what was measured. Ratios are geometric means over the views of M-MAP's "
+        "error over the other's: below 1 M-MAP predicts better.",
+    ]
+    return Section("Conclusions", text, table=table)
+
+
+def _judging(folds: Sequence[Fold], voxel: str) -> Section:
     return Section(
-        "Who predicts best",
+        "How it is judged",
         [
             f"{len(folds)} megavoltage portal images of an anthropomorphic head phantom. Each is left out in turn and "
             f"predicted from the others by projecting what each method makes of them, with voxels of {voxel} mm "
             "(z, y, x).",
-            "Score: correlation with what was measured, inside the field and behind the head: blind to the gain and the "
+            "Score: correlation r with what was measured, inside the field and behind the head: blind to the gain and the "
             "offset of the view that is judged. High-passed: without what is coarser than about 8 pixels.",
-            "Nothing was chosen with the view that is judged: each method's strength, iterations, relaxation or window is "
+            "Nothing was chosen with the view that is judged: each method's strength, iterations, relaxation or cut-off is "
             "the one that best predicted another view, left out together with it; gains and shifts were estimated from the "
             "others alone, and the panel of the left-out view was put where its neighbours' shifts say.",
             "The null model is the mean of the two neighbouring views; the first and the last view have but one neighbour, "
@@ -95,59 +171,83 @@ def _verdict(folds: Sequence[Fold], null: Float64, voxel: str) -> Section:
             if "RTK's SART" in folds[0]["scores"]
             else "RTK's SART, the reference from outside, is left out: itk-rtk is not installed here.",
         ],
-        table=table,
     )
 
 
 def _scores(folds: Sequence[Fold], null: Float64, band: int) -> Section:
-    names = list(folds[0]["scores"])
-    table = [("view left out", *names, "mean of the neighbours")]
-    values = np.array(
-        [[*(fold["scores"][name][band] for name in names), null[k, band]] for k, fold in enumerate(folds)]
-    )
-    table += [(str(k), *(f"{v:.4f}" for v in row)) for k, row in enumerate(values)]
-    table.append(("mean", *(f"{v:.4f}" for v in values.mean(axis=0))))
-    lines = dict(zip(table[0][1:], values.T, strict=True))
-    figure = curves(np.arange(len(folds)), lines, "view left out", "correlation")
-    return Section(f"Scores, {BANDS[band]}", table=table, pictures=[(figure, f"Each view's score, {BANDS[band]}.")])
+    ours, rivals = _scored(folds, null)
+    lines = {"M-MAP": ours[:, band], **{name: theirs[:, band] for name, theirs in rivals.items()}}
+    values = np.stack(list(lines.values()), axis=1)
+    table: Table = [("view left out", *lines)]
+    table += [(str(k), *(f"{v:.5f}" for v in row)) for k, row in enumerate(values)]
+    table.append(("mean", *(f"{v:.5f}" for v in values.mean(axis=0))))
+    errors = {name: 1 - line for name, line in lines.items()}
+    figure = curves(np.arange(len(folds)), errors, "view left out", "1 - correlation", log=True)
+    return Section(f"Scores, {BANDS[band]}", table=table, pictures=[(figure, f"Error of each view, {BANDS[band]}.")])
 
 
-def _choices(folds: Sequence[Fold]) -> Section:
-    names = [name for name in folds[0]["chosen"] if name != "backprojection"]
-    table = [("view left out", *names), *((k, *(fold["chosen"][n] for n in names)) for k, fold in enumerate(folds))]
+def _choices(folds: Sequence[Fold], lists: Mapping[str, Sequence[str]]) -> Section:
+    names = ["correction", *at_the_end(folds, lists)]
+    table: Table = [("view left out", *names), *((k, *(f["chosen"][n] for n in names)) for k, f in enumerate(folds))]
+    table.append(("first, last of the list", "", *(f"{a}, {b}" for a, b in at_the_end(folds, lists).values())))
     return Section(
         "What was chosen without the view",
         [
             "The candidate with the least geometric mean of 1 - correlation over both bands, on the view left out together "
-            "with this one. Strengths are tried from strong to weak, each going on from the one before: the choice is of "
-            "strength and effort together. A choice at the end of its list (most passes, most iterations) might go further."
+            "with this one. Strengths of M-MAP are tried from strong to weak, each going on from the one before until more "
+            "iterations change little. The last line counts the views for which the first and the last candidate was chosen."
         ],
         table=table,
     )
 
 
-def _corrections(folds: Sequence[Fold], names: Sequence[str], found: Refinement, angles: Float64) -> Section:
-    table: list[Sequence[object]] = [("view left out", *(f"{n}, {b}" for b in BANDS for n in names))]
+def _corrections(folds: Sequence[Fold], found: Refinement, angles: Float64) -> Section:
+    names = list(folds[0]["corrections"])
+    table: Table = [("view left out", *(f"{n}, {b}" for b in BANDS for n in names))]
     values = np.array([[fold["corrections"][n] for n in names] for fold in folds])  # (views, corrections, bands)
     table += [(str(k), *(f"{v:.4f}" for v in rows.T.ravel())) for k, rows in enumerate(values)]
     table.append(("mean", *(f"{v:.4f}" for v in values.mean(axis=0).T.ravel())))
+    changes, panels = canvas(2, 3.6)
+    for band, axes in enumerate(panels):
+        for i, name in enumerate(names[1:], 1):
+            axes.plot(values[:, i, band] - values[:, 0, band], "o-", ms=3.5, lw=1.5, label=f"{name} corrected")
+        axes.axhline(0, color="#5b6775", lw=0.8)
+        finish(axes, BANDS[band], "view left out", "change of the correlation")
+    panels[0].legend(frameon=False, fontsize=8)
     return Section(
         "Before and after correction",
         [
             "M-MAP on the coarse grid: with the geometry and the contrast as imported, with small shifts of each panel "
-            "estimated from the data, and with the gain of each view estimated too.",
-            "From all views together (in no score), gains: " + ", ".join(f"{g:.3f}" for g in found.gains) + ".",
+            "estimated from the data, and with the gain of each view estimated too."
         ],
         table=table,
-        pictures=[(_shifts(found, angles), "Shifts of the panel, from all views; in no score.")],
+        pictures=[
+            (changes, "What correction changes on each view left out; above 0 it helps."),
+            (_found(found, angles), "Shifts and gains as estimated from all views together; in no score."),
+        ],
     )
 
 
-def _shifts(found: Refinement, angles: Float64) -> Figure:
-    lines = {"along the columns (dv)": found.shifts[:, 0], "along the rows (du)": found.shifts[:, 1]}
-    return curves(np.degrees(angles), lines, "angle of the view, degrees", "shift of the panel, mm")
+def _found(found: Refinement, angles: Float64) -> Figure:
+    figure, (left, right) = canvas(2, 3.6)
+    degrees = np.degrees(angles)
+    for i, name in enumerate(("along the columns (dv)", "along the rows (du)")):
+        left.plot(degrees, found.shifts[:, i], "o-", ms=3.5, lw=1.5, label=name)
+    left.legend(frameon=False, fontsize=8)
+    right.plot(degrees, found.gains, "o-", ms=3.5, lw=1.5)
+    finish(left, "shift of the panel", "angle of the view, degrees", "mm")
+    finish(right, "gain of the line integrals", "angle of the view, degrees", "of the mean")
+    return figure
 
 
-def _scaled(image: Float32, judge: Judge) -> Float64:
+def _box(judge: Judge) -> tuple[slice, slice]:
+    """Around the largest connected part of what is judged: the head."""
+    parts, count = ndimage.label(judge.region)
+    largest = 1 + int(np.argmax(np.bincount(parts.ravel(), minlength=count + 1)[1:]))
+    rows, columns = ndimage.find_objects(parts)[largest - 1]
+    return rows, columns
+
+
+def _scaled(image: AnyArray, judge: Judge) -> Float64:
     slope, level = np.polyfit(image[judge.region], judge.measured[judge.region], 1)
     return np.asarray(slope * image + level)

@@ -2,7 +2,7 @@
 
 import csv
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from palpate.arrays import Float32, Float64
-from palpate.atomic import replacing
+from palpate.atomic import output_folder, replacing
 from palpate.errors import FileError
 from palpate.reconstruction.multires import pyramid
 from palpate.reconstruction.projector import Projector
@@ -31,13 +31,16 @@ from palpate.studies.leaving import (
     pairs,
     without,
 )
+from palpate.studies.publish import publish
 from palpate.studies.stages import Stages
 from palpate.volumes.grid import Grid
 
 # Head, couch and its rails: what lies outside the box would be fitted inside. Levels 1 and 2 are used: 2 and 4 mm voxels
 # (pixels in twos and fours), in slices of 8 mm.
 GRID = Grid((50, 400, 440), (8.0, 1.0, 1.0), (-219.5, -199.5, -196.0))
+BOX, DEPTHS = 115.0, (-60.0, -20.0, 20.0, 60.0)  # mm: what the report's slices show to all sides, and where they lie
 Fold = dict[str, Any]
+Shown = tuple[dict[str, Float32], dict[str, Float32]]  # by method: the view predicted, slices of the volume
 CORRECTIONS = ("none", "shifts", "gains and shifts")
 
 
@@ -46,16 +49,21 @@ def head_study(
     *,
     quick: bool = False,
     resume: bool = False,
+    docs: str | Path | None = None,
     progress: Callable[[str, float], None] = lambda what, share: None,
 ) -> Path:
-    """Writes report.html, scores.csv and one JSON file a fold into `folder`; returns the report's path.
+    """Writes report.html, scores.csv, figures and one JSON file a fold into `folder`; returns the report's path.
 
     Each view is left out in turn. Strength, iterations, relaxation, window and correction are those that predict best a
     view left out together with it, so that nothing is chosen with the view that is judged; scores are correlations,
     blind to that view's gain. quick: every third view, voxels of 8 and 16 mm, for tests. resume: go on from the folds
-    that are there. progress(what, share): told how far it is. Raises `FileError` when the folder cannot be written.
+    that are there. docs: a folder that gets the page head.md with its pictures. progress(what, share): told how far it
+    is. Raises `FileError` when a folder cannot be written.
     """
     stages = Stages(Path(folder), resume, progress)
+    output_folder(stages.folder / "figures")
+    if docs is not None:
+        output_folder(docs)
     scan = import_scan("head")
     everything = pyramid(scan[::3] if quick else scan, GRID, 5 if quick else 3, "sum")
     levels = everything[3:5] if quick else everything[1:3]
@@ -70,16 +78,21 @@ def head_study(
         chosen = {name: choose(k, len(panel), {pair: _scores(r[name]) for pair, r in inner.items()}) for name in names}
         make = partial(predicted, scan, levels, panel, k, chosen)
         outer.append(_stage(stages, f"view_{k}.json", make))
-    null = null_scores(panel)
+    null, middle = null_scores(panel), len(panel) // 2
     _write_csv(stages.folder / "scores.csv", outer, null)
-    everyone = refine(*levels[-1], likelihood="least-squares")
-    middle = len(panel) // 2
-    shown = head_report.predicted_section(panel[middle], middle, images(scan, levels, panel, middle, outer[middle]))
-    report = stages.folder / "report.html"
-    command = "palpate study head" + (" --quick" if quick else "")
+    make_images = partial(shown, scan, levels, panel, middle, outer[middle]["chosen"])
+    images, slices = stages("shown.npz", make_images, _write_images, _read_images)
+    first = next(iter(inner.values()))
+    lists = {name: list(first[name]) for name in methods()}
     voxel = " x ".join(f"{d:g}" for d in levels[0][1].spacing)
-    head_report.write(report, command, outer, null, CORRECTIONS, everyone, _angles(scan), voxel, [shown])
-    return report
+    everyone = refine(*levels[-1], likelihood="least-squares")
+    sections = [
+        *head_report.sections(outer, null, lists, everyone, _angles(scan), voxel),
+        head_report.predicted_section(panel[middle], middle, {**images, head_report.NULL: _neighbours(panel, middle)}),
+        head_report.slices_section(middle, slices, DEPTHS),
+    ]
+    command = "palpate study head" + (" --quick" if quick else "")
+    return publish(stages.folder, "head", head_report.TITLE, command, sections, docs)
 
 
 def learnt(scan: Scan, levels: Sequence[Level], panel: Sequence[Judge], pair: tuple[int, int]) -> Fold:
@@ -102,21 +115,37 @@ def predicted(
 ) -> Fold:
     """What the chosen candidates score on a view, what was chosen, and what each correction scores on the coarse grid."""
     coarse, found = corrections(scan, levels, panel, [view])
-    correction = found[chosen["correction"]]
-    kept = [(refined(s, correction), g) for s, g in without(levels, [view])]
-    ahead = Projector(_placed(scan, [view], correction), levels[0][1])
-    scores = {name: panel[view](ahead(_estimate(name, kept, chosen[name]))[0]).tolist() for name in methods()}
+    made = _predictions(scan, levels, view, chosen, found[chosen["correction"]])
+    scores = {name: panel[view](image).tolist() for name, image, _ in made}
     return {"chosen": dict(chosen), "scores": scores, "corrections": {name: s[0] for name, s in coarse.items()}}
 
 
-def images(scan: Scan, levels: Sequence[Level], panel: Sequence[Judge], view: int, fold: Fold) -> dict[str, Float32]:
-    """The view as M-MAP, SART and the mean of its neighbours predict it, for the report."""
+def shown(scan: Scan, levels: Sequence[Level], panel: Sequence[Judge], view: int, chosen: Mapping[str, str]) -> Shown:
+    """For the report, of every method without the view: its prediction, and slices at `DEPTHS`, +y upwards."""
     _, found = corrections(scan, levels, panel, [view])
-    correction = found[fold["chosen"]["correction"]]
+    grid = levels[0][1]
+    z = np.array([np.argmin(np.abs(grid.axis("z") - depth)) for depth in DEPTHS])
+    y, x = (np.flatnonzero(np.abs(grid.axis(name) - middle) <= BOX) for name, middle in (("y", -20.0), ("x", 0.0)))
+    images, slices = {}, {}
+    for name, image, values in _predictions(scan, levels, view, chosen, found[chosen["correction"]]):
+        images[name], slices[name] = image, values[np.ix_(z, y[::-1], x)]
+    return images, slices
+
+
+def _predictions(
+    scan: Scan, levels: Sequence[Level], view: int, chosen: Mapping[str, str], correction: Refinement
+) -> Iterator[tuple[str, Float32, Float32]]:
+    """Each method, the view as it predicts it from the others, and the volume that the prediction is made from."""
     kept = [(refined(s, correction), g) for s, g in without(levels, [view])]
     ahead = Projector(_placed(scan, [view], correction), levels[0][1])
-    shown = {name: ahead(_estimate(name, kept, fold["chosen"][name]))[0] for name in ("M-MAP", "SART")}
-    return {**shown, "mean of the neighbours": (panel[view - 1].measured + panel[view + 1].measured) / 2}
+    for name in methods():
+        values = _estimate(name, kept, chosen[name])
+        yield name, ahead(values)[0], values
+
+
+def _neighbours(panel: Sequence[Judge], view: int) -> Float32:
+    mean: Float32 = np.mean([panel[view - 1].measured, panel[view + 1].measured], axis=0)
+    return mean
 
 
 def _estimate(name: str, kept: Sequence[Level], candidate: str) -> Float32:
@@ -174,3 +203,17 @@ def _write_csv(path: Path, outer: Sequence[Fold], null: Float64) -> None:
             for name, scores in fold["scores"].items():
                 table.writerow((k, name, fold["chosen"][name], fold["chosen"]["correction"], *scores))
             table.writerow((k, "neighbours", "-", "-", *null[k]))
+
+
+def _write_images(path: Path, shown: Shown) -> None:
+    images, slices = shown
+    predicted, cut = (np.stack(list(of.values())) for of in (images, slices))
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, names=np.array(list(images)), images=predicted, slices=cut)
+
+
+def _read_images(path: Path) -> Shown:
+    with np.load(path, allow_pickle=False) as file:
+        names = file["names"].tolist()
+        images, slices = (dict(zip(names, file[kind], strict=True)) for kind in ("images", "slices"))
+    return images, slices

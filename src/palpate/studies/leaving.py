@@ -26,11 +26,15 @@ from palpate.volumes.resample import resample
 from palpate.volumes.volume import Volume
 
 ERODED, DENSE, FINE = 16, 0.15, 8.0  # pixels off the field's edge; least line integral; sigma of the high pass, pixels
-PATH = ((1.0, 1), (0.3, 3), (0.1, 1))  # times the default strength (8-bit values are no counts), and rounds of it
-EACH, COARSE = 8, 20  # iterations of a round, and on the coarse grid before
-RELAXATIONS, COARSE_PASSES, PASSES = (1.0, 0.3), 10, 12  # of SART, for each relaxation
-COARSE_SIRT, EVERY, ROUNDS = 80, 10, 5  # iterations on the coarse grid; between two candidates, and how many of these
-FILTERS: tuple[tuple[Window, float], ...] = (("hann", 1.0), ("hann", 0.5), ("hann", 0.25), ("hann", 0.12))
+# Times the default strength (8-bit values are no counts); iterations of each, and on the coarse grid before: so many that
+# more change little, for an unconverged fit leaves ghosts, some cm wide, in the view left out.
+STRENGTHS, EACH, COARSE = (1.0, 0.5, 0.3, 0.15), 40, 100
+# Of the rivals, on the coarse grid, and then between two candidates and how many of these: so far that nearly every view's
+# choice lies inside its list.
+RELAXATIONS, COARSE_PASSES, PASSES = (1.0, 0.3), 20, 30  # of SART, each pass a candidate
+COARSE_SIRT, EVERY, ROUNDS = 800, 40, 10
+WINDOW: Window = "hann"
+CUTOFFS = (1.0, 0.5, 0.25, 0.12, 0.06, 0.03)  # of FBP's window
 
 Level = tuple[Scan, Grid]
 Candidates = Iterator[tuple[str, Float32]]
@@ -90,38 +94,36 @@ def null_scores(panel: Sequence[Judge]) -> Float64:
 
 
 def map_estimates(levels: Sequence[Level]) -> Candidates:
-    """M-MAP: the coarse grid first, then strengths from strong to weak, each round going on from the one before."""
+    """M-MAP: the coarse grid first, then strengths from strong to weak, each going on from the one before to its end."""
     scan, grid = levels[0]
     values = _onto(grid, Volume(coarse_map(levels), levels[-1][1]))
-    for done, (factor, estimate) in enumerate(map_path(scan, grid, PATH, EACH, values), 1):
-        yield f"strength x {factor:g} after {EACH * done} iterations", estimate
+    for factor, estimate in map_path(scan, grid, STRENGTHS, EACH, values):
+        yield f"strength x {factor:g}", estimate
 
 
 def coarse_map(levels: Sequence[Level]) -> Float32:
     """The MAP volume of the coarsest level at the default strength."""
-    ((_, values),) = map_path(*levels[-1], ((1.0, 1),), COARSE)
+    ((_, values),) = map_path(*levels[-1], (1.0,), COARSE)
     return values
 
 
 def map_path(
-    scan: Scan, grid: Grid, path: Sequence[tuple[float, int]], iterations: int, values: Float32 | None = None
+    scan: Scan, grid: Grid, factors: Sequence[float], iterations: int, values: Float32 | None = None
 ) -> Iterator[tuple[float, Float32]]:
-    """MAP volumes at factors of the default strength, after each round of so many iterations.
+    """MAP volumes at factors of the default strength, so many iterations each, from where the factor before ended.
 
-    path: (factor, rounds), each factor going on from where the one before ended. values: the start, None backprojection.
+    values: the start, None backprojection.
     """
     A, data = Projector(scan.views, grid), WeightedLeastSquares.of(scan)
     known = data_curvature(A, data)
     prior = tune(Prior(), A, data, known)
     assert prior.strength is not None
     values = backproject(A, data) if values is None else values
-    for factor, rounds in path:
+    for factor in factors:
         strength = prior.strength * factor
         solver = accelerate(A, data, replace(prior, strength=strength), strength * median_curvature(known), values)
-        for _ in range(rounds):
-            *_, (last, _) = islice(solver, iterations)
-            values = last.copy()
-            yield factor, values
+        *_, (values, _) = islice(solver, iterations)
+        yield factor, values
 
 
 def sart_estimates(levels: Sequence[Level]) -> Candidates:
@@ -143,10 +145,10 @@ def sirt_estimates(levels: Sequence[Level]) -> Candidates:
 
 
 def fbp_estimates(levels: Sequence[Level]) -> Candidates:
-    """Filtered backprojection, by window and cut-off."""
+    """Filtered backprojection, by the window's cut-off."""
     A, data = _finest(levels)
-    for window, cutoff in FILTERS:
-        yield f"{window}, cut-off {cutoff:g}", fbp(A, data, window, cutoff)
+    for cutoff in CUTOFFS:
+        yield f"{WINDOW}, cut-off {cutoff:g}", fbp(A, data, WINDOW, cutoff)
 
 
 def backprojections(levels: Sequence[Level]) -> Candidates:

@@ -15,10 +15,15 @@ INK = "#1c2530"
 LABEL_COLOURS = ListedColormap(["#00000000", "#2a9d8f", "#e76f51", "#e9c46a", "#457b9d"])
 
 
-def projections(values: AnyArray, titles: Sequence[str], marks: Float64 | None = None) -> Figure:
+def projections(
+    values: AnyArray,
+    titles: Sequence[str],
+    marks: Float64 | None = None,
+    window: tuple[float, float] | None = None,
+) -> Figure:
     """Views (views, rows, columns) side by side; marks: (views, 2) (row, column) of a ring to draw on each."""
     figure = _row(len(values), values.shape[1] / values.shape[2])
-    low, high = np.percentile(values, [1, 99.7])
+    low, high = window or np.percentile(values, [1, 99.7]).tolist()
     for k, (axes, title) in enumerate(zip(figure.axes, titles, strict=True)):
         axes.imshow(values[k], cmap="gray", vmin=low, vmax=high)
         axes.set_title(title, fontsize=9, color=INK)
@@ -38,6 +43,23 @@ def slices(volume: Volume, z: Sequence[int], window: tuple[float, float] | None 
         if up:
             axes.invert_yaxis()
         axes.set_title(f"z = {volume.grid.axis('z')[k]:.1f} mm", fontsize=9, color=INK)
+    return figure
+
+
+def pictured(rows: Mapping[str, tuple[AnyArray, tuple[float, float]]], heads: Sequence[str]) -> Figure:
+    """A table of pictures: a named row of images (columns, rows, columns) each, with its black and white."""
+    (first, _), *_ = rows.values()
+    side = 11 / len(heads)
+    figure = Figure(
+        figsize=(11.5, (side * first.shape[1] / first.shape[2] + 0.05) * len(rows) + 0.3), layout="constrained"
+    )
+    for line, (name, (images, (low, high))) in zip(figure.subplots(len(rows), len(heads)), rows.items(), strict=True):
+        for axes, image, head in zip(line, images, heads, strict=True):
+            axes.imshow(image, cmap="gray", vmin=low, vmax=high, interpolation="nearest")
+            axes.set(xticks=[], yticks=[])
+            if name == next(iter(rows)):
+                axes.set_title(head, fontsize=9, color=INK)
+        line[0].set_ylabel(name, fontsize=9, color=INK)
     return figure
 
 

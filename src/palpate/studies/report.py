@@ -31,6 +31,7 @@ figure { margin: 1.2rem 0; background: #fff; border: 1px solid var(--line); bord
 figure img { display: block; max-width: 100%; height: auto; margin: 0 auto; }
 figcaption { padding: .6rem .9rem; background: var(--card); color: var(--soft); font-size: .9rem; }
 .scroll { overflow-x: auto; }
+@media (max-width: 40rem) { figure img { max-width: none; width: 40rem; } }
 table { border-collapse: collapse; margin: 1rem 0; font-variant-numeric: tabular-nums; font-size: .93rem; }
 th, td { text-align: left; padding: .35rem .9rem .35rem 0; border-bottom: 1px solid var(--line); vertical-align: top; }
 th { color: var(--soft); font-weight: 600; }
@@ -93,6 +94,6 @@ def png_of(figure: Figure | bytes) -> bytes:
 def _figure(figure: Figure | bytes, caption: str) -> str:
     data = base64.b64encode(png_of(figure)).decode()
     return (
-        f"<figure><img alt='{html.escape(caption, quote=True)}' src='data:image/png;base64,{data}'>"
+        f"<figure><div class=scroll><img alt='{html.escape(caption, quote=True)}' src='data:image/png;base64,{data}'></div>"
         f"<figcaption>{html.escape(caption)}</figcaption></figure>"
     )
