@@ -66,6 +66,16 @@ def test_where_none_is_enough_that_is_said():
     assert "no model here is good enough" in none.text()
 
 
+def test_at_finite_strain_the_finite_model_is_needed():
+    deep = pp.ladder(
+        TISSUE, **(ASKED | {"depth": 9.0, "within": 0.2}), strain="finite", models=["blocks", "neo-hookean"]
+    )
+    assert [r.enough for r in deep.rungs] == [False, True]
+    assert "P1, finite strain" in deep.text()
+    with pytest.raises(ValueError, match="strain: 'plastic'"):
+        pp.ladder(TISSUE, strain="plastic")
+
+
 @pytest.mark.parametrize("name", ["within", "force", "depth", "contacts"])
 def test_wishes_for_nothing_are_refused(name):
     with pytest.raises(ValueError, match=f"{name}: 0"):
