@@ -1,4 +1,4 @@
-"""Our own models on the cube: CPU time to a share of their own equilibrium, cold and warm, and how far they are from truth."""
+"""Our own models on the cube: CPU time to a share of their own equilibrium, cold and warm, and their distance to truth."""
 
 import time
 from dataclasses import dataclass
@@ -40,10 +40,7 @@ def rung(name: str, cube: Cube, **options: object) -> Rung:
     here = patch(cube.tissue, TOP, cube.radius)
     end = equilibrium(model, here)
     counts = [_steps(model, here, end, cube, share) for share in (1e-2, 1e-3)]
-    times = [
-        least(lambda state, k=k: model.native.advance(state, here, PUSH, k), model.start)  # noqa: B023 (k is bound)
-        for k in counts
-    ]
+    times = [least(lambda state, k=k: model.native.advance(state, here, PUSH, k), model.start) for k in counts]
     return Rung(name, setup, (counts[0], times[0]), (counts[1], times[1]), _tick(model, here, end, cube), end)
 
 
