@@ -1,135 +1,55 @@
 #include "multigrid.h"
+#include "dense.h"
 #include "dispatch.h"
 #include <algorithm>
 #include <cmath>
-#include <utility>
 
 namespace palpate {
 namespace {
 
-constexpr int refreshed = 64; // ticks in which every row of K u is made anew
-constexpr double tiny = 1e-12;
+constexpr int refreshed = 64;         // ticks in which every row of K u is made anew
+constexpr double independent = 1e-10; // part of a field's energy below which it says nothing new
+constexpr int most_columns = 3 * Multigrid::most_contacts;
 
 PALPATE_KERNEL void rows_times(const int* start, const int* column, const double* block, int first, int last,
-                               const double* u, int stride, double* out) {
+                               const double* u, double* out) {
     for (int i = first; i < last; i++) {
         double sum[3] = {0, 0, 0};
         for (int k = start[i]; k < start[i + 1]; k++) {
-            const double *b = block + 9 * size_t(k), *v = u + size_t(stride) * column[k];
+            const double *b = block + 9 * size_t(k), *v = u + 4 * size_t(column[k]);
             for (int a = 0; a < 3; a++) sum[a] += b[3 * a] * v[0] + b[3 * a + 1] * v[1] + b[3 * a + 2] * v[2];
         }
-        for (int a = 0; a < 3; a++) out[size_t(stride) * i + a] = sum[a];
+        for (int a = 0; a < 3; a++) out[4 * size_t(i) + a] = sum[a];
     }
 }
 
-// Gaussian elimination with row exchanges, in place; false when a pivot is lost.
-bool factor(double* A, int* pivot, int n) {
-    double most = 0;
-    for (int i = 0; i < n * n; i++) most = std::max(most, std::abs(A[i]));
-    for (int c = 0; c < n; c++) {
-        int p = c;
-        for (int i = c + 1; i < n; i++)
-            if (std::abs(A[i * n + c]) > std::abs(A[p * n + c])) p = i;
-        pivot[c] = p;
-        if (!(std::abs(A[p * n + c]) > tiny * most)) return false;
-        if (p != c)
-            for (int j = 0; j < n; j++) std::swap(A[p * n + j], A[c * n + j]);
-        for (int i = c + 1; i < n; i++) {
-            double f = A[i * n + c] /= A[c * n + c];
-            for (int j = c + 1; j < n; j++) A[i * n + j] -= f * A[c * n + j];
-        }
+// By colours, no two neighbours of one: the first colour that a node's neighbours before it have left.
+std::vector<int> by_colour(const Elements& mesh) {
+    std::vector<std::vector<int>> tets(mesh.nodes);
+    for (int t = 0; t < mesh.tets; t++)
+        for (int k = 0; k < 4; k++) tets[mesh.tet[4 * size_t(t) + k]].push_back(t);
+    std::vector<int> colour(mesh.nodes, -1), order(mesh.nodes);
+    std::vector<uint8_t> taken;
+    for (int i = 0; i < mesh.nodes; i++) {
+        taken.assign(taken.size() + 1, 0);
+        for (int t : tets[i])
+            for (int k = 0; k < 4; k++)
+                if (const int c = colour[mesh.tet[4 * size_t(t) + k]]; c >= 0) {
+                    if (size_t(c) >= taken.size()) taken.resize(c + 1, 0);
+                    taken[c] = 1;
+                }
+        colour[i] = int(std::find(taken.begin(), taken.end(), 0) - taken.begin());
+        taken.resize(std::min<size_t>(taken.size(), 64));
     }
-    return true;
-}
-
-// x = A^-1 x
-void solve_factored(const double* A, const int* pivot, int n, double* x) {
-    for (int c = 0; c < n; c++) std::swap(x[c], x[pivot[c]]);
-    for (int i = 0; i < n; i++)
-        for (int j = 0; j < i; j++) x[i] -= A[i * n + j] * x[j];
-    for (int i = n - 1; i >= 0; i--) {
-        for (int j = i + 1; j < n; j++) x[i] -= A[i * n + j] * x[j];
-        x[i] /= A[i * n + i];
-    }
-}
-
-// x = A'^-1 x
-void solve_transposed(const double* A, const int* pivot, int n, double* x) {
-    for (int i = 0; i < n; i++) {
-        for (int j = 0; j < i; j++) x[i] -= A[j * n + i] * x[j];
-        x[i] /= A[i * n + i];
-    }
-    for (int i = n - 1; i >= 0; i--)
-        for (int j = i + 1; j < n; j++) x[i] -= A[j * n + i] * x[j];
-    for (int c = n - 1; c >= 0; c--) std::swap(x[c], x[pivot[c]]);
-}
-
-// Cholesky of the lower triangle, in place; a row that adds less than `part` of itself is left out (its pivot is 0).
-void factor_independent(double* A, int n, double part) {
-    for (int i = 0; i < n; i++) {
-        const double before = A[i * n + i];
-        double left = before;
-        for (int j = 0; j < i; j++) {
-            double sum = A[i * n + j];
-            for (int k = 0; k < j; k++) sum -= A[i * n + k] * A[j * n + k];
-            A[i * n + j] = A[j * n + j] > 0 ? sum / A[j * n + j] : 0;
-            left -= A[i * n + j] * A[i * n + j];
-        }
-        if (before > 0 && left > part * before) {
-            A[i * n + i] = std::sqrt(left);
-        } else {
-            for (int j = 0; j <= i; j++) A[i * n + j] = 0;
-        }
-    }
+    for (int i = 0; i < mesh.nodes; i++) order[i] = i;
+    std::stable_sort(order.begin(), order.end(), [&](int a, int b) { return colour[a] < colour[b]; });
+    return order;
 }
 
 Column column(const Field& f) { return {f.data(), nullptr}; }
 Column column(const Buffer& f) { return {nullptr, f.data()}; }
 
-} // namespace
-
-void MultigridState::rest() {
-    State::rest();
-    for (Field& f : field) std::fill(f.begin(), f.end(), 0.0);
-    for (Field& f : image) std::fill(f.begin(), f.end(), 0.0);
-    kept = newest = contacts = lifts = 0;
-}
-
-Multigrid::Multigrid(const Elements& mesh, double cell, int sweeps, double relaxation)
-    : K(stiffness(mesh)), held(mesh.held, mesh.held + mesh.nodes), place(mesh.node, mesh.node + 3 * size_t(mesh.nodes)),
-      cycle(K, mesh, cell, sweeps, relaxation) {}
-
-std::unique_ptr<State> Multigrid::start() const {
-    auto s = std::make_unique<MultigridState>();
-    const size_t n = 4 * size_t(nodes());
-    s->u.assign(3 * size_t(nodes()), 0);
-    for (Field* f : {&s->p, &s->image_p}) f->assign(n, 0);
-    for (int k = 0; k < MultigridState::history; k++) s->field[k].assign(n, 0), s->image[k].assign(n, 0);
-    for (Buffer* b : {&s->rhs, &s->z, &s->image_z}) b->assign(n, 0);
-    s->work = cycle.work();
-    remember(*s, 1);
-    s->owner = this;
-    return s;
-}
-
-// Room for so many contacts.
-void Multigrid::remember(MultigridState& s, int contacts) const {
-    const size_t m = 3 * size_t(contacts), span = m + MultigridState::history;
-    if (s.lift.size() >= m) return;
-    for (size_t c = s.lift.size(); c < m; c++) {
-        s.lift.emplace_back(4 * size_t(nodes()));
-        s.image_lift.emplace_back(4 * size_t(nodes()));
-    }
-    s.patch.resize(contacts);
-    s.lift_at.resize(3 * m);
-    s.lever.resize(m * m);
-    s.pivot.resize(m);
-    s.gram.resize(span * span);
-    s.scratch.resize(2 * span * fields_block);
-    s.small.resize(span * m + m * m + 3 * span + 3 * m);
-}
-
-void Multigrid::centre(const Patch& patch, double at[3], double& spread) const {
+void centre(const Patch& patch, const double* place, double at[3], double& spread) {
     at[0] = at[1] = at[2] = spread = 0;
     for (int k = 0; k < patch.count; k++)
         for (int a = 0; a < 3; a++) at[a] += patch.weight[k] * place[3 * size_t(patch.node[k]) + a];
@@ -140,36 +60,147 @@ void Multigrid::centre(const Patch& patch, double at[3], double& spread) const {
         }
 }
 
+} // namespace
+
+struct Multigrid::Ordered {
+    std::vector<int> order, inside;
+    std::vector<double> node;
+    std::vector<int32_t> tet;
+    std::vector<uint8_t> held;
+    Elements mesh;
+
+    explicit Ordered(const Elements& given) : order(by_colour(given)), inside(given.nodes), mesh(given) {
+        for (int k = 0; k < given.nodes; k++) {
+            const int i = order[k];
+            inside[i] = k;
+            node.insert(node.end(), given.node + 3 * size_t(i), given.node + 3 * size_t(i) + 3);
+            held.push_back(given.held[i]);
+        }
+        for (size_t k = 0; k < 4 * size_t(given.tets); k++) tet.push_back(inside[given.tet[k]]);
+        mesh.node = node.data(), mesh.tet = tet.data(), mesh.held = held.data();
+    }
+};
+
+void MultigridState::rest() {
+    State::rest();
+    std::fill(now.begin(), now.end(), 0.0);
+    std::fill(force.begin(), force.end(), 0.0);
+    kept = contacts = lifts = 0;
+}
+
+Multigrid::Multigrid(const Elements& mesh, double cell, int sweeps, double relaxation)
+    : Multigrid(Ordered(mesh), cell, sweeps, relaxation) {}
+
+Multigrid::Multigrid(const Ordered& o, double cell, int sweeps, double relaxation)
+    : order(o.order), inside(o.inside), K(stiffness(o.mesh)), held(o.held), place(o.node),
+      cycle(K, o.mesh, cell, sweeps, relaxation) {}
+
+std::unique_ptr<State> Multigrid::start() const {
+    auto s = std::make_unique<MultigridState>();
+    const size_t n = 4 * size_t(nodes());
+    s->u.assign(3 * size_t(nodes()), 0);
+    for (Field* f : {&s->now, &s->force, &s->gain, &s->run, &s->p, &s->image_p}) f->assign(n, 0);
+    for (Buffer* b : {&s->rhs, &s->z, &s->image_z}) b->assign(n, 0);
+    for (int k = 0; k < MultigridState::history; k++) s->change[k].assign(n, 0), s->force_change[k].assign(n, 0);
+    s->work = cycle.work();
+    remember(*s, 1);
+    s->owner = this;
+    return s;
+}
+
+// Room for so many contacts.
+void Multigrid::remember(MultigridState& s, int contacts) const {
+    const size_t m = 3 * size_t(contacts), before = s.lift.size();
+    if (before >= m) return;
+    for (size_t c = before; c < m; c++) {
+        s.lift.emplace_back(4 * size_t(nodes()));
+        s.image_lift.emplace_back(4 * size_t(nodes()));
+    }
+    s.patch.resize(contacts);
+    s.lift_at.resize(3 * m);
+    s.lever.resize(m * m);
+    s.pivot.resize(m);
+    const size_t span = s.span();
+    s.gram.assign(span * span, 0);
+    s.small.resize(span * span + span * m + m * m + span);
+    s.kept = s.lifts = 0; // the span's numbers have moved
+}
+
+void Multigrid::touch(MultigridState& s, int contact, const Patch& patch) const {
+    Patch& mine = s.patch[contact];
+    mine.count = patch.count;
+    for (int k = 0; k < patch.count; k++) mine.node[k] = inside[patch.node[k]], mine.weight[k] = patch.weight[k];
+}
+
+// The span: slot 0 is u, then the changes, then the lifts.
+Column Multigrid::field(const MultigridState& s, int slot) const {
+    constexpr int h = MultigridState::history;
+    return slot == 0 ? column(s.now) : slot <= h ? column(s.change[slot - 1]) : column(s.lift[slot - 1 - h]);
+}
+
+Column Multigrid::image(const MultigridState& s, int slot) const {
+    constexpr int h = MultigridState::history;
+    return slot == 0   ? column(s.force)
+           : slot <= h ? column(s.force_change[slot - 1])
+                       : column(s.image_lift[slot - 1 - h]);
+}
+
+bool Multigrid::present(const MultigridState& s, int slot) const {
+    constexpr int h = MultigridState::history;
+    if (slot == 0 || slot > h) return slot <= h + 3 * s.lifts;
+    const int age = (s.newest - (slot - 1) + h) % h;
+    return age < s.kept;
+}
+
+// A row and column of the span's V'KV.
+void Multigrid::products(MultigridState& s, int slot) const {
+    constexpr int most = 1 + MultigridState::history + most_columns;
+    const int span = s.span();
+    Column with[most];
+    int which[most], count = 0;
+    for (int other = 0; other < span; other++)
+        if (present(s, other) || other == slot) which[count] = other, with[count++] = field(s, other);
+    double out[most];
+    dots(nodes(), image(s, slot), count, with, out);
+    if (slot > 0) { // K u is kept in float64, other images in float32
+        const Column own = field(s, slot);
+        dots(nodes(), image(s, 0), 1, &own, out);
+    }
+    for (int k = 0; k < count; k++) s.gram[slot * span + which[k]] = s.gram[which[k] * span + slot] = out[k];
+}
+
 // Z and K Z of one contact along one axis.
 void Multigrid::lift(MultigridState& s, int contact, int axis) const {
     const Patch& patch = s.patch[contact];
-    Buffer &Z = s.lift[3 * contact + axis], &KZ = s.image_lift[3 * contact + axis];
+    const int c = 3 * contact + axis;
     std::fill(s.rhs.begin(), s.rhs.end(), 0.0f);
     for (int k = 0; k < patch.count; k++)
         if (!held[patch.node[k]]) s.rhs[4 * size_t(patch.node[k]) + axis] = float(patch.weight[k]);
-    cycle.apply_coarse(s.work, s.rhs.data(), Z.data());
-    std::fill(KZ.begin(), KZ.end(), 0.0f);
-    multiply(cycle.fine(), Z.data(), KZ.data());
+    cycle.apply_coarse(s.work, s.rhs.data(), s.lift[c].data());
+    std::fill(s.image_lift[c].begin(), s.image_lift[c].end(), 0.0f);
+    multiply(cycle.fine(), s.lift[c].data(), s.image_lift[c].data());
     double spread;
-    centre(patch, &s.lift_at[3 * (3 * contact + axis)], spread);
+    centre(patch, place.data(), &s.lift_at[3 * size_t(c)], spread);
+    s.lifts = std::max(s.lifts, contact + 1);
+    products(s, 1 + MultigridState::history + c);
 }
 
 // One contact, in a loop: all lifts where it lands, then the one left farthest behind once it is half a radius off.
 void Multigrid::keep_lifts(MultigridState& s) const {
     double at[3], spread, farthest = -1;
     int axis = 0;
-    centre(s.patch[0], at, spread);
+    centre(s.patch[0], place.data(), at, spread);
     for (int k = 0; k < 3 && s.lifts == 1; k++) {
         double away = 0;
         for (int a = 0; a < 3; a++) away += (at[a] - s.lift_at[3 * k + a]) * (at[a] - s.lift_at[3 * k + a]);
         if (away > farthest) farthest = away, axis = k;
     }
     if (s.lifts != 1 || farthest > 9 * spread) { // the square of a smooth patch's spread is a quarter of its radius's
+        s.lifts = 0;
         for (int k = 0; k < 3; k++) lift(s, 0, k);
     } else if (farthest > spread) {
         lift(s, 0, axis);
     }
-    s.lifts = 1;
 }
 
 // W' field, (contacts, 3).
@@ -188,7 +219,7 @@ void Multigrid::means(const MultigridState& s, const Column& field, double* out)
 // The lever W'Z; false when two contacts cannot be told apart.
 bool Multigrid::pull(MultigridState& s) const {
     const int m = 3 * s.contacts;
-    double mean[3 * most_contacts];
+    double mean[most_columns];
     for (int c = 0; c < m; c++) {
         means(s, column(s.lift[c]), mean);
         for (int k = 0; k < m; k++) s.lever[k * m + c] = mean[k];
@@ -196,191 +227,200 @@ bool Multigrid::pull(MultigridState& s) const {
     return factor(s.lever.data(), s.pivot.data(), m);
 }
 
-// u becomes the field of least energy, with W'u = d, in the span of the last ones and the lifts.
-bool Multigrid::best_start(MultigridState& s, const double* displacement) const {
-    constexpr int most = MultigridState::history + 3 * most_contacts;
-    const int m = 3 * s.contacts;
-    Column field[most], image[most];
-    int count = 0;
-    auto take = [&](const Column& f, const Column& g) { field[count] = f, image[count++] = g; };
-    if (s.kept > 0) take(column(s.field[s.newest]), column(s.image[s.newest]));
-    for (int c = 0; c < m; c++) take(column(s.lift[c]), column(s.image_lift[c]));
-    for (int k = 1; k < s.kept; k++) {
-        const int old = (s.newest + MultigridState::history - k) % MultigridState::history;
-        take(column(s.field[old]), column(s.image[old]));
-    }
-    double *A = s.gram.data(), *X = s.small.data(), *C = X + size_t(count) * m, *coefficient = C + m * m;
-    double* force = coefficient + count;
-    gram(nodes(), count, field, image, s.scratch.data(), A);
-    factor_independent(A, count, 1e-10);
+// gain: what takes u to the field of least energy, with W'u = d, in the span; run: its K (u + gain). f: (3m) the
+// multiplier that leaves K (u + gain) - W f without a part along Z.
+bool Multigrid::best_start(MultigridState& s, const double* displacement, double* f) const {
+    constexpr int h = MultigridState::history, most = 1 + h + most_columns;
+    const int m = 3 * s.contacts, span = s.span();
+    Column fields[most], images[most];
+    int slot[most], count = 0;
+    for (int k = 0; k < 1 + h + m; k++)
+        if (present(s, k)) slot[count] = k, fields[count] = field(s, k), images[count++] = image(s, k);
+    double *A = s.small.data(), *X = A + count * count, *C = X + count * m;
+    double coefficient[most], force[most_columns], mean[most_columns];
+    for (int a = 0; a < count; a++)
+        for (int b = 0; b < count; b++) A[a * count + b] = s.gram[slot[a] * span + slot[b]];
+    factor_independent(A, count, independent);
     for (int i = 0; i < count; i++) { // X = L^-1 (W'V)'
-        means(s, field[i], X + size_t(i) * m);
+        means(s, fields[i], X + i * m);
         for (int k = 0; k < i; k++)
             for (int c = 0; c < m; c++) X[i * m + c] -= A[i * count + k] * X[k * m + c];
         for (int c = 0; c < m; c++) X[i * m + c] = A[i * count + i] > 0 ? X[i * m + c] / A[i * count + i] : 0;
     }
-    for (int a = 0; a < m; a++)
-        for (int b = 0; b < m; b++) {
-            C[a * m + b] = 0;
-            for (int i = 0; i < count; i++) C[a * m + b] += X[i * m + a] * X[i * m + b];
-        }
-    double most_stiff = 0;
-    for (int a = 0; a < m; a++) most_stiff = std::max(most_stiff, C[a * m + a]);
+    std::fill_n(C, m * m, 0.0);
+    for (int i = 0; i < count; i++)
+        for (int a = 0; a < m; a++)
+            for (int b = 0; b <= a; b++) C[a * m + b] += X[i * m + a] * X[i * m + b];
     factor_independent(C, m, 1e-9);
     for (int a = 0; a < m; a++)
         if (C[a * m + a] == 0) return false;
-    std::copy_n(displacement, m, force); // force = (X'X)^-1 d: the least energy has y = X force
-    for (int a = 0; a < m; a++) {
-        for (int b = 0; b < a; b++) force[a] -= C[a * m + b] * force[b];
-        force[a] /= C[a * m + a];
-    }
-    for (int a = m - 1; a >= 0; a--) {
-        for (int b = a + 1; b < m; b++) force[a] -= C[b * m + a] * force[b];
-        force[a] /= C[a * m + a];
-    }
+    std::copy_n(displacement, m, force);
+    solve_positive(C, m, force);           // force = (X'X)^-1 d: the least energy has y = X force
     for (int i = count - 1; i >= 0; i--) { // coefficient = L'^-1 y
         double y = 0;
         for (int c = 0; c < m; c++) y += X[i * m + c] * force[c];
         for (int k = i + 1; k < count; k++) y -= A[k * count + i] * coefficient[k];
         coefficient[i] = A[i * count + i] > 0 ? y / A[i * count + i] : 0;
     }
-    double off[3 * most_contacts], mean[3 * most_contacts]; // what rounding leaves of W'u = d goes to the lifts
+    double off[most_columns]; // what rounding leaves of W'u = d goes to the lifts
     std::copy_n(displacement, m, off);
     for (int i = 0; i < count; i++) {
-        means(s, field[i], mean);
+        means(s, fields[i], mean);
         for (int c = 0; c < m; c++) off[c] -= coefficient[i] * mean[c];
     }
     solve_factored(s.lever.data(), s.pivot.data(), m, off);
-    for (int c = 0; c < m; c++) coefficient[(s.kept > 0 ? 1 : 0) + c] += off[c];
-    const int oldest = s.kept == 0 ? 0 : (s.newest + 1) % MultigridState::history;
-    combine(nodes(), count, field, coefficient, s.field[oldest].data());
-    combine(nodes(), count, image, coefficient, s.image[oldest].data());
-    s.newest = oldest;
-    s.kept = std::min(s.kept + 1, MultigridState::history);
+    for (int c = 0; c < m; c++) coefficient[count - m + c] += off[c];
+    for (int c = 0; c < m; c++) {
+        f[c] = 0;
+        for (int i = 0; i < count; i++) f[c] += s.gram[(1 + h + c) * span + slot[i]] * coefficient[i];
+    }
+    solve_transposed(s.lever.data(), s.pivot.data(), m, f);
+    combine(nodes(), count, images, coefficient, s.run.data());
+    coefficient[0] -= 1;
+    combine(nodes(), count, fields, coefficient, s.gain.data());
     return true;
 }
 
-void Multigrid::iterate(MultigridState& s, int iterations, bool exact) const {
+void Multigrid::iterate(MultigridState& s, int iterations, bool exact, double* f) const {
     const int m = 3 * s.contacts, n = nodes();
-    double *u = s.field[s.newest].data(), *Ku = s.image[s.newest].data();
-    Column Z[3 * most_contacts], KZ[3 * most_contacts];
-    double f[3 * most_contacts], c[3 * most_contacts];
+    Column Z[most_columns], KZ[most_columns];
+    double c[most_columns], product[2], curvature = 0;
     for (int k = 0; k < m; k++) Z[k] = column(s.lift[k]), KZ[k] = column(s.image_lift[k]);
-    double curvature = 0;
     for (int it = 0; it < iterations; it++) {
-        if (exact) refresh(s, 0, n);
-        for (int k = 0; k < m; k++) f[k] = dot(n, s.lift[k].data(), Ku);
-        solve_transposed(s.lever.data(), s.pivot.data(), m, f);
-        to_narrow(n, -1, Ku, s.rhs.data());
+        if (exact) {
+            s.whole = s.now;
+            step(n, 1, s.gain.data(), s.whole.data());
+            refresh(s.whole, s.run, 0, n);
+        }
+        if (exact || it > 0) {
+            dots(n, column(s.run), m, Z, f);
+            solve_transposed(s.lever.data(), s.pivot.data(), m, f);
+        }
+        to_narrow(n, -1, s.run.data(), s.rhs.data());
         for (int a = 0; a < s.contacts; a++)
             for (int k = 0; k < s.patch[a].count; k++)
                 for (int b = 0; b < 3; b++)
-                    s.rhs[4 * size_t(s.patch[a].node[k]) + b] += float(s.patch[a].weight[k] * f[3 * a + b]);
-        for (int i = 0; i < n; i++)
-            if (held[i]) std::fill_n(&s.rhs[4 * size_t(i)], 4, 0.0f);
+                    if (const int i = s.patch[a].node[k]; !held[i])
+                        s.rhs[4 * size_t(i) + b] += float(s.patch[a].weight[k] * f[3 * a + b]);
         cycle.apply(s.work, s.rhs.data(), s.z.data(), s.image_z.data());
         means(s, column(s.z), c);
         solve_factored(s.lever.data(), s.pivot.data(), m, c);
-        double beta = 0, dots[2];
-        if (it > 0 && curvature > 0) beta = -projected_dot(n, s.z.data(), m, Z, c, s.image_p.data()) / curvature;
-        direction(n, s.z.data(), s.image_z.data(), m, Z, KZ, c, beta, s.p.data(), s.image_p.data(), Ku, dots);
-        curvature = dots[0];
+        double beta = 0;
+        if (it > 0) beta = -projected_dot(n, s.z.data(), m, Z, c, s.image_p.data()) / curvature;
+        direction(n, s.z.data(), s.image_z.data(), m, Z, KZ, c, beta, s.p.data(), s.image_p.data(), s.run.data(),
+                  product);
+        curvature = product[0];
         if (!(curvature > 0)) return; // nothing left to gain
-        const double alpha = -dots[1] / curvature;
-        step(n, alpha, s.p.data(), u);
-        step(n, alpha, s.image_p.data(), Ku);
+        const double alpha = -product[1] / curvature;
+        step(n, alpha, s.p.data(), s.gain.data());
+        if (it + 1 < iterations && !exact) step(n, alpha, s.image_p.data(), s.run.data());
     }
+}
+
+// u takes what was gained; the gain is remembered, and K u gains its image.
+void Multigrid::keep(MultigridState& s, bool exact) const {
+    const int n = nodes(), slot = (s.newest + 1) % MultigridState::history;
+    Buffer &change = s.change[slot], &image = s.force_change[slot];
+    to_narrow(n, 1, s.gain.data(), change.data());
+    std::fill(image.begin(), image.end(), 0.0f);
+    multiply(cycle.fine(), change.data(), image.data());
+    step(n, 1, s.gain.data(), s.now.data());
+    if (exact) {
+        refresh(s.now, s.force, 0, n);
+    } else {
+        step(n, 1, image.data(), s.force.data());
+        const int some = (n + refreshed - 1) / refreshed, first = std::min(s.next_row, n);
+        refresh(s.now, s.force, first, std::min(first + some, n));
+        s.next_row = first + some >= n ? 0 : first + some;
+    }
+    s.newest = slot;
+    s.kept = std::min(s.kept + 1, MultigridState::history);
+    products(s, 1 + slot);
+    products(s, 0);
 }
 
 // The force on the tools: -f, f of the lifts' balance, and along the push such that its work is the energy, in which
 // the error is squared.
 void Multigrid::report(MultigridState& s, const double* displacement, double* force) const {
-    const int m = 3 * s.contacts, n = nodes();
-    const Field &u = s.field[s.newest], &Ku = s.image[s.newest];
-    double f[3 * most_contacts], work = dot(n, u.data(), Ku.data()), square = 0;
-    for (int k = 0; k < m; k++) f[k] = dot(n, s.lift[k].data(), Ku.data());
+    const int m = 3 * s.contacts;
+    double f[most_columns], work = s.gram[0], square = 0;
+    for (int k = 0; k < m; k++) f[k] = s.gram[1 + MultigridState::history + k];
     solve_transposed(s.lever.data(), s.pivot.data(), m, f);
     for (int k = 0; k < m; k++) work -= f[k] * displacement[k], square += displacement[k] * displacement[k];
     for (int k = 0; k < m; k++) force[k] = -(f[k] + (square > 0 ? work / square * displacement[k] : 0));
-    to_three(n, u.data(), s.u.data());
+    for (int i = 0; i < nodes(); i++)
+        for (int k = 0; k < 3; k++) s.u[3 * size_t(order[i]) + k] = s.now[4 * size_t(i) + k];
 }
 
-void Multigrid::refresh(MultigridState& s, int first, int last) const {
-    rows_times(K.start.data(), K.column.data(), K.block.data(), first, last, s.field[s.newest].data(), 4,
-               s.image[s.newest].data());
+// Rows of the image, in float64; 0 where nodes are held.
+void Multigrid::refresh(const Field& u, Field& image, int first, int last) const {
+    rows_times(K.start.data(), K.column.data(), K.block.data(), first, last, u.data(), image.data());
     for (int i = first; i < last; i++)
-        if (held[i]) std::fill_n(&s.image[s.newest][4 * size_t(i)], 4, 0.0);
+        if (held[i]) std::fill_n(&image[4 * size_t(i)], 4, 0.0);
 }
 
 void Multigrid::advance(State& state, const Patch* patch, const double displacement[3], int sweeps,
                         double force[3]) const {
     auto& s = static_cast<MultigridState&>(state);
+    double f[3];
     force[0] = force[1] = force[2] = 0;
     if (!patch) return s.rest(); // nothing holds it: home is the equilibrium
-    s.patch[0] = *patch;
+    touch(s, 0, *patch);
     s.contacts = 1;
     keep_lifts(s);
-    if (!pull(s) || !best_start(s, displacement)) {
+    if (!pull(s) || !best_start(s, displacement, f)) {
         s.lifts = 0; // lifts that fit no longer
         keep_lifts(s);
-        if (!pull(s) || !best_start(s, displacement)) return;
+        if (!pull(s) || !best_start(s, displacement, f)) return;
     }
-    iterate(s, sweeps, false);
-    const int some = (nodes() + refreshed - 1) / refreshed, first = std::min(s.next_row, nodes());
-    refresh(s, first, std::min(first + some, nodes()));
-    s.next_row = first + some >= nodes() ? 0 : first + some;
+    iterate(s, sweeps, false, f);
+    keep(s, false);
     report(s, displacement, force);
 }
 
 bool Multigrid::solve(State& state, const Patch* patches, int contacts, const double* displacement, int iterations,
                       double* force) const {
     auto& s = static_cast<MultigridState&>(state);
-    if (contacts > most_contacts) return false;
-    remember(s, std::max(contacts, 1));
-    bool same = s.lifts == contacts && s.contacts == contacts;
-    for (int c = 0; c < contacts && same; c++) {
-        const Patch &a = s.patch[c], &b = patches[c];
-        same = a.count == b.count && std::equal(a.node, a.node + a.count, b.node) &&
-               std::equal(a.weight, a.weight + a.count, b.weight);
-    }
-    std::copy_n(patches, contacts, s.patch.begin());
+    double f[most_columns];
+    if (contacts < 1 || contacts > most_contacts) return false;
+    remember(s, contacts);
+    s.lifts = 0;
+    for (int i = 0; i < nodes(); i++) // someone may have set u
+        for (int k = 0; k < 3; k++) s.now[4 * size_t(i) + k] = s.u[3 * size_t(order[i]) + k];
+    refresh(s.now, s.force, 0, nodes());
+    products(s, 0);
     s.contacts = contacts;
-    if (!same)
-        for (int c = 0; c < contacts; c++)
-            for (int k = 0; k < 3; k++) lift(s, c, k);
-    s.lifts = contacts;
-    from_three(nodes(), s.u.data(), s.field[s.newest].data());
-    if (std::any_of(s.u.begin(), s.u.end(), [](double x) { return x != 0; })) {
-        s.kept = std::max(s.kept, 1);
-        refresh(s, 0, nodes());
-    } else {
-        s.kept = 0;
-    }
-    if (!pull(s) || !best_start(s, displacement)) {
+    for (int c = 0; c < contacts; c++) touch(s, c, patches[c]);
+    for (int c = 0; c < contacts; c++)
+        for (int k = 0; k < 3; k++) lift(s, c, k);
+    if (!pull(s) || !best_start(s, displacement, f)) {
         s.lifts = 0;
         return false;
     }
-    iterate(s, iterations, true);
+    iterate(s, iterations, true, f);
+    keep(s, true);
     report(s, displacement, force);
     return true;
 }
 
 void Multigrid::internal_force(const double* u, double* out) const {
-    rows_times(K.start.data(), K.column.data(), K.block.data(), 0, nodes(), u, 3, out);
+    Field inner(4 * size_t(nodes())), image(inner.size());
+    for (int i = 0; i < nodes(); i++)
+        for (int k = 0; k < 3; k++) inner[4 * size_t(i) + k] = u[3 * size_t(order[i]) + k];
+    rows_times(K.start.data(), K.column.data(), K.block.data(), 0, nodes(), inner.data(), image.data());
+    for (int i = 0; i < nodes(); i++)
+        for (int k = 0; k < 3; k++) out[3 * size_t(order[i]) + k] = image[4 * size_t(i) + k];
 }
 
 void Multigrid::precondition(const double* v, double* out) const {
     const size_t n = 4 * size_t(nodes());
-    Field wide(n);
     Buffer rhs(n), x(n), product(n);
     CycleWork work = cycle.work();
-    from_three(nodes(), v, wide.data());
     for (int i = 0; i < nodes(); i++)
-        if (held[i]) std::fill_n(&wide[4 * size_t(i)], 4, 0.0);
-    to_narrow(nodes(), 1, wide.data(), rhs.data());
+        for (int k = 0; k < 3; k++) rhs[4 * size_t(i) + k] = held[i] ? 0 : float(v[3 * size_t(order[i]) + k]);
     cycle.apply(work, rhs.data(), x.data(), product.data());
     for (int i = 0; i < nodes(); i++)
-        for (int k = 0; k < 3; k++) out[3 * size_t(i) + k] = x[4 * size_t(i) + k];
+        for (int k = 0; k < 3; k++) out[3 * size_t(order[i]) + k] = x[4 * size_t(i) + k];
 }
 
 } // namespace palpate

@@ -15,22 +15,15 @@ PALPATE_INLINE void fetch(const Column& column, int i, Quad& v) {
     }
 }
 
-PALPATE_KERNEL void unpack(const double* wide, const float* narrow, int first, int nodes, double* out) {
-    Column column{wide, narrow};
-    Quad v;
-    for (int i = 0; i < nodes; i++) fetch(column, first + i, v), store(out + 4 * size_t(i), v);
-}
-
-PALPATE_KERNEL double short_dot(const double* a, const double* b, int n) {
-    Quad s = {}, t = {}, x, y;
-    int i = 0;
-    for (; i + 8 <= n; i += 8) {
-        load(x, a + i), load(y, b + i), s += x * y;
-        load(x, a + i + 4), load(y, b + i + 4), t += x * y;
+// Four vectors at a time: each is read once for all that it meets.
+PALPATE_KERNEL void some_dots(int nodes, const Column* v, int count, const Column* with, double* out) {
+    Quad sum[4] = {};
+    for (int i = 0; i < nodes; i++) {
+        Quad a, b;
+        fetch(*v, i, a);
+        for (int k = 0; k < count; k++) fetch(with[k], i, b), sum[k] += a * b;
     }
-    for (; i < n; i += 4) load(x, a + i), load(y, b + i), s += x * y;
-    s += t;
-    return total(s);
+    for (int k = 0; k < count; k++) out[k] = total(sum[k]);
 }
 
 PALPATE_KERNEL void combine_all(int nodes, int count, const Column* column, const double* coefficient, double* out) {
@@ -43,7 +36,7 @@ PALPATE_KERNEL void combine_all(int nodes, int count, const Column* column, cons
 
 PALPATE_KERNEL void direct(int nodes, const float* z, const float* image_z, int count, const Column* Z,
                            const Column* KZ, const double* c, double beta, double* p, double* image,
-                           const double* force, double dots[2]) {
+                           const double* force, double products[2]) {
     Quad pp = {}, pf = {};
     for (int i = 0; i < nodes; i++) {
         const size_t at = 4 * size_t(i);
@@ -63,7 +56,7 @@ PALPATE_KERNEL void direct(int nodes, const float* z, const float* image_z, int 
         load(v, force + at);
         pp += a * b, pf += a * v;
     }
-    dots[0] = total(pp), dots[1] = total(pf);
+    products[0] = total(pp), products[1] = total(pf);
 }
 
 PALPATE_KERNEL double projected(int nodes, const float* z, int count, const Column* Z, const double* c,
@@ -88,15 +81,13 @@ PALPATE_KERNEL void add(int nodes, double alpha, const double* p, double* u) {
     }
 }
 
-PALPATE_KERNEL double mixed_dot(int nodes, const float* a, const double* b) {
-    Quad sum = {};
+PALPATE_KERNEL void add_narrow(int nodes, double alpha, const float* p, double* u) {
     for (size_t i = 0; i < 4 * size_t(nodes); i += 4) {
         Four f;
-        Quad x, y;
-        load(f, a + i), widen(f, x), load(y, b + i);
-        sum += x * y;
+        Quad a, b;
+        load(f, p + i), widen(f, a), load(b, u + i);
+        store(u + i, b + alpha * a);
     }
-    return total(sum);
 }
 
 PALPATE_KERNEL void round(int nodes, double factor, const double* from, float* out) {
@@ -109,20 +100,8 @@ PALPATE_KERNEL void round(int nodes, double factor, const double* from, float* o
 
 } // namespace
 
-void gram(int nodes, int count, const Column* field, const Column* image, double* scratch, double* out) {
-    std::fill_n(out, size_t(count) * count, 0.0);
-    double *V = scratch, *KV = scratch + size_t(count) * fields_block;
-    constexpr int block = fields_block / 4;
-    for (int first = 0; first < nodes; first += block) {
-        const int some = std::min(block, nodes - first);
-        for (int c = 0; c < count; c++) {
-            unpack(field[c].wide, field[c].narrow, first, some, V + size_t(c) * fields_block);
-            unpack(image[c].wide, image[c].narrow, first, some, KV + size_t(c) * fields_block);
-        }
-        for (int a = 0; a < count; a++)
-            for (int b = 0; b <= a; b++)
-                out[a * count + b] += short_dot(V + size_t(a) * fields_block, KV + size_t(b) * fields_block, 4 * some);
-    }
+void dots(int nodes, const Column& v, int count, const Column* with, double* out) {
+    for (int k = 0; k < count; k += 4) some_dots(nodes, &v, std::min(4, count - k), with + k, out + k);
 }
 
 void combine(int nodes, int count, const Column* column, const double* coefficient, double* out) {
@@ -130,8 +109,8 @@ void combine(int nodes, int count, const Column* column, const double* coefficie
 }
 
 void direction(int nodes, const float* z, const float* image_z, int count, const Column* Z, const Column* KZ,
-               const double* c, double beta, double* p, double* image, const double* force, double dots[2]) {
-    direct(nodes, z, image_z, count, Z, KZ, c, beta, p, image, force, dots);
+               const double* c, double beta, double* p, double* image, const double* force, double products[2]) {
+    direct(nodes, z, image_z, count, Z, KZ, c, beta, p, image, force, products);
 }
 
 double projected_dot(int nodes, const float* z, int count, const Column* Z, const double* c, const double* v) {
@@ -139,22 +118,8 @@ double projected_dot(int nodes, const float* z, int count, const Column* Z, cons
 }
 
 void step(int nodes, double alpha, const double* p, double* u) { add(nodes, alpha, p, u); }
-
-double dot(int nodes, const double* a, const double* b) { return short_dot(a, b, 4 * nodes); }
-double dot(int nodes, const float* a, const double* b) { return mixed_dot(nodes, a, b); }
+void step(int nodes, double alpha, const float* p, double* u) { add_narrow(nodes, alpha, p, u); }
 
 void to_narrow(int nodes, double factor, const double* from, float* out) { round(nodes, factor, from, out); }
-
-void from_three(int nodes, const double* three, double* four) {
-    for (size_t i = 0; i < size_t(nodes); i++) {
-        for (int k = 0; k < 3; k++) four[4 * i + k] = three[3 * i + k];
-        four[4 * i + 3] = 0;
-    }
-}
-
-void to_three(int nodes, const double* four, double* three) {
-    for (size_t i = 0; i < size_t(nodes); i++)
-        for (int k = 0; k < 3; k++) three[3 * i + k] = four[4 * i + k];
-}
 
 } // namespace palpate

@@ -7,7 +7,7 @@
 namespace palpate {
 namespace {
 
-constexpr int ways = 3;             // rows on their way at once
+constexpr int ways = 1;
 constexpr double least_fill = 0.15; // of the fullest cell
 
 // Gradients of a tet's four linear functions, and its volume.

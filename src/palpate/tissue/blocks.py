@@ -66,7 +66,7 @@ class BlockModel(RingModel):
             return super().certified_error(state, force)
         residual = self.native.residual(state, force)
         energy = float(np.sqrt(max(float(np.vdot(state.u, self.native.internal_force(state))), 0.0)))
-        return relative(self._certificate.distance(residual), energy) if residual.any() else 0.0
+        return relative(self._certificate.distance(residual, np.array(state.u)), energy) if residual.any() else 0.0
 
     def least_eigenvalue(self, state: "_core.State") -> float:
         """Certified lower bound of the eigenvalues of M⁻¹K; the same for every contact. Costs one factorisation."""

@@ -67,7 +67,7 @@ class MultigridModel(TissueModel):
             error = self.error(state, found, force)
             if error <= tolerance or done >= most_sweeps:
                 return force, error, done
-            batch = min(2, most_sweeps - done)
+            batch = min(max(3, done // 2), most_sweeps - done)
 
     def error(self, state: "_core.State", found: Contacts, force: Float64) -> float:
         """Bound on ‖u − u*‖_K/‖u*‖_K for the state that answers `found` with `force` (m, 3) N on the tools."""
@@ -78,11 +78,11 @@ class MultigridModel(TissueModel):
         if not residual.any():
             return 0.0
         energy = float(np.sqrt(max(float(np.vdot(u, inner)), 0.0)))
-        return relative(self._distance(residual), energy)
+        return relative(self._distance(residual, u), energy)
 
-    def _distance(self, residual: Float64) -> float:
+    def _distance(self, residual: Float64, u: Float64) -> float:
         if self.certified:
-            return self._certificate.distance(residual)
+            return self._certificate.distance(residual, u)
         squared = float(np.vdot(residual, self.native.precondition(residual)))
         return float(np.sqrt(max(squared, 0.0) / (0.5 * self._least)))
 
