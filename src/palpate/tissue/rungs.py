@@ -131,8 +131,8 @@ class _Trial:
             began = time.process_time()
             try:
                 found = one.push(x, w, self.radius, tolerance=CLOSED, most_sweeps=most)
-            except DataError:  # too deep for this model
-                return np.inf, np.inf, most, np.inf, 0.0
+            except DataError:  # too deep for this model, or for so few sweeps
+                return np.inf, np.inf, most, np.inf, np.inf
             seconds.append(time.process_time() - began)
             worst = max(worst, float(np.linalg.norm(found.displacement - true.displacement, axis=1).max()))
             off = max(off, float(np.linalg.norm(found.force - true.force) / np.linalg.norm(true.force)))

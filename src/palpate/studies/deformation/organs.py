@@ -5,7 +5,6 @@ from functools import partial
 import numpy as np
 
 from palpate import _core
-from palpate.errors import DataError
 from palpate.meshes.labelled import tetrahedralize
 from palpate.meshes.mesh import TetMesh
 from palpate.samples import sample
@@ -13,9 +12,11 @@ from palpate.studies.deformation.pareto import timed
 from palpate.studies.deformation.setting import DEPTH, Setting
 from palpate.studies.kidney import BED, ORGAN, POISSON
 from palpate.studies.tables import Row
+from palpate.tissue.base import TissueModel
 from palpate.tissue.fit import fit, scattered_points, surface_normals
 from palpate.tissue.materials import MATERIALS
 from palpate.tissue.models import model, names
+from palpate.tissue.rings import RingModel
 from palpate.tissue.rungs import ladder
 from palpate.tissue.supports import resting_on
 from palpate.tissue.tissue import Tissue
@@ -62,12 +63,9 @@ def timings(setting: Setting) -> dict[str, list[Row]]:
     return {"kidneys": rows}
 
 
-def sweep_seconds(one: object, radius: float) -> float | None:
-    """Of one native sweep as the loop's ticks do it; None for models whose ticks are not made of sweeps."""
-    try:
-        return float(_core.sweep_seconds(one.native, one.tissue.surface, radius))  # type: ignore[attr-defined]
-    except (TypeError, ValueError, DataError):
-        return None
+def sweep_seconds(one: TissueModel, radius: float) -> float | None:
+    """Of one native sweep as the loop's ticks do it; None for models whose ticks are not ring sweeps."""
+    return float(_core.sweep_seconds(one.native, one.tissue.surface, radius)) if isinstance(one, RingModel) else None
 
 
 def fitted(setting: Setting) -> dict[str, list[Row]]:

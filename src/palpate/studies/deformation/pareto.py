@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from palpate import _core
 from palpate.studies.deformation.setting import DEPTH, TOP, Setting, tissue
 from palpate.studies.tables import Row
 from palpate.tissue.contact import Answer
@@ -59,10 +58,6 @@ def front(setting: Setting, nodes: int) -> dict[str, list[Row]]:
             push = partial(one.push, TOP, down, setting.radius, tolerance=tolerance)
             tries = [timed(push) for _ in range(setting.repeats)]
             note(name, tolerance, tries[0][0], min(seconds for _, seconds in tries), making)
-        try:
-            rows[-1]["sweep_s"] = float(_core.sweep_seconds(one.native, solid.surface, setting.radius))
-        except (TypeError, ValueError):  # a model whose tick is not made of sweeps
-            rows[-1]["sweep_s"] = None
     answer, seconds = timed(lambda: direct.push(TOP, down, setting.radius))
     _, factoring = timed(lambda: finite_elements(solid, "P1").factors)
     note("direct solve", 0.0, answer, seconds, factoring)

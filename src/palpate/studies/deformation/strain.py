@@ -54,7 +54,7 @@ def truth_cube(setting: Setting) -> dict[str, list[Row]]:
     x = mesh.nodes
     for poisson in (0.45, 0.49):
         solid = Tissue(mesh, YOUNG, poisson, x[:, 2] == 0)
-        truth = finite_elements(solid, "P2" if setting.main < 9 else "mixed" if poisson > 0.48 else "P2")
+        truth = finite_elements(solid, "P2")
         top = np.flatnonzero(x[:, 2] == TRUTH_CUBE_SIDE).astype(np.int32)
         u, force = imposed(truth, top, np.array([0.0, 0.0, -1.0]))
         side = (x[:, 0] == TRUTH_CUBE_SIDE) & np.isclose(x[:, 2], TRUTH_CUBE_SIDE / 2)

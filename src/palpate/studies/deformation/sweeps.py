@@ -18,6 +18,7 @@ COUNTS = tuple(np.unique(np.geomspace(4, 512, 22).round().astype(int)).tolist())
 SPRINGS_ONLY = 30  # nodes along a side from which on no direct solution of finite elements is at hand here
 WILD = 100.0  # mm: nodes thrown about before the sweeps start
 SHAKES = 200
+FLOOR = 1e-8  # error below which nothing is gained in single precision
 
 
 def limits(solid: Tissue, radius: float) -> dict[str, Float64]:
@@ -50,11 +51,11 @@ def convergence(setting: Setting, nodes: int) -> dict[str, list[Row]]:
         true = limit.get(name, limit.get("finite elements"))
         assert true is not None
         for count in COUNTS:
-            answer = one.push(TOP, [0, 0, -DEPTH], setting.radius, tolerance=1e-9, most_sweeps=count)
+            answer = one.push(TOP, [0, 0, -DEPTH], setting.radius, tolerance=FLOOR, most_sweeps=count)
             gap = float(np.linalg.norm(answer.displacement - true, axis=1).max() / DEPTH)
             about = {"nodes": nodes, "model": name, "sweeps": answer.sweeps}
             rows.append({**about, "error": gap, "bound": answer.error if np.isfinite(answer.error) else None})
-            if answer.error <= 1e-9:
+            if answer.error <= FLOOR:
                 break
         if answer.sweeps == 0:  # solved directly
             rows = [row for row in rows if row["model"] != name or row["nodes"] != nodes]
@@ -66,13 +67,13 @@ def convergence(setting: Setting, nodes: int) -> dict[str, list[Row]]:
 def _stability(one: Any, true: Float64, radius: float) -> Row:
     """From nodes thrown about, does the error fall; and under a tool that jumps every tick, do nodes stay bounded?"""
     down, rng = [0.0, 0.0, -DEPTH], np.random.default_rng(5)
-    answer = one.push(TOP, down, radius, tolerance=1e-9, most_sweeps=4)
+    answer = one.push(TOP, down, radius, tolerance=FLOOR, most_sweeps=4)
     free = ~one.tissue.held
     answer.warm.u[free] = rng.uniform(-WILD, WILD, answer.warm.u[free].shape)
     found: Row = {"wild_mm": WILD}
     done = 0
     for count in (64, 1024):
-        answer = one.push(TOP, down, radius, tolerance=1e-9, most_sweeps=count - done, warm=answer.warm)
+        answer = one.push(TOP, down, radius, tolerance=FLOOR, most_sweeps=count - done, warm=answer.warm)
         done = count
         found[f"after_{count}_mm"] = float(np.linalg.norm(answer.displacement - true, axis=1).max())
     warm, most = one.start(), 0.0

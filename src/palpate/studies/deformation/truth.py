@@ -11,6 +11,7 @@ from palpate.errors import DataError
 from palpate.studies.deformation.setting import contact
 from palpate.tissue.contact import patch
 from palpate.tissue.elasticity import FiniteElements
+from palpate.tissue.factors import Factors
 from palpate.tissue.tissue import KPA, SpringLaw, Tissue
 
 
@@ -30,11 +31,12 @@ def imposed(truth: FiniteElements, nodes: Int32, displacement: Float64) -> tuple
     if truth.element != "P1":
         mesh = truth.space.mesh
         moved = np.concatenate([moved, truth.space.edge_dofs[:, np.isin(mesh.edges, nodes).all(axis=0)].T])
-    load = np.zeros((truth.K.shape[0], moved.size))
-    load[moved.ravel(), np.arange(moved.size)] = 1.0
-    columns = truth.solve(load)
-    needed = np.linalg.solve(columns[moved.ravel()], np.tile(displacement, len(moved)))
-    return (columns @ needed)[truth.nodal], -needed.reshape(-1, 3).sum(axis=0)
+    u = np.zeros(truth.K.shape[0])
+    u[moved] = displacement
+    free = np.setdiff1d(truth.free, moved.ravel())
+    factors = Factors(truth.K[free][:, free], truth.space.doflocs[:, free[::3]].T)
+    u[free] = factors.solve(-(truth.K @ u)[free])
+    return u[truth.nodal], -(truth.K @ u)[moved].sum(axis=0)
 
 
 def spring_limit(solid: Tissue, law: SpringLaw, point: Float64, radius: float, displacement: Float64) -> Float64:
