@@ -46,8 +46,8 @@ class Shares:
 
 
 def touching(bodies: Sequence[Solid], edges: Sequence[float]) -> bool:
-    """Whether two surfaces come closer than an edge, too close to be cut into the same tets."""
-    return any(body.depth(other) < edges[i] for i, body in enumerate(bodies) for other in bodies[:i])
+    """Whether two surfaces come so close that they are sure to pass through one tet, which cannot be cut by both."""
+    return any(body.depth(other) < edges[i] / 4 for i, body in enumerate(bodies) for other in bodies[:i])
 
 
 def own_volumes(bodies: Sequence[Solid]) -> Float64:
