@@ -35,8 +35,8 @@ KIDNEYS = {"low": 6.0, "medium": 4.0, "high": 3.0}  # mm
 def lines(wanted: tuple[str, ...] = ()) -> Iterator[str]:
     """One row a mesh whose name has a `wanted` word; the last column says whether it keeps the promise."""
     yield header(
-        "shape", "edge mm", "tets", "nodes", "CPU s", "s / 20k", "dihedral °", "volume", "regions",
-        "their surfaces, edges", "surface, edges", "against the function: volume, surface", "skin", "verdict",
+        "shape", "edge mm", "tets", "nodes", "CPU s", "s / 20k", "dihedral °", "volume", "regions", "their surfaces, edges",
+        "surface, edges", "against the function: volume, surface", "skin", "verdict",
     )  # fmt: skip
     kept = 0
     names = ("kidney_left", "kidney_right")

@@ -23,6 +23,7 @@ def mesh_command(
     fine: Annotated[
         list[str] | None, typer.Option(help="Shorter edge at an inclusion, mm: lump=1.5.", metavar="LABEL=MM")
     ] = None,
+    interior: Annotated[float | None, typer.Option(help="Longer edge deep inside the organ, mm.")] = None,
     names: Annotated[
         Path | None, typer.Option(help="JSON of value to name. Default: label_names.json beside the labels.")
     ] = None,
@@ -34,6 +35,12 @@ def mesh_command(
     smooth: Annotated[
         float | None, typer.Option(help="Smoothing of the label, mm. Default: by voxel and edge.")
     ] = None,
+    finer_where_thin: Annotated[
+        bool, typer.Option(help="Smaller elements where these would miss the surface by almost half an edge.")
+    ] = True,
+    mesher: Annotated[
+        str, typer.Option(help="stuffing, or tetwild (pip install 'palpate[tetwild]'; slow).")
+    ] = "stuffing",
     most_lost: Annotated[float, typer.Option(help="Part of the volume that thin places may lose.")] = 0.05,
 ) -> None:
     """Example: [bold]palpate mesh labels.nii.gz --label kidney_left --edge 4 -o kidney.vtu[/bold]
@@ -62,11 +69,14 @@ def mesh_command(
             edge,
             inclusions=inclusion or [],
             fine=finer,
+            interior=interior,
             keep="all" if keep_all else "largest",
             fill_holes=not keep_voids,
             closed_at_border=closed_at_border,
             smooth=smooth,
             most_lost=most_lost,
+            finer_where_thin=finer_where_thin,
+            mesher=mesher,
         )
     for warning in said:
         typer.echo(f"note: {warning.message}", err=True)

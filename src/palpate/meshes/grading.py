@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from palpate.arrays import Bool, Float64, Int64
@@ -17,7 +18,7 @@ CELL = 1.1  # side of a lattice cube in units of `edge`: makes `edge` the mean e
 MOST_TETS = 5_000_000
 # Cells of one size reach this many sides beyond an inclusion, so that its surface meets whole tets of one size only.
 REACH = 1.5
-SHORT_REACH = 0.5  # where an organ is thin, which is a place, not a surface
+SHORT_REACH = 0.5  # at an organ's skin and thin places: few tets are worth a small angle that is lifted
 MOST_HALVINGS = 5
 
 
@@ -41,9 +42,12 @@ class Grading:
         return cls(1.0, (0,) * bodies, (cKDTree(np.zeros((0, 3))),) * bodies, (REACH,) * bodies)
 
     def finer(self, points: Float64, halvings: int) -> "Grading":
-        """The same, and so many halvings near points (N, 3) mm."""
+        """The same, and so many more halvings near points (N, 3) mm than at the surface."""
         return Grading(
-            self.scale, (*self.halvings, halvings), (*self.near, cKDTree(points)), (*self.reach, SHORT_REACH)
+            self.scale,
+            (*self.halvings, self.halvings[0] + halvings),
+            (*self.near, cKDTree(points)),
+            (*self.reach, SHORT_REACH),
         )
 
     @property
@@ -69,11 +73,13 @@ class Grading:
     def tets(self, bodies: Sequence[Solid], side: float) -> float:
         """About how many tets cells of `side` mm make of the first body with the others in it: 12 a cell."""
         total = bodies[0].volume / side**3
-        for body, halvings in zip(bodies, self.halvings, strict=False):
+        for number, (body, halvings) in enumerate(zip(bodies, self.halvings, strict=False)):
             radius = (3 * body.volume / (4 * np.pi)) ** (1 / 3)
             for level in range(1, halvings + 1):
                 here = side / 2**level
                 reached = min(4 / 3 * np.pi * (radius + 4 * here) ** 3, bodies[0].volume)
+                if number == 0:  # at its surface alone
+                    reached -= 4 / 3 * np.pi * max(radius - 2 * here, 0) ** 3
                 total += 7 / 8 * reached / here**3
         return float(12 * total)
 
@@ -96,6 +102,15 @@ def edges_at(bodies: Sequence[Solid], edge: float, fine: Mapping[int, float]) ->
     return [edge, *(fine.get(body.value, edge) for body in bodies[1:])]
 
 
+def check_interior(edge: float, interior: float | None) -> None:
+    """Refuses an inner edge that is none, or shorter than that of the surface."""
+    if interior is not None and not (np.isfinite(interior) and edge <= interior <= edge * 2**MOST_HALVINGS):
+        raise MeshError(
+            f"interior: expected an edge from that of the surface, {edge:g} mm, to {2**MOST_HALVINGS} times as much, "
+            f"got {interior!r}"
+        )
+
+
 def check_edge(body: Solid, edge: float) -> None:
     """Refuses an edge that makes too many tets, or is longer than the body is thick."""
     tets = 12 * body.volume / (CELL * edge) ** 3
@@ -113,17 +128,24 @@ def check_edge(body: Solid, edge: float) -> None:
         )
 
 
-def grading(bodies: Sequence[Solid], edges: Sequence[float]) -> Grading | None:
-    """The grading nearest to the `edges` (bodies,) mm asked for; None if all are the same; refuses too many tets."""
-    asked = np.log2(edges[0] / np.array(edges, dtype=np.float64))
+def grading(bodies: Sequence[Solid], edges: Sequence[float], interior: float | None = None) -> Grading | None:
+    """The grading nearest to the `edges` (bodies,) mm asked for, that of the first body at its surface alone.
+
+    interior: mm, the edge deep inside the first body. None if all are the same; refuses too many tets.
+    """
+    coarse = edges[0] if interior is None else interior
+    asked = np.log2(coarse / np.array(edges, dtype=np.float64))
     if not (asked > 0).any():
         return None
     shifts = np.linspace(-0.5, 0.5, 201)
     off = np.abs(shifts[:, None] + asked - np.round(shifts[:, None] + asked)).max(axis=1)
     shift = float(shifts[np.argmin(np.maximum(off, np.abs(shifts)))])
     halvings = np.maximum(np.round(asked + shift), 0).astype(int)
-    trees = [cKDTree(_voxels(body) if n else np.zeros((0, 3))) for body, n in zip(bodies, halvings, strict=True)]
-    sizes = Grading(2**shift, tuple(int(n) for n in halvings), tuple(trees), (REACH,) * len(bodies))
+    masks = [_skin(bodies[0]), *(body.mask for body in bodies[1:])]
+    spacing = np.array(bodies[0].grid.spacing)[::-1]
+    trees = [cKDTree(np.argwhere(mask & (n > 0))[:, ::-1] * spacing) for mask, n in zip(masks, halvings, strict=True)]
+    reach = (SHORT_REACH, *(REACH,) * (len(bodies) - 1))
+    sizes = Grading(2**shift * coarse / edges[0], tuple(int(n) for n in halvings), tuple(trees), reach)
     _check_fine(bodies, edges, sizes)
     return sizes
 
@@ -139,7 +161,8 @@ def _check_fine(bodies: Sequence[Solid], edges: Sequence[float], sizes: Grading)
         )
 
 
-def _voxels(body: Solid) -> Float64:
-    """(N, 3) mm, x, y, z: the voxels of the body."""
-    points: Float64 = np.argwhere(body.mask)[:, ::-1] * np.array(body.grid.spacing)[::-1]
-    return points
+def _skin(body: Solid) -> Bool:
+    """(z, y, x) voxels of the body that have a neighbour outside."""
+    inner = ndimage.binary_erosion(np.pad(body.mask, 1))[1:-1, 1:-1, 1:-1]
+    skin: Bool = body.mask & ~inner
+    return skin

@@ -10,7 +10,7 @@ from palpate.arrays import Float64, Int64
 from palpate.meshes.mesh import signed_volumes
 from palpate.meshes.shape import smallest_dihedral
 
-MOST = 400  # tets: more than these are no accident
+MOST = 40  # tets: more than these are no accident
 STEPS = (0.12, 0.06, 0.03)  # of the mean edge at the node
 FURTHEST = 0.25  # of that edge, from where the node was
 # Faces, edges and corners of a cube: where a node looks.
@@ -27,12 +27,13 @@ def lifted(nodes: Float64, tets: Int64, least: float) -> Float64:
     if len(bad) == 0 or len(bad) > MOST:
         return nodes
     x = nodes.copy()
-    for _ in range(6):
+    near = tets[np.isin(tets, tets[bad]).any(axis=1)]
+    before = np.inf
+    while 0 < len(bad) < before:
+        before = len(bad)
         for node in np.unique(tets[bad]):
-            _settle(x, nodes[node], tets[(tets == node).any(axis=1)], node)
+            _settle(x, nodes[node], near[(near == node).any(axis=1)], node)
         bad = np.flatnonzero(smallest_dihedral(x, tets) < least)
-        if len(bad) == 0:
-            break
     return x
 
 

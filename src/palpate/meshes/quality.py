@@ -17,7 +17,8 @@ from palpate.volumes.volume import Labels
 
 @dataclass(frozen=True)
 class RegionQuality:
-    """One region: volumes in mm³, distances between its skin and that of its smoothed label in mm (None: no labels).
+    """One region: volumes in mm³, distances between its skin and that of its smoothed label in mm (None: no labels);
+    distance_max is the Hausdorff distance, the larger of both ways.
 
     parts: pieces joined by faces; skins: closed surfaces around it (one for itself, one for each hollow or inclusion);
     handles: 0 for ball-like; pinched: nodes and edges at which its skin is not a 2-manifold.
@@ -80,7 +81,8 @@ class MeshQuality:
             if r.volume_error is not None:
                 lines.append(
                     f"    against the label: volume {r.volume_error:+.2%}; surface {r.distance_mean:.2f} mm away on "
-                    f"average, {r.distance_95:.2f} mm at 95 %, {r.distance_max:.2f} mm at most"
+                    f"average, {r.distance_95:.2f} mm at 95 %, {r.distance_max:.2f} mm at most (Hausdorff), "
+                    f"{(r.distance_max or 0) / self.edge_mean:.2f} mean edges"
                 )
         return "\n".join(lines)
 

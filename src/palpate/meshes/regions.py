@@ -46,8 +46,8 @@ class Shares:
 
 
 def touching(bodies: Sequence[Solid], edges: Sequence[float]) -> bool:
-    """Whether two surfaces come closer than an edge, too close to be cut into the same tets."""
-    return any(body.depth(other) < edges[i] for i, body in enumerate(bodies) for other in bodies[:i])
+    """Whether two surfaces come so close that they are sure to pass through one tet, which cannot be cut by both."""
+    return any(body.depth(other) < edges[i] / 4 for i, body in enumerate(bodies) for other in bodies[:i])
 
 
 def own_volumes(bodies: Sequence[Solid]) -> Float64:
@@ -115,12 +115,12 @@ def _strewn(mask: Bool, spacing: Float64) -> Float64:
 def _bias(shares: Float64, wanted: Float64, start: Float64) -> Float64:
     """(R,) to add to shares (S, R) so that region r is the largest at `wanted` r of the points; from `start` on."""
     bias = start.copy()
-    step = 0.2
+    step, limit = 0.2, 0.1
     for _ in range(25):
         made = np.bincount(np.argmax(shares + bias, axis=1), minlength=len(bias)) / len(shares)
-        bias += np.clip(step * np.log(np.maximum(wanted, 1e-6) / np.maximum(made, 1e-6)), -0.1, 0.1)
+        bias += np.clip(step * np.log(np.maximum(wanted, 1e-6) / np.maximum(made, 1e-6)), -limit, limit)
         bias -= bias.mean()
-        step *= 0.93
+        step, limit = 0.93 * step, 0.85 * limit
     return bias
 
 

@@ -12,7 +12,7 @@ from palpate.meshes.mesh import boundary_faces
 from palpate.meshes.solids import Solid
 from palpate.meshes.surface import distance_to_surface
 
-NEAR = 0.45  # of an edge: a surface further than this from the mesh is missed (half an edge is the promise)
+NEAR = 0.4  # of an edge: a surface further than this from the mesh is missed (half an edge is the promise)
 MOST_POINTS = 60_000
 
 
@@ -36,8 +36,7 @@ def foretold(body: Solid, edge: float) -> Lost:
     """What elements of `edge` mm are sure to miss, from the voxels alone: all that is less than half an edge thick."""
     mask, spacing = body.coarse(edge / 8)
     deep = inner_distance(mask, spacing)
-    # Distances are from voxel centres to centres outside: a sheet of one voxel has a depth of one.
-    core = deep > edge / 4 + 0.5 * float(spacing.max())
+    core = deep > edge / 4
     if not core.any():
         return Lost(1.0, 1, float(deep.max(initial=0)), 2 * float(deep.max(initial=0)))
     away: Float64 = ndimage.distance_transform_edt(~core, sampling=spacing)
@@ -71,16 +70,16 @@ def _told(gone: np.ndarray, mask: np.ndarray, away: Float64, deep: Float64) -> L
     return Lost(part, int(places), float(away[gone].max()), 2 * float(deep[gone].max()))
 
 
-def smooth_surface(body: Solid) -> tuple[Float64, Int64]:
-    """Nodes mm and triangles of the surface of a solid, its voxels' staircase smoothed away, at equal volume."""
+def smooth_surface(body: Solid, edge: float = 0.0) -> tuple[Float64, Int64]:
+    """Nodes mm and triangles of the surface of a solid, smoothed by 0.7 voxels or 0.3 edges, at equal volume."""
     spacing = np.array(body.grid.spacing)
-    level = Level(body.mask, spacing, 0.7 * spacing)
+    level = Level(body.mask, spacing, np.maximum(0.7 * spacing, 0.3 * edge))
     level.enclose(body.volume)
     return level.triangles()
 
 
 def missed(surface: tuple[Float64, Int64], nodes: Float64, tets: Int64, edge: float) -> Float64:
-    """(P, 3) mm: where a surface and the skin of a mesh lie further apart than 0.45 edges, either way."""
+    """(P, 3) mm: where a surface and the skin of a mesh lie further apart than 0.4 edges, either way."""
     points, triangles = surface
     skin = boundary_faces(tets.astype(np.int32))
     used = points[:: max(1, len(points) // MOST_POINTS)]
