@@ -187,7 +187,7 @@ def test_the_command_fits_a_mesh_and_prints_the_report(tmp_path):
     np.testing.assert_array_equal(tissue.poisson, 0.45)
     np.testing.assert_array_equal(tissue.held, MESH.nodes[:, 2] == 0)
     assert tissue.report.text() in done.output
-    assert command("--help").output.count("palpate fit kidney.vtu") == 1
+    assert command("--help").output.count("palpate fit kidney.vtu --young 15 --rest-on") == 1
 
 
 @pytest.mark.parametrize(

@@ -20,8 +20,8 @@ class Answer:
     force: (m, 3) N of the tissue on the tool. displacement: (N, 3) mm. realised: (m, 3) mm, the weighted mean
     displacement of each patch. state: a contact's "stick" (always, if glued), "slide" or "open". error: certified bound
     on the distance to the exact solution of the model's own equations, in the energy norm, relative to that solution;
-    the force's relative error along the push is at most its square (of `neo-hookean` an estimate, and the force's is of
-    like size). warm: hand it to the next push to start from here.
+    the force's relative error along the push is at most about as large (of `neo-hookean` an estimate). warm: hand it
+    to the next push to start from here.
     """
 
     force: Float64

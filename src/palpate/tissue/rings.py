@@ -47,7 +47,8 @@ class RingModel(TissueModel):
         """Bound on ‖u − u*‖_K / ‖u*‖_K, u* the exact solution of this model's equations for the contacts of `state`.
 
         The error e has Wᵀe = 0, so eᵀKe = eᵀr ≤ ‖e‖_M ‖r‖_{M⁻¹} with r the residual at the nodes that may move, and
-        λ eᵀMe ≤ eᵀKe: hence ‖e‖_K ≤ ‖r‖_{M⁻¹}/√λ. The force then errs along the push by at most the square.
+        λ eᵀMe ≤ eᵀKe: hence ‖e‖_K ≤ ‖r‖_{M⁻¹}/√λ. Force times push errs by ‖e‖_K² − uᵀr, no more than
+        about the same share.
         """
         energy, residual = self.native.balance(state, force)
         if residual == 0:
