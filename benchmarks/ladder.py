@@ -12,9 +12,9 @@ from palpate import _core
 from palpate.arrays import Float64
 from palpate.tissue.base import TissueModel
 from palpate.tissue.contact import patch
-from palpate.tissue.models import _MODELS
+from palpate.tissue.models import names
 
-NAMES = tuple(name for name in _MODELS if name != "compliance")  # all that come step by step
+NAMES = tuple(name for name in names() if name != "compliance")  # all that come step by step
 SLIDE = 0.1  # mm: a tick at 100 mm/s
 MOST = 4096
 
