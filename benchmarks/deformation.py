@@ -60,8 +60,8 @@ def _tables(sizes: tuple[int, ...]) -> Iterator[str]:
     yield "One core, CPU time of one thread, the fastest of several. The 50 mm cube, E = 10 kPa, ν = 0.3, held at its bottom;"
     yield "the patch of radius two mean edges in the middle of the top goes 5 mm in. Peers are given the patch's nodes where"
     yield "linear elements move them, ours its weighted mean alone. 1 %: of the nodes' displacement, root mean square, from"
-    yield "what it is when nothing moves any more; a `push` stops by its own error instead, whole in Python. *From truth*: that"
-    yield "end from P1 elements of the same mesh, contact and material."
+    yield "what it is when nothing moves any more; a `push` stops by its own error instead, whole in Python. *From truth*:"
+    yield "that end from P1 elements of the same mesh, contact and material."
     measured: dict[int, dict[str, Rung]] = {}
     cubes = {}
     for n in sizes:

@@ -1,4 +1,4 @@
-"""The benchmark of deformation: what judges ours and the peers. In a process of its own: benchmarks bind themselves to cores."""
+"""The benchmark of deformation: what judges ours and the peers. In a process of its own: it binds itself to cores."""
 
 import json
 import subprocess
