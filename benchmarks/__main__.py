@@ -14,7 +14,8 @@ from pathlib import Path
 from benchmarks import THREADS, installed
 from palpate import _core
 
-PARTS = ("roofline", "projector", "accuracy", "iteration", "convergence", "meshing", "tables")
+PARTS = ("roofline", "projector", "accuracy", "iteration", "convergence", "meshing", "tables", "deformation")
+PACKAGES = ("palpate", "numpy", "scipy", "itk-rtk", "mbirjax", "jax", "pyPBD", "newton", "warp-lang", "mujoco")
 LONG = ("clinical", "calculix", "strain")  # only if asked for
 HERE = Path(__file__).parent
 
@@ -51,9 +52,7 @@ def measured(parts: list[str]) -> Iterator[str]:
 def machine() -> Iterator[str]:
     """What the figures hang on; no names of machines or people."""
     yield f"# {processor()}, {THREADS} threads, {_core.instruction_set()}\n"
-    there = ", ".join(
-        f"{name} {known}" for name in ("palpate", "numpy", "itk-rtk", "mbirjax", "jax") if (known := installed(name))
-    )
+    there = ", ".join(f"{name} {known}" for name in PACKAGES if (known := installed(name)))
     yield f"{time.strftime('%Y-%m-%d')}, commit {commit()}, Python {sys.version.split()[0]}, {there}; "
     yield f"load of the machine before: {os.getloadavg()[0]:.1f}. Medians of runs taken in turn.\n"
 

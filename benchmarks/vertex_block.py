@@ -11,7 +11,7 @@ from benchmarks.settle import Run
 
 NAME, MATERIAL = "vertex block descent (newton)", "stable neo-Hookean"
 MISSING = "Vertex block descent is left out: pip install newton warp-lang"
-LAW = STABLE
+LAW, EXACT = STABLE, True  # it was seen to come within 0.02 % of that at 11³
 CHOICES = ((1.0, 1, True), (0.02, 10, True))  # step s, iterations, velocities set to zero
 
 
@@ -23,7 +23,7 @@ def runs(cube: Cube) -> Iterator[Run]:
     """Each choice from the start; kernels are compiled before."""
     import warp
 
-    warp.config.quiet = True
+    warp.config.log_level = warp.LOG_ERROR
     import newton
 
     began = time.process_time()
