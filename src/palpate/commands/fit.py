@@ -15,7 +15,7 @@ def add(app: typer.Typer) -> None:
 
 
 def fit_command(
-    mesh: Annotated[Path, typer.Argument(help="Mesh of tetrahedra: .vtu or .msh.", show_default=False)],
+    mesh: Annotated[Path, typer.Argument(help="Mesh of tetrahedra: .vtu, .vtk or .msh.", show_default=False)],
     output: Annotated[Path, typer.Option("-o", "--output", help="Tissue to write: .vtu.", show_default=False)],
     young: Annotated[float, typer.Option(help="Young's modulus, kPa.", show_default=False)],
     poisson: Annotated[float, typer.Option(help="Poisson's ratio, from 0 to below 0.5.")] = 0.45,
