@@ -30,21 +30,28 @@ def interface(message: type, types: dict[str, str]) -> list[str]:
     return ["", f"/** {sentence(message)} */", f"export interface {message.__name__} {{", *body, "}"]
 
 
+def kind_of(code: str) -> str:
+    """TypeScript's name of a type in a binary message."""
+    return "Vector" if code == "3f" else "number[]" if code[:-1] else "number"
+
+
 def binary(message: type) -> list[str]:
     """Interface, size, encoder and decoder of a binary message."""
     hints = get_type_hints(message, include_extras=True)
     codes = {field.name: get_args(hints[field.name])[1] for field in fields(message)}
-    types = {name: "Vector" if code == "3f" else "number" for name, code in codes.items()}
+    types = {name: kind_of(code) for name, code in codes.items()}
     name, kind, at = message.__name__, messages.BINARY.index(message) + 1, 1
     put, get = [f"  view.setUint8(0, {kind});"], []
     for field, code in codes.items():
         call, size = READ[code[-1]]
         little = "" if size == 1 else ", true"
-        if code == "3f":
-            spots = [f"view.{call}({at + 4 * i}, true)" for i in range(3)]
-            get.append(f"    {field}: [{', '.join(spots)}],")
-            put += [f"  view.{call.replace('get', 'set')}({at + 4 * i}, message.{field}[{i}], true);" for i in range(3)]
-            at += 12
+        if count := int(code[:-1] or 0):
+            spot = f"{at} + {size} * i" if size > 1 else f"{at} + i"
+            cast = " as Vector" if code == "3f" else ""
+            get.append(f"    {field}: Array.from({{ length: {count} }}, (_, i) => view.{call}({spot}{little})){cast},")
+            set_ = f"view.{call.replace('get', 'set')}({spot}, message.{field}[i]{little});"
+            put.append(f"  for (let i = 0; i < {count}; i++) {set_}")
+            at += size * count
         else:
             get.append(f"    {field}: view.{call}({at}{little}),")
             put.append(f"  view.{call.replace('get', 'set')}({at}, message.{field}{little});")

@@ -2,9 +2,10 @@
 
 export type Vector = [number, number, number];
 
-/** Page to server: what the hand wants. point: mm, on the surface at rest; displacement: mm. */
+/** Page to server: what one hand wants. kind: `KINDS`' number; 0 lets go. */
 export interface Tool {
-  held: number;
+  tool: number;
+  kind: number;
   serial: number;
   point: Vector;
   displacement: Vector;
@@ -13,80 +14,123 @@ export const TOOL_BYTES = 32;
 export function encodeTool(message: Tool): ArrayBuffer {
   const view = new DataView(new ArrayBuffer(TOOL_BYTES));
   view.setUint8(0, 1);
-  view.setUint8(1, message.held);
-  view.setUint32(2, message.serial, true);
-  view.setFloat32(6, message.point[0], true);
-  view.setFloat32(10, message.point[1], true);
-  view.setFloat32(14, message.point[2], true);
-  view.setFloat32(18, message.displacement[0], true);
-  view.setFloat32(22, message.displacement[1], true);
-  view.setFloat32(26, message.displacement[2], true);
+  view.setUint8(1, message.tool);
+  view.setUint8(2, message.kind);
+  view.setUint32(3, message.serial, true);
+  for (let i = 0; i < 3; i++) view.setFloat32(7 + 4 * i, message.point[i], true);
+  for (let i = 0; i < 3; i++) view.setFloat32(19 + 4 * i, message.displacement[i], true);
   return view.buffer;
 }
 export function decodeTool(view: DataView): Tool {
   if (view.getUint8(0) !== 1) throw new Error(`not a Tool: kind ${view.getUint8(0)}`);
   return {
-    held: view.getUint8(1),
-    serial: view.getUint32(2, true),
-    point: [view.getFloat32(6, true), view.getFloat32(10, true), view.getFloat32(14, true)],
-    displacement: [view.getFloat32(18, true), view.getFloat32(22, true), view.getFloat32(26, true)],
+    tool: view.getUint8(1),
+    kind: view.getUint8(2),
+    serial: view.getUint32(3, true),
+    point: Array.from({ length: 3 }, (_, i) => view.getFloat32(7 + 4 * i, true)) as Vector,
+    displacement: Array.from({ length: 3 }, (_, i) => view.getFloat32(19 + 4 * i, true)) as Vector,
   };
 }
 
-/** Server to page: one tick. mm; force in N, of the tissue on the tool; grip 0 idle, 1 holding, 2 refused. */
+/** Server to page: one tick, for each of four tools. mm; force in N, of the tissue on the tool. */
 export interface Frame {
-  grip: number;
+  model: number;
   tick: number;
   late: number;
   faults: number;
   serial: number;
   seconds: number;
   busy: number;
-  point: Vector;
-  displacement: Vector;
-  force: Vector;
+  energy: number;
+  grip: number[];
+  point: number[];
+  displacement: number[];
+  force: number[];
+  inside: number[];
   step: number;
   count: number;
 }
-export const FRAME_BYTES = 84;
+export const FRAME_BYTES = 216;
 export function encodeFrame(message: Frame): ArrayBuffer {
   const view = new DataView(new ArrayBuffer(FRAME_BYTES));
   view.setUint8(0, 2);
-  view.setUint8(1, message.grip);
+  view.setUint8(1, message.model);
   view.setFloat64(2, message.tick, true);
   view.setFloat64(10, message.late, true);
   view.setUint32(18, message.faults, true);
   view.setUint32(22, message.serial, true);
   view.setFloat64(26, message.seconds, true);
   view.setFloat32(34, message.busy, true);
-  view.setFloat32(38, message.point[0], true);
-  view.setFloat32(42, message.point[1], true);
-  view.setFloat32(46, message.point[2], true);
-  view.setFloat32(50, message.displacement[0], true);
-  view.setFloat32(54, message.displacement[1], true);
-  view.setFloat32(58, message.displacement[2], true);
-  view.setFloat32(62, message.force[0], true);
-  view.setFloat32(66, message.force[1], true);
-  view.setFloat32(70, message.force[2], true);
-  view.setFloat32(74, message.step, true);
-  view.setUint32(78, message.count, true);
+  view.setFloat32(38, message.energy, true);
+  for (let i = 0; i < 4; i++) view.setUint8(42 + i, message.grip[i]);
+  for (let i = 0; i < 12; i++) view.setFloat32(46 + 4 * i, message.point[i], true);
+  for (let i = 0; i < 12; i++) view.setFloat32(94 + 4 * i, message.displacement[i], true);
+  for (let i = 0; i < 12; i++) view.setFloat32(142 + 4 * i, message.force[i], true);
+  for (let i = 0; i < 4; i++) view.setFloat32(190 + 4 * i, message.inside[i], true);
+  view.setFloat32(206, message.step, true);
+  view.setUint32(210, message.count, true);
   return view.buffer;
 }
 export function decodeFrame(view: DataView): Frame {
   if (view.getUint8(0) !== 2) throw new Error(`not a Frame: kind ${view.getUint8(0)}`);
   return {
-    grip: view.getUint8(1),
+    model: view.getUint8(1),
     tick: view.getFloat64(2, true),
     late: view.getFloat64(10, true),
     faults: view.getUint32(18, true),
     serial: view.getUint32(22, true),
     seconds: view.getFloat64(26, true),
     busy: view.getFloat32(34, true),
-    point: [view.getFloat32(38, true), view.getFloat32(42, true), view.getFloat32(46, true)],
-    displacement: [view.getFloat32(50, true), view.getFloat32(54, true), view.getFloat32(58, true)],
-    force: [view.getFloat32(62, true), view.getFloat32(66, true), view.getFloat32(70, true)],
-    step: view.getFloat32(74, true),
-    count: view.getUint32(78, true),
+    energy: view.getFloat32(38, true),
+    grip: Array.from({ length: 4 }, (_, i) => view.getUint8(42 + i)),
+    point: Array.from({ length: 12 }, (_, i) => view.getFloat32(46 + 4 * i, true)),
+    displacement: Array.from({ length: 12 }, (_, i) => view.getFloat32(94 + 4 * i, true)),
+    force: Array.from({ length: 12 }, (_, i) => view.getFloat32(142 + 4 * i, true)),
+    inside: Array.from({ length: 4 }, (_, i) => view.getFloat32(190 + 4 * i, true)),
+    step: view.getFloat32(206, true),
+    count: view.getUint32(210, true),
+  };
+}
+
+/** Page to server: what 0 is a model of the scene's `models`, 1 an organ (a resolution) of its `organs`, by index. */
+export interface Choose {
+  what: number;
+  index: number;
+}
+export const CHOOSE_BYTES = 4;
+export function encodeChoose(message: Choose): ArrayBuffer {
+  const view = new DataView(new ArrayBuffer(CHOOSE_BYTES));
+  view.setUint8(0, 3);
+  view.setUint8(1, message.what);
+  view.setUint8(2, message.index);
+  return view.buffer;
+}
+export function decodeChoose(view: DataView): Choose {
+  if (view.getUint8(0) !== 3) throw new Error(`not a Choose: kind ${view.getUint8(0)}`);
+  return {
+    what: view.getUint8(1),
+    index: view.getUint8(2),
+  };
+}
+
+/** Page to server: what 0 says that a lump was found under a tool, 1 that its needle takes a sample here. */
+export interface Mark {
+  what: number;
+  tool: number;
+}
+export const MARK_BYTES = 4;
+export function encodeMark(message: Mark): ArrayBuffer {
+  const view = new DataView(new ArrayBuffer(MARK_BYTES));
+  view.setUint8(0, 4);
+  view.setUint8(1, message.what);
+  view.setUint8(2, message.tool);
+  return view.buffer;
+}
+export function decodeMark(view: DataView): Mark {
+  if (view.getUint8(0) !== 4) throw new Error(`not a Mark: kind ${view.getUint8(0)}`);
+  return {
+    what: view.getUint8(1),
+    tool: view.getUint8(2),
   };
 }
 
@@ -112,6 +156,11 @@ export interface Scene {
   rate: number;
   replay: boolean;
   front: number;
+  models: string[];
+  organs: string[];
+  organ: number;
+  task: string;
+  images: boolean;
 }
 
 /** Values from low (black) to high (white), and what the choice rests on. */

@@ -19,37 +19,67 @@ F32 = Annotated[float, "f"]
 F64 = Annotated[float, "d"]
 Vector = Annotated[tuple[float, float, float], "3f"]
 
+KINDS = ("away", "hold", "needle", "free")  # of a tool, by number
+TOOLS = 4
 STEPS = 32767  # of the 16-bit displacements
 
 
 @dataclass(frozen=True)
 class Tool:
-    """Page to server: what the hand wants. point: mm, on the surface at rest; displacement: mm."""
+    """Page to server: what one hand wants. kind: `KINDS`' number; 0 lets go.
 
-    held: U8
+    hold: the tissue at `point` (mm, on the surface at rest) is displaced by `displacement` mm. needle: `point` is where
+    it enters (mm, on the surface at rest), `displacement` leads from there to where its tip is to be. free: `point` is
+    where the tool's tip is in space (mm); what it touches follows from that.
+    """
+
+    tool: U8
+    kind: U8
     serial: U32
     point: Vector
     displacement: Vector
 
 
 @dataclass(frozen=True)
-class Frame:
-    """Server to page: one tick. mm; force in N, of the tissue on the tool; grip 0 idle, 1 holding, 2 refused.
+class Choose:
+    """Page to server: what 0 is a model of the scene's `models`, 1 an organ (a resolution) of its `organs`, by index."""
 
-    serial: of the newest command obeyed. seconds: the loop's clock. busy: seconds of work in a tick, smoothed. Then
-    (count, 3) 16-bit whole numbers: the displacements of the first count shown nodes (0 or all) in units of `step` mm.
+    what: U8
+    index: U8
+
+
+@dataclass(frozen=True)
+class Mark:
+    """Page to server: what 0 says that a lump was found under a tool, 1 that its needle takes a sample here."""
+
+    what: U8
+    tool: U8
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Server to page: one tick, for each of four tools. mm; force in N, of the tissue on the tool.
+
+    grip: 0 idle, 1 holding, 2 refused, 3 in space and not touching. point, displacement, force: three numbers a tool,
+    one tool after the other; the tool is drawn at point + displacement. inside: mm of a needle in the tissue. serial: of
+    the newest command obeyed. seconds: the loop's clock. busy: seconds of work in a tick, smoothed. model: index in the
+    scene's models. energy: N mm that the tools have put into the tissue and it holds or has used up. Then (count, 3)
+    16-bit whole numbers: the displacements of the first count shown nodes (0 or all) in units of `step` mm.
     """
 
-    grip: U8
+    model: U8
     tick: F64
     late: F64
     faults: U32
     serial: U32
     seconds: F64
     busy: F32
-    point: Vector
-    displacement: Vector
-    force: Vector
+    energy: F32
+    grip: Annotated[tuple[int, ...], "4B"]
+    point: Annotated[tuple[float, ...], "12f"]
+    displacement: Annotated[tuple[float, ...], "12f"]
+    force: Annotated[tuple[float, ...], "12f"]
+    inside: Annotated[tuple[float, ...], "4f"]
     step: F32
     count: U32
 
@@ -70,7 +100,9 @@ class Scene:
 
     Then (nodes, 3) float32 mm at rest, then (triangles, 3) 32-bit whole numbers, normals outwards. reach: mm, the
     longest displacement that a tool may ask for. limit: N, what a device is pushed with at most. front: radians about z
-    from -y towards +x, the side from which to look first.
+    from -y towards +x, the side from which to look first. models, organs: what may be chosen while it runs; organ: the
+    index of this one. task: what a trainee is asked to do, or empty. images: whether there are slices to show beside it
+    (an `Album` at /album, its values as `palpate view` serves them).
     """
 
     title: str
@@ -85,6 +117,11 @@ class Scene:
     rate: int
     replay: bool
     front: float
+    models: list[str]
+    organs: list[str]
+    organ: int
+    task: str
+    images: bool
 
 
 @dataclass(frozen=True)
@@ -138,7 +175,7 @@ class Album:
     images: list[Image]
 
 
-BINARY: list[type] = [Tool, Frame]
+BINARY: list[type] = [Tool, Frame, Choose, Mark]
 JSON: list[type] = [Part, Scene, Window, Stack, Image, Album]
 
 
@@ -158,21 +195,27 @@ def encode(message: Any, rest: AnyArray | None = None) -> bytes:
     return struct.pack(code(type(message)), *flat) + (b"" if rest is None else rest.tobytes())
 
 
-def decode_tool(data: bytes) -> Tool:
-    """The tool's message. Raises `DataError` on any other length, kind or number."""
-    wanted = struct.calcsize(code(Tool))
+def decode(data: bytes) -> Tool | Choose | Mark:
+    """What a page says. Raises `DataError` on any other length, kind or number."""
+    said: type = {BINARY.index(one) + 1: one for one in (Tool, Choose, Mark)}.get(data[0] if data else 0, type(None))
+    if said is type(None):
+        raise DataError(f"message: kind {data[0] if data else 'none'}, expected a tool, a choice or a mark; reload the page")
+    name, wanted = said.__name__, struct.calcsize(code(said))
     if len(data) != wanted:
-        raise DataError(f"tool message: {len(data)} bytes, expected {wanted}; reload the page")
-    kind, held, serial, *numbers = struct.unpack(code(Tool), data)
-    if kind != BINARY.index(Tool) + 1 or held > 1:
-        raise DataError(f"tool message: kind {kind}, held {held}, expected {BINARY.index(Tool) + 1} and 0 or 1")
+        raise DataError(f"{name}: {len(data)} bytes, expected {wanted}; reload the page")
+    _, *values = struct.unpack(code(said), data)
+    if said is not Tool:
+        return said(*values)
+    tool, kind, serial, *numbers = values
+    if tool >= TOOLS or kind >= len(KINDS):
+        raise DataError(f"Tool: number {tool}, kind {kind}, expected less than {TOOLS} and {len(KINDS)}")
     if not np.isfinite(numbers).all():
-        raise DataError(f"tool message: {numbers} are not all finite; reload the page")
+        raise DataError(f"Tool: {numbers} are not all finite; reload the page")
     x, y, z, dx, dy, dz = numbers
-    return Tool(held, serial, (x, y, z), (dx, dy, dz))
+    return Tool(tool, kind, serial, (x, y, z), (dx, dy, dz))
 
 
-def frame_bytes(frame: Any) -> bytes:
+def frame_bytes(frame: Any, model: int = 0) -> bytes:
     """A frame of the loop as a message. At rest there is no array; else the step follows the biggest displacement.
 
     16 bits of the biggest displacement are 0.2 µm at 5 mm: finer than a pixel, and half the bytes of float32.
@@ -182,16 +225,19 @@ def frame_bytes(frame: Any) -> bytes:
     still = most < 1e-4
     step = most / STEPS if not still else 0.0
     message = Frame(
-        grip=frame.grip,
+        model=model,
         tick=float(frame.tick),
         late=float(frame.late),
         faults=frame.faults,
         serial=frame.serial & 0xFFFFFFFF,
         seconds=frame.seconds,
         busy=frame.busy,
+        energy=frame.energy,
+        grip=tuple(frame.grip),
         point=tuple(frame.point),
         displacement=tuple(frame.displacement),
         force=tuple(frame.force),
+        inside=tuple(frame.inside),
         step=step,
         count=0 if still else len(shown),
     )
