@@ -159,7 +159,7 @@ void Ahead::show() {
     if (touch.count == 0)
         std::fill_n(out, 3 * size_t(elastic.vertices()), 0.0f);
     else if (!Compliance::contract(green, touch, elastic.vertices(), out))
-        green.solve(touch.vertex, touch.weight, touch.count, touch.force, out);
+        green.solve(touch.vertex, touch.count, touch.load, out);
     fields.publish();
     shown = touch.serial;
 }

@@ -124,14 +124,40 @@ void bind_ring_models(nb::module_& m) {
             [](const Model& model, State& state, const Patch* patch, Point displacement, int sweeps) {
                 refuse_strangers(model, state);
                 if (patch) refuse_nodes(model, *patch);
-                double force[3];
+                double force[3] = {0, 0, 0}, moved[3];
                 {
                     nb::gil_scoped_release free;
-                    model.advance(state, patch, displacement.data(), sweeps, force);
+                    std::copy_n(displacement.data(), 3, moved);
+                    model.advance(state, patch, patch ? 1 : 0, 0, moved, sweeps, force);
                 }
                 return copied(force, 3);
             },
             "state"_a, "patch"_a.none(), "displacement"_a, "sweeps"_a, "Force of the tissue on the tool, N.")
+        .def(
+            "advance_all",
+            [](const Model& model, State& state, const std::vector<Patch>& patches, int closed,
+               In<double, 2> displacement, int sweeps) {
+                refuse_strangers(model, state);
+                for (const Patch& patch : patches) refuse_nodes(model, patch);
+                const size_t all = patches.size();
+                if (displacement.shape(0) != all || displacement.shape(1) != 3 || closed < 0 || size_t(closed) > all ||
+                    all > size_t(most_tools))
+                    throw std::invalid_argument("displacement: (patches, 3); at most 4 patches, closed ones first");
+                auto force = table<double>(all, 3), moved = table<double>(all, 3);
+                std::copy_n(displacement.data(), 3 * all, moved.data());
+                bool good;
+                {
+                    nb::gil_scoped_release free;
+                    good = model.advance(state, patches.data(), closed, int(all) - closed, moved.data(), sweeps,
+                                         force.data());
+                }
+                if (!good) throw std::invalid_argument("patches: these cannot be told apart");
+                return nb::make_tuple(force, moved);
+            },
+            "state"_a, "patches"_a, "closed"_a, "displacement"_a.noconvert(), "sweeps"_a,
+            nb::sig("def advance_all(self, state: State, patches: list[Patch], closed: int, displacement: object, "
+                    "sweeps: int) -> tuple[typing.Any, typing.Any]"),
+            "One tick of several tools, the first `closed` of which hold: forces on them (N), displacements (mm).")
         .def(
             "show",
             [](const Model& model, State& state, In<int32_t, 1> nodes) {

@@ -14,6 +14,7 @@ namespace {
 using Vector = std::array<double, 3>;
 using Floats = nb::ndarray<nb::numpy, float, nb::ndim<2>>;
 using Doubles = nb::ndarray<nb::numpy, double, nb::ndim<2>>;
+using Forces = nb::ndarray<nb::numpy, double, nb::ndim<3>>;
 
 Vector vector(const double v[3]) { return {v[0], v[1], v[2]}; }
 
@@ -36,8 +37,8 @@ struct Driven { // the loop and the surface it looks at
     Loop loop;
     Driven(const Model& model, const Surface& surface, In<int32_t, 1> shown, const Settings& settings)
         : surface(surface), loop(model, surface, settings, {shown.data(), shown.data() + shown.shape(0)}) {
-        if (int at = crowded(settings.radius); at >= 0)
-            throw std::invalid_argument("a contact of radius " + std::to_string(settings.radius) +
+        if (int at = crowded(settings.manner.radius); at >= 0)
+            throw std::invalid_argument("a contact of radius " + std::to_string(settings.manner.radius) +
                                         " mm covers more than " + std::to_string(Patch::capacity) +
                                         " nodes, for example about node " + std::to_string(at));
     }
@@ -57,19 +58,31 @@ struct Driven { // the loop and the surface it looks at
     }
 };
 
-std::vector<Command> commands(In<bool, 1> held, In<double, 2> points, In<double, 2> displacements) {
-    std::vector<Command> all(held.shape(0));
+Command::Kind kind(int number) {
+    if (number < 0 || number > int(Command::Kind::free)) throw std::invalid_argument("kind: 0 to 3");
+    return Command::Kind(number);
+}
+
+std::vector<Command> commands(In<uint8_t, 1> kinds, In<double, 2> points, In<double, 2> displacements) {
+    std::vector<Command> all(kinds.shape(0));
     if (points.shape(0) != all.size() || displacements.shape(0) != all.size() || points.shape(1) != 3 ||
         displacements.shape(1) != 3)
-        throw std::invalid_argument("held (n,), points (n, 3), displacements (n, 3)");
+        throw std::invalid_argument("kinds (n,), points (n, 3), displacements (n, 3)");
     for (size_t i = 0; i < all.size(); i++) {
-        all[i].held = held(i);
+        all[i].kind = kind(kinds(i));
         for (int k = 0; k < 3; k++) {
             all[i].point[k] = points(i, k);
             all[i].displacement[k] = displacements(i, k);
         }
     }
     return all;
+}
+
+std::vector<uint8_t> tool_numbers(In<uint8_t, 1> tools, size_t count) {
+    if (tools.shape(0) != count) throw std::invalid_argument("tools: one for each command");
+    for (size_t i = 0; i < count; i++)
+        if (tools(i) >= most_tools) throw std::invalid_argument("tools: less than " + std::to_string(most_tools));
+    return {tools.data(), tools.data() + count};
 }
 
 nb::tuple drain(Driven& driven) {
@@ -81,11 +94,12 @@ nb::tuple drain(Driven& driven) {
     driven.loop.digests.drain(digests);
     std::vector<int64_t> ticks, digest_ticks;
     std::vector<uint64_t> values;
-    std::vector<uint8_t> held;
+    std::vector<uint8_t> tools, kinds;
     std::vector<double> points, displacements;
-    for (const auto& [tick, command] : obeyed) {
+    for (const auto& [tick, tool, command] : obeyed) {
         ticks.push_back(tick);
-        held.push_back(command.held);
+        tools.push_back(uint8_t(tool));
+        kinds.push_back(uint8_t(command.kind));
         points.insert(points.end(), command.point, command.point + 3);
         displacements.insert(displacements.end(), command.displacement, command.displacement + 3);
     }
@@ -93,18 +107,35 @@ nb::tuple drain(Driven& driven) {
         digest_ticks.push_back(digest.ticks);
         values.push_back(digest.value);
     }
-    return nb::make_tuple(Column<int64_t>::from(ticks), Column<uint8_t>::from(held), rows(points), rows(displacements),
-                          Column<int64_t>::from(digest_ticks), Column<uint64_t>::from(values),
-                          Column<int64_t>::from(switches));
+    return nb::make_tuple(Column<int64_t>::from(ticks), Column<uint8_t>::from(tools), Column<uint8_t>::from(kinds),
+                          rows(points), rows(displacements), Column<int64_t>::from(digest_ticks),
+                          Column<uint64_t>::from(values), Column<int64_t>::from(switches));
 }
 
-Doubles step(Driven& driven, Device& device, int64_t ticks) {
-    std::vector<double> forces(3 * size_t(ticks));
+nb::list drain_changes(Driven& driven) { // (tick, model)
+    std::vector<Changed> changes;
+    driven.loop.changes.drain(changes);
+    nb::list out;
+    for (const auto& [tick, model] : changes) out.append(nb::make_tuple(tick, nb::find(model)));
+    return out;
+}
+
+Forces step(Driven& driven, Device& device, int64_t ticks) {
+    constexpr size_t tools = most_tools;
+    auto* forces = new std::vector<double>(3 * tools * size_t(ticks));
+    nb::capsule owner(forces, [](void* p) noexcept { delete static_cast<std::vector<double>*>(p); });
     {
         nb::gil_scoped_release away;
-        driven.loop.step(device, ticks, forces.data());
+        driven.loop.step(device, ticks, forces->data());
     }
-    return rows(std::move(forces));
+    return {forces->data(), {size_t(ticks), tools, 3}, owner};
+}
+
+std::vector<int> grips(const Frame& f) { return {f.grip, f.grip + most_tools}; }
+std::vector<Vector> vectors(const double* v) { // of each tool
+    std::vector<Vector> out;
+    for (int t = 0; t < most_tools; t++) out.push_back(vector(v + 3 * t));
+    return out;
 }
 
 void bind_devices(nb::module_& m) {
@@ -113,38 +144,48 @@ void bind_devices(nb::module_& m) {
         .def(nb::init<>())
         .def(
             "send",
-            [](Pointer& pointer, bool held, Vector point, Vector displacement, int64_t serial) {
-                Command command{serial, held, {point[0], point[1], point[2]}, {}};
+            [](Pointer& pointer, int tool, int number, Vector point, Vector displacement, int64_t serial) {
+                if (tool < 0 || tool >= most_tools) throw std::invalid_argument("tool: 0 to 3");
+                Command command{kind(number), {point[0], point[1], point[2]}, {}};
                 for (int k = 0; k < 3; k++) command.displacement[k] = displacement[k];
-                pointer.send(command);
+                pointer.send(tool, command, serial);
             },
-            "held"_a, "point"_a, "displacement"_a, "serial"_a = 0, "From one thread only; mm, point at rest.");
+            "tool"_a, "kind"_a, "point"_a, "displacement"_a, "serial"_a = 0, "From one thread only; mm.");
     nb::class_<Replay, Device>(m, "Replay", "Commands of a record, each obeyed from its tick on.")
         .def(
             "__init__",
-            [](Replay* self, In<int64_t, 1> ticks, In<bool, 1> held, In<double, 2> points, In<double, 2> displacements,
-               In<int64_t, 1> switches) {
-                new (self) Replay({ticks.data(), ticks.data() + ticks.shape(0)}, commands(held, points, displacements),
+            [](Replay* self, In<int64_t, 1> ticks, In<uint8_t, 1> tools, In<uint8_t, 1> kinds, In<double, 2> points,
+               In<double, 2> displacements, In<int64_t, 1> switches) {
+                new (self) Replay({ticks.data(), ticks.data() + ticks.shape(0)}, tool_numbers(tools, ticks.shape(0)),
+                                  commands(kinds, points, displacements),
                                   {switches.data(), switches.data() + switches.shape(0)});
             },
-            "ticks"_a, "held"_a, "points"_a, "displacements"_a, "switches"_a);
+            "ticks"_a, "tools"_a, "kinds"_a, "points"_a, "displacements"_a, "switches"_a);
 }
 
 void bind_frame(nb::module_& m) {
-    nb::class_<Frame>(m, "Frame", "What a display needs of one tick; lengths in mm, forces in N.")
+    nb::class_<Frame>(m, "Frame", "What a display needs of one tick, tool by tool; mm, N.")
         .def_ro("tick", &Frame::tick)
         .def_ro("late", &Frame::late)
         .def_ro("faults", &Frame::faults)
         .def_ro("serial", &Frame::serial)
         .def_ro("seconds", &Frame::seconds)
         .def_ro("busy", &Frame::busy)
-        .def_ro("grip", &Frame::grip)
-        .def_prop_ro("point", [](const Frame& f) { return vector(f.point); })
-        .def_prop_ro("displacement", [](const Frame& f) { return vector(f.displacement); })
-        .def_prop_ro("force", [](const Frame& f) { return vector(f.force); })
-        .def_prop_ro("pushed", [](const Frame& f) { return vector(f.pushed); })
+        .def_ro("work", &Frame::work)
+        .def_prop_ro("grip", &grips)
+        .def_prop_ro("point", [](const Frame& f) { return vectors(f.point); })
+        .def_prop_ro("displacement", [](const Frame& f) { return vectors(f.displacement); })
+        .def_prop_ro("force", [](const Frame& f) { return vectors(f.force); })
+        .def_prop_ro("pushed", [](const Frame& f) { return vectors(f.pushed); })
+        .def_prop_ro("tip", [](const Frame& f) { return vectors(f.tip); })
+        .def_prop_ro("inside", [](const Frame& f) { return std::vector<double>(f.inside, f.inside + most_tools); })
         .def_prop_ro("shown", [](const Frame& f) { return rows(f.shown); }, nb::rv_policy::automatic);
 }
+
+#define PALPATE_MANNER(name, field)                                                                                    \
+    .def_prop_rw(                                                                                                      \
+        name, [](const Settings& s) { return s.manner.field; },                                                        \
+        [](Settings& s, double value) { s.manner.field = value; })
 
 } // namespace
 
@@ -154,15 +195,11 @@ void bind_simulation(nb::module_& m) {
     nb::class_<Settings>(m, "Settings", "What a tick does besides the model; mm, N, a tick.")
         .def(nb::init<>())
         .def_rw("sweeps", &Settings::sweeps)
-        .def_rw("radius", &Settings::radius)
         .def_rw("limit", &Settings::limit)
-        .def_rw("ramp", &Settings::ramp)
-        .def_prop_rw(
-            "approach", [](const Settings& s) { return s.pace.approach; },
-            [](Settings& s, double value) { s.pace.approach = value; })
-        .def_prop_rw(
-            "reach", [](const Settings& s) { return s.pace.reach; },
-            [](Settings& s, double value) { s.pace.reach = value; });
+        .def_rw("ramp", &Settings::ramp) PALPATE_MANNER("radius", radius) PALPATE_MANNER("friction", friction)
+            PALPATE_MANNER("approach", pace.approach) PALPATE_MANNER("reach", pace.reach)
+                PALPATE_MANNER("puncture", needle.puncture) PALPATE_MANNER("cutting", needle.cutting)
+                    PALPATE_MANNER("shaft_friction", needle.friction);
     nb::class_<Driven>(m, "Loop", "A model, a surface and a tool: by the clock (start, stop) or in lockstep (step).")
         .def(nb::init<const Model&, const Surface&, In<int32_t, 1>, const Settings&>(), "model"_a, "surface"_a,
              "shown"_a, "settings"_a, nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>())
@@ -171,7 +208,19 @@ void bind_simulation(nb::module_& m) {
         .def(
             "stop", [](Driven& d) { d.loop.stop(); }, nb::call_guard<nb::gil_scoped_release>())
         .def_prop_ro("running", [](const Driven& d) { return d.loop.running(); })
-        .def("step", &step, "device"_a, "ticks"_a, "(ticks, 3) N")
+        .def("step", &step, "device"_a, "ticks"_a, "(ticks, tools, 3) N")
+        .def(
+            "change",
+            [](Driven& d, const Model& model, int sweeps) {
+                if (model.nodes() != d.loop.now().nodes()) throw std::invalid_argument("model: of another mesh");
+                return d.loop.change(model, sweeps);
+            },
+            "model"_a, "sweeps"_a, nb::keep_alive<1, 2>(), nb::call_guard<nb::gil_scoped_release>(),
+            "Another model of the same tissue from the next tick on; False while one is on its way.")
+        .def(
+            "tidy", [](Driven& d) { d.loop.tidy(); }, nb::call_guard<nb::gil_scoped_release>())
+        .def("changes", &drain_changes, nb::sig("def changes(self) -> list[tuple[int, Model]]"),
+             "Ticks that first ran another model, and it, since the last call.")
         .def(
             "fresh", [](const Driven& d) { return d.loop.frames.waiting(); }, "Is there a frame nobody has read?")
         .def(
@@ -187,7 +236,8 @@ void bind_simulation(nb::module_& m) {
         .def("drain", &drain, nb::sig("def drain(self) -> tuple[typing.Any, ...]"),
              "Commands obeyed, digests and switches of tables since the last call.")
         .def("dropped", [](const Driven& d) {
-            return d.loop.obeyed.dropped() + d.loop.digests.dropped() + d.loop.switches.dropped();
+            return d.loop.obeyed.dropped() + d.loop.digests.dropped() + d.loop.switches.dropped() +
+                   d.loop.changes.dropped();
         });
     m.def("sweep_seconds", &sweep_seconds, "model"_a, "surface"_a, "radius"_a,
           "Of the model's sweep, here and now, at best.");
@@ -211,6 +261,7 @@ void bind_simulation(nb::module_& m) {
                 "displacement: object, ramp: int, sweeps: int) -> tuple[typing.Any, ...]"),
         "Ticks by the clock under a patch at (ticks, 3) points: seconds to find each patch and to answer it, forces "
         "(ticks, 3) N, and which answers lacked tables. For benchmarks.");
+    m.attr("TOOLS") = int(most_tools);
     m.attr("RATE") = int(Loop::rate);
     m.attr("DIGEST_TICKS") = int(Loop::digest_ticks);
 }

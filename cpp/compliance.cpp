@@ -1,5 +1,6 @@
 #include "compliance.h"
 #include "ahead.h"
+#include "dense.h"
 #include "dispatch.h"
 #include <algorithm>
 #include <cmath>
@@ -13,28 +14,53 @@ constexpr int capacity = Patch::capacity;
 // more than this part of it a tick (a hand feels steps of some per cent).
 constexpr double fading = 0.95, most_step = 0.02;
 
-enum At { force_at = 0, displacement_at = 3, stiffness_at = 6, offset_at = 15, known_at = 24, size = 25 };
+constexpr int most = 3 * most_tools;
+enum At {
+    closed_at = 0,
+    open_at = 1,
+    force_at = 2,
+    displacement_at = force_at + most,
+    stiffness_at = displacement_at + most,
+    offset_at = stiffness_at + most * most,
+    known_at = offset_at + most * most,
+    size = known_at + 1
+};
 
-void invert(const double a[9], double out[9]) {
-    const double c[9] = {a[4] * a[8] - a[5] * a[7], a[2] * a[7] - a[1] * a[8], a[1] * a[5] - a[2] * a[4],
-                         a[5] * a[6] - a[3] * a[8], a[0] * a[8] - a[2] * a[6], a[2] * a[3] - a[0] * a[5],
-                         a[3] * a[7] - a[4] * a[6], a[1] * a[6] - a[0] * a[7], a[0] * a[4] - a[1] * a[3]};
-    const double determinant = a[0] * c[0] + a[1] * c[3] + a[2] * c[6];
-    for (int k = 0; k < 9; k++) out[k] = c[k] / determinant;
+// out = a^-1, a 3x3 or larger; a is lost. False: some contacts cannot be told apart.
+bool invert(double* a, int n, double* out) {
+    if (n == 3) {
+        const double c[9] = {a[4] * a[8] - a[5] * a[7], a[2] * a[7] - a[1] * a[8], a[1] * a[5] - a[2] * a[4],
+                             a[5] * a[6] - a[3] * a[8], a[0] * a[8] - a[2] * a[6], a[2] * a[3] - a[0] * a[5],
+                             a[3] * a[7] - a[4] * a[6], a[1] * a[6] - a[0] * a[7], a[0] * a[4] - a[1] * a[3]};
+        const double determinant = a[0] * c[0] + a[1] * c[3] + a[2] * c[6];
+        for (int k = 0; k < 9; k++) out[k] = c[k] / determinant;
+        return true;
+    }
+    factor_independent(a, n, 1e-6); // C = L L'
+    for (int k = 0; k < n; k++)
+        if (!(a[k * n + k] > 0)) return false;
+    for (int k = 0; k < n; k++) {
+        double column[most] = {};
+        column[k] = 1;
+        solve_positive(a, n, column);
+        for (int r = 0; r < n; r++) out[r * n + k] = column[r];
+    }
+    return true;
 }
 
-double along(const double a[9], const double d[3]) { // |a d|
+double along(const double* a, int n, const double* d) { // |a d|
     double sum = 0;
-    for (int k = 0; k < 3; k++) {
-        const double x = a[3 * k] * d[0] + a[3 * k + 1] * d[1] + a[3 * k + 2] * d[2];
+    for (int k = 0; k < n; k++) {
+        double x = 0;
+        for (int c = 0; c < n; c++) x += a[k * n + c] * d[c];
         sum += x * x;
     }
     return std::sqrt(sum);
 }
 
-double norm(const double a[9]) {
+double norm(const double* a, int n) {
     double sum = 0;
-    for (int k = 0; k < 9; k++) sum += a[k] * a[k];
+    for (int k = 0; k < n; k++) sum += a[k] * a[k];
     return std::sqrt(sum);
 }
 
@@ -52,6 +78,18 @@ PALPATE_KERNEL void weigh(const float* block, const double* weight, int count, d
     for (int k = 0; k < 9; k++) out[k] = half[k] + half[3 * (k % 3) + k / 3];
 }
 
+// The same between two patches: sum over all i, j of v_i w_j G_ij. Numerical kernel.
+PALPATE_KERNEL void weigh_across(const float* block, const double* v, const double* w, int count, double out[9]) {
+    double sum[9] = {};
+    for (int i = 0; i < count; i++)
+        for (int j = 0; j <= i; j++, block += 9) {
+            const double there = v[i] * w[j], back = j < i ? v[j] * w[i] : 0;
+            if (there == 0 && back == 0) continue;
+            for (int k = 0; k < 9; k++) sum[k] += there * block[k] + back * block[3 * (k % 3) + k / 3];
+        }
+    for (int k = 0; k < 9; k++) out[k] = sum[k];
+}
+
 // out += a x + b y + c z. Numerical kernel.
 PALPATE_KERNEL void add_columns(const float* x, const float* y, const float* z, float a, float b, float c, int64_t n,
                                 float* __restrict out) {
@@ -61,7 +99,7 @@ PALPATE_KERNEL void add_columns(const float* x, const float* y, const float* z, 
 } // namespace
 
 ComplianceState::ComplianceState(const Elastic& elastic, size_t budget)
-    : kept(size, 0.0), green(elastic, budget), weight(capacity), field(3 * size_t(elastic.vertices())) {
+    : kept(size, 0.0), green(elastic, budget), weight(most_tools * capacity), field(3 * size_t(elastic.vertices())) {
     for (Pairs* p : {&pairs, &before}) {
         p->vertex.resize(capacity);
         p->block.resize(size_t(9) * capacity * (capacity + 1) / 2);
@@ -75,7 +113,7 @@ void Touch::copy(const Touch& other) {
     serial = other.serial, count = other.count;
     std::copy_n(other.vertex, count, vertex);
     std::copy_n(other.weight, count, weight);
-    std::copy_n(other.force, 3, force);
+    std::copy_n(other.load, 3 * count, load);
 }
 
 Compliance::Compliance(Elastic e, size_t budget) : elastic(std::move(e)), budget(budget) {}
@@ -86,81 +124,163 @@ std::unique_ptr<State> Compliance::start() const {
     return state;
 }
 
-void Compliance::advance(State& state, const Patch* patch, const double displacement[3], int, double force[3]) const {
+bool Compliance::advance(State& state, const Patch* patches, int closed, int open, double* displacement, int,
+                         double* force) const {
     auto& s = static_cast<ComplianceState&>(state);
     s.touch.serial++;
-    if (patch) {
-        seat(s, *patch);
+    bool good = true;
+    if (closed > 0) {
+        if (!seat(s, patches, closed + open)) return false;
+        take_count(s, closed);
+        s.kept[open_at] = open;
         if (s.tables != Tables::without) fetch(s);
         if (s.lacking > 0 && s.tables == Tables::at_once) make_now(s);
         s.cold = s.lacking > 0 || s.tables == Tables::without;
         s.cold_ticks += s.cold;
-        take_stiffness(s, displacement);
-        answer(s, displacement, force);
+        good = take_stiffness(s, closed, displacement);
+        if (good) answer(s, closed, displacement, force);
+        feel_others(s, closed, open, displacement, force);
     } else {
-        std::fill_n(s.memory().begin(), size, 0.0);
-        std::fill_n(force, 3, 0.0);
-        s.touch.count = 0;
-        s.cold = false;
+        let_go(s);
+        std::fill_n(displacement, 3 * open, 0.0);
+        std::fill_n(force, 3 * open, 0.0);
     }
     if (s.tables == Tables::ahead) {
         s.touches.writing().copy(s.touch);
         s.touches.publish();
     }
+    return good;
+}
+
+// Contacts that come are the last ones: of those before, the stiffness serves on. When one goes nothing of it fits.
+void Compliance::take_count(ComplianceState& s, int closed) const {
+    const int was = 3 * int(s.kept[closed_at]), n = 3 * closed;
+    if (was == n) return;
+    double before[size];
+    std::copy_n(s.kept.begin(), size, before);
+    std::fill(s.kept.begin(), s.kept.end(), 0.0);
+    s.kept[closed_at] = closed;
+    if (was > n || was == 0) return;
+    s.kept[known_at] = before[known_at];
+    for (int i = 0; i < was; i++)
+        for (int j = 0; j < was; j++)
+            for (int at : {int(stiffness_at), int(offset_at)}) s.kept[at + n * i + j] = before[at + was * i + j];
+}
+
+void Compliance::let_go(ComplianceState& s) const {
+    std::fill_n(s.memory().begin(), size, 0.0);
+    s.touch.count = 0;
+    s.cold = s.fading = false;
 }
 
 // The exact stiffness, or the last one where blocks lack; then the exact one again as what was off fades.
-void Compliance::take_stiffness(ComplianceState& s, const double displacement[3]) const {
+bool Compliance::take_stiffness(ComplianceState& s, int closed, const double* displacement) const {
     double* kept = s.memory().data();
     double *stiffness = kept + stiffness_at, *offset = kept + offset_at;
     if (s.cold) {
         kept[known_at] = -1;
-        return;
+        s.fading = true;
+        return true;
     }
-    double C[9], exact[9];
-    weigh(s.pairs.block.data(), s.weight.data(), s.pairs.count, C);
-    invert(C, exact);
+    const int n = 3 * closed;
+    double C[most * most], exact[most * most], part[9];
+    for (int a = 0; a < closed; a++)
+        for (int b = 0; b <= a; b++) {
+            const double *v = &s.weight[a * capacity], *w = &s.weight[b * capacity];
+            if (a == b)
+                weigh(s.pairs.block.data(), v, s.pairs.count, part);
+            else
+                weigh_across(s.pairs.block.data(), v, w, s.pairs.count, part);
+            for (int k = 0; k < 9; k++) C[(3 * a + k / 3) * n + 3 * b + k % 3] = part[k];
+        }
+    if (!invert(C, n, exact)) return false;
     if (kept[known_at] < 0)
-        for (int k = 0; k < 9; k++) offset[k] = stiffness[k] - exact[k];
-    const double off = along(offset, displacement), step = most_step * along(exact, displacement);
+        for (int k = 0; k < n * n; k++) offset[k] = stiffness[k] - exact[k];
+    const double off = along(offset, n, displacement), step = most_step * along(exact, n, displacement);
     const double left = off * (1 - fading) > step ? 1 - step / off : fading;
-    const bool gone = norm(offset) < 1e-8 * norm(exact);
-    for (int k = 0; k < 9; k++) {
+    const bool gone = norm(offset, n * n) < 1e-8 * norm(exact, n * n);
+    for (int k = 0; k < n * n; k++) {
         offset[k] = gone ? 0 : left * offset[k];
         stiffness[k] = exact[k] + offset[k];
     }
     kept[known_at] = 1;
+    s.fading = !gone;
+    return true;
 }
 
-void Compliance::answer(ComplianceState& s, const double displacement[3], double force[3]) const {
+void Compliance::answer(ComplianceState& s, int closed, const double* displacement, double* force) const {
     double* kept = s.memory().data();
-    for (int k = 0; k < 3; k++) {
+    const int n = 3 * closed;
+    for (int k = 0; k < n; k++) {
         force[k] = 0;
-        for (int c = 0; c < 3; c++) force[k] -= kept[stiffness_at + 3 * k + c] * displacement[c];
+        for (int c = 0; c < n; c++) force[k] -= kept[stiffness_at + n * k + c] * displacement[c];
         kept[force_at + k] = force[k];
         kept[displacement_at + k] = displacement[k];
-        s.touch.force[k] = -force[k];
     }
     s.touch.count = s.pairs.count;
     std::copy_n(s.pairs.vertex.data(), s.pairs.count, s.touch.vertex);
-    std::copy_n(s.weight.data(), s.pairs.count, s.touch.weight);
+    for (int i = 0; i < s.pairs.count; i++) {
+        double all = 0, load[3] = {0, 0, 0};
+        for (int a = 0; a < closed; a++) {
+            const double w = s.weight[a * capacity + i];
+            all += w;
+            for (int k = 0; k < 3; k++) load[k] -= w * force[3 * a + k];
+        }
+        s.touch.weight[i] = all / closed;
+        std::copy_n(load, 3, &s.touch.load[3 * i]);
+    }
 }
 
-// Takes over the patch, and the blocks of the pairs that it keeps.
-void Compliance::seat(ComplianceState& s, const Patch& patch) const {
-    int vertex[capacity];
-    for (int k = 0; k < patch.count; k++) { // by insertion: patches are small, and stay nearly in order
-        const int v = elastic.vertex[patch.node[k]];
-        if (v < 0) throw std::invalid_argument("patch: a node that is not a free vertex");
-        int at = k;
-        for (; at > 0 && vertex[at - 1] > v; at--) vertex[at] = vertex[at - 1], s.weight[at] = s.weight[at - 1];
-        vertex[at] = v, s.weight[at] = patch.weight[k];
+// Where patches that only feel have gone: C of them with those that hold, times the forces. Where blocks lack: as last.
+void Compliance::feel_others(ComplianceState& s, int closed, int open, double* displacement, double* force) const {
+    double* kept = s.memory().data();
+    for (int o = closed; o < closed + open; o++) {
+        double* moved = kept + displacement_at + 3 * o;
+        if (!s.cold) {
+            std::fill_n(moved, 3, 0.0);
+            for (int a = 0; a < closed; a++) {
+                double part[9];
+                weigh_across(s.pairs.block.data(), &s.weight[o * capacity], &s.weight[a * capacity], s.pairs.count,
+                             part);
+                for (int k = 0; k < 9; k++) moved[k / 3] -= part[k] * force[3 * a + k % 3];
+            }
+        }
+        std::copy_n(moved, 3, displacement + 3 * o);
+        std::fill_n(force + 3 * o, 3, 0.0);
     }
+}
+
+// Takes over the patches, and the blocks of the pairs that they keep; false if they have too many nodes together.
+bool Compliance::seat(ComplianceState& s, const Patch* patches, int count) const {
+    int vertex[most_tools * capacity], of[most_tools * capacity], all = 0;
+    for (int p = 0; p < count; p++)
+        for (int k = 0; k < patches[p].count; k++) {
+            const int v = elastic.vertex[patches[p].node[k]];
+            if (v < 0) throw std::invalid_argument("patch: a node that is not a free vertex");
+            int at = all; // by insertion: patches are small, and stay nearly in order
+            for (; at > 0 && vertex[at - 1] > v; at--) vertex[at] = vertex[at - 1], of[at] = of[at - 1];
+            vertex[at] = v, of[at] = p * capacity + k;
+            all++;
+        }
+    int distinct = 0;
+    for (int k = 0; k < all; k++) distinct += k == 0 || vertex[k] != vertex[k - 1];
+    if (distinct > capacity) return false;
+    for (int p = 0; p < count; p++) std::fill_n(&s.weight[p * capacity], distinct, 0.0);
+    int at = -1;
+    for (int k = 0; k < all; k++) {
+        if (k == 0 || vertex[k] != vertex[at]) vertex[++at] = vertex[k];
+        s.weight[of[k] / capacity * capacity + at] = patches[of[k] / capacity].weight[of[k] % capacity];
+    }
+    if (distinct != s.pairs.count || !std::equal(vertex, vertex + distinct, s.pairs.vertex.begin()))
+        keep_pairs(s, vertex, distinct);
+    return true;
+}
+
+void Compliance::keep_pairs(ComplianceState& s, const int* vertex, int count) const {
     auto &now = s.pairs, &old = s.before;
-    if (patch.count == now.count && std::equal(vertex, vertex + patch.count, now.vertex.begin())) return;
     std::swap(now, old);
-    now.count = patch.count;
-    std::copy_n(vertex, patch.count, now.vertex.begin());
+    now.count = count;
+    std::copy_n(vertex, count, now.vertex.begin());
     int from[capacity], next = 0;
     for (int i = 0; i < now.count; i++) {
         while (next < old.count && old.vertex[next] < vertex[i]) next++;
@@ -215,9 +335,8 @@ bool Compliance::contract(const Green& green, const Touch& touch, int vertices, 
     std::fill_n(out, n, 0.0f);
     for (int k = 0; k < touch.count; k++) {
         const float* column = green.columns(touch.vertex[k]);
-        const double w = touch.weight[k];
-        add_columns(column, column + n, column + 2 * n, float(w * touch.force[0]), float(w * touch.force[1]),
-                    float(w * touch.force[2]), n, out);
+        const double* load = touch.load + 3 * k;
+        add_columns(column, column + n, column + 2 * n, float(load[0]), float(load[1]), float(load[2]), n, out);
     }
     return true;
 }
@@ -230,7 +349,7 @@ void Compliance::show(State& state, const int* nodes, int count, float* out) con
     else if (s.touch.count == 0)
         std::fill(s.field.begin(), s.field.end(), 0.0f);
     else if (!contract(s.green, s.touch, elastic.vertices(), s.field.data()))
-        s.green.solve(s.touch.vertex, s.touch.weight, s.touch.count, s.touch.force, s.field.data());
+        s.green.solve(s.touch.vertex, s.touch.count, s.touch.load, s.field.data());
     for (int i = 0; i < count; i++) {
         const int v = elastic.vertex[nodes[i]];
         for (int k = 0; k < 3; k++) out[3 * i + k] = v < 0 ? 0 : field[3 * size_t(v) + k];
@@ -241,8 +360,7 @@ void Compliance::displacement(State& state, double* out) const {
     auto& s = static_cast<ComplianceState&>(state);
     std::vector<double> x(3 * size_t(elastic.factor->tree.nodes()), 0);
     for (int k = 0; k < s.touch.count; k++)
-        for (int c = 0; c < 3; c++)
-            x[3 * size_t(elastic.place[s.touch.vertex[k]]) + c] = s.touch.weight[k] * s.touch.force[c];
+        for (int c = 0; c < 3; c++) x[3 * size_t(elastic.place[s.touch.vertex[k]]) + c] = s.touch.load[3 * k + c];
     elastic.factor->solve(x.data(), 1);
     for (int i = 0; i < nodes(); i++)
         for (int c = 0; c < 3; c++)

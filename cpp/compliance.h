@@ -10,15 +10,15 @@ struct Touch {
     int64_t serial = 0; // ticks answered; 0: nothing was touched yet
     int count = 0;      // 0: let go
     int vertex[Patch::capacity];
-    double weight[Patch::capacity];
-    double force[3] = {0, 0, 0};   // on the tissue, N
-    void copy(const Touch& other); // no more than it holds
+    double weight[Patch::capacity];   // of all patches together, sum 1
+    double load[3 * Patch::capacity]; // on the tissue, N
+    void copy(const Touch& other);    // no more than it holds
 };
 
 class Ahead;
 
-// A force and what it follows from. The stiffness S = C^-1 of the patch, C = sum w_i w_j G_ij, comes from blocks
-// between its nodes. Where some are not made yet, the last stiffness serves; when they come, what it was off by fades
+// Forces and what they follow from. The stiffness S = C^-1 of the patches, C_ab = sum w_ai w_bj G_ij, comes from blocks
+// between their nodes. Where some are not made yet, the last stiffness serves; when they come, what it was off by fades
 // out.
 struct ComplianceState : State {
     ComplianceState(const Elastic& elastic, size_t budget);
@@ -26,23 +26,23 @@ struct ComplianceState : State {
     // u is left to whoever solves for the whole body: a tick knows its patch only.
     std::vector<double>& memory() override { return kept; }
 
-    // force (3) on the tool, displacement (3), stiffness in use (9), what it is off by (9), 1: it was exact up to that,
-    // -1: it was not (1)
+    // closed and open contacts (2); force on the tools, displacement (3 a tool each); stiffness in use, what it is off
+    // by (of all closed tools' 3 by all, each); 1: it was exact up to that, -1: it was not (1)
     std::vector<double> kept;
     Green green;
     Latest<Touch> touches; // written by ticks
     Touch touch;
     int64_t cold_ticks = 0;
 
-    // The patch's nodes by rising vertex, and the blocks of each pair a >= b at a (a + 1) / 2 + b, closely packed: a
-    // tick that finds the caches cold reads little.
+    // The patches' nodes together by rising vertex, and the blocks of each pair a >= b at a (a + 1) / 2 + b, closely
+    // packed: a tick that finds the caches cold reads little.
     struct Pairs {
         int count = 0;
         std::vector<int> vertex;    // (capacity)
         std::vector<float> block;   // (pairs, 9)
         std::vector<uint8_t> known; // (pairs)
     } pairs, before;
-    std::vector<double> weight; // (capacity) of the patch's nodes, in the order of `pairs`
+    std::vector<double> weight; // (tools, capacity) of each patch's nodes, in the order of `pairs`
     int lacking = 0;            // pairs that are not known
     std::vector<float> field;   // (vertices, 3) of the last display
     std::unique_ptr<Ahead> ahead;
@@ -55,8 +55,8 @@ public:
     Compliance(Elastic elastic, size_t budget); // bytes of tables, a state
     int nodes() const override { return elastic.nodes(); }
     std::unique_ptr<State> start() const override;
-    void advance(State& state, const Patch* patch, const double displacement[3], int sweeps,
-                 double force[3]) const override;
+    bool advance(State& state, const Patch* patches, int closed, int open, double* displacement, int sweeps,
+                 double* force) const override;
     void show(State& state, const int* nodes, int count, float* out) const override;
     void displacement(State& state, double* out) const override;
     void accompany(State& state) const override;
@@ -69,11 +69,15 @@ public:
 
 private:
     const size_t budget;
-    void seat(ComplianceState& s, const Patch& patch) const;
+    void take_count(ComplianceState& s, int closed) const;
+    void let_go(ComplianceState& s) const;
+    bool seat(ComplianceState& s, const Patch* patches, int count) const;
+    void keep_pairs(ComplianceState& s, const int* vertex, int count) const;
     void fetch(ComplianceState& s) const;
     void make_now(ComplianceState& s) const;
-    void take_stiffness(ComplianceState& s, const double displacement[3]) const;
-    void answer(ComplianceState& s, const double displacement[3], double force[3]) const;
+    bool take_stiffness(ComplianceState& s, int closed, const double* displacement) const;
+    void answer(ComplianceState& s, int closed, const double* displacement, double* force) const;
+    void feel_others(ComplianceState& s, int closed, int open, double* displacement, double* force) const;
 };
 
 } // namespace palpate

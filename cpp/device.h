@@ -1,61 +1,85 @@
 #pragma once
 #include "latest.h"
+#include "model.h"
 #include <cstdint>
 #include <vector>
 
 namespace palpate {
 
-// What a hand wants: hold the tissue at a point of its surface at rest and displace it. Complete in itself: the newest
-// command says all, older ones may be lost.
+// What a hand wants of one tool. Complete in itself: the newest command says all, older ones may be lost.
 struct Command {
-    int64_t serial = 0; // the device's own count, handed back with the frame that first obeys it
-    bool held = false;
-    double point[3] = {0, 0, 0};        // mm, rest position
+    enum class Kind : uint8_t {
+        away,
+        hold,   // the tissue at a point of its surface at rest, to be displaced
+        needle, // in at a point of the surface at rest, its tip to be `displacement` from there
+        free    // its tip is at a point in space; what it touches follows from that
+    };
+    Kind kind = Kind::away;
+    double point[3] = {0, 0, 0};        // mm
     double displacement[3] = {0, 0, 0}; // mm
 };
 
-// The other end of the loop: a hand, or a record of one. Both calls come from the loop's thread and return at once.
+struct Commands {
+    int64_t serial = 0; // the device's own count, handed back with the frame that first obeys it
+    Command tool[most_tools];
+};
+
+// What a hand feels of one tool.
+struct Felt {
+    bool touching = false;
+    double at[3] = {0, 0, 0};    // mm, where the tool's tip is
+    double force[3] = {0, 0, 0}; // N, of the tissue on the tool, limited to what the device can bear
+    double stiffness = 0;        // N/mm, about what it rises by when pressed further
+};
+
+// The other end of the loop: hands, or a record of them. All calls come from the loop's thread and return at once.
 class Device {
 public:
     virtual ~Device() = default;
-    virtual const Command& probe(int64_t tick) = 0;
-    virtual void push(const double force[3]) = 0; // N, already limited to what the device can bear
-    virtual bool cold(int64_t) { return false; }  // a record's tick that was answered without tables (State::cold)
+    virtual const Commands& probe(int64_t tick) = 0;
+    virtual void push(const Felt* felt) = 0;     // of all most_tools
+    virtual bool cold(int64_t) { return false; } // a record's tick that was answered without tables (State::cold)
 };
 
-// A pointer in a page: another thread writes commands, the newest wins. It feels nothing; the page draws the force.
+// Pointers in a page: another thread writes commands, the newest wins. They feel nothing; the page draws the force.
 class Pointer : public Device {
-    Latest<Command> newest;
+    Latest<Commands> newest;
+    Commands all;
 
 public:
-    void send(const Command& command) {
-        newest.writing() = command;
+    void send(int tool, const Command& command, int64_t serial) {
+        all.serial = serial;
+        all.tool[tool] = command;
+        newest.writing() = all;
         newest.publish();
     }
-    const Command& probe(int64_t) override { return newest.reading(); }
-    void push(const double*) override {}
+    const Commands& probe(int64_t) override { return newest.reading(); }
+    void push(const Felt*) override {}
 };
 
 // A record: each command is obeyed from its tick on, whatever the clock says.
 class Replay : public Device {
-    const std::vector<int64_t> ticks; // rising
+    const std::vector<int64_t> ticks; // not falling
+    const std::vector<uint8_t> tools;
     const std::vector<Command> commands;
-    const Command idle;
     const std::vector<int64_t> switches; // ticks from which answers are cold, then not, then cold, ...
+    Commands now;
     size_t next = 0, switched = 0;
 
 public:
-    Replay(std::vector<int64_t> ticks, std::vector<Command> commands, std::vector<int64_t> switches = {})
-        : ticks(std::move(ticks)), commands(std::move(commands)), switches(std::move(switches)) {}
+    Replay(std::vector<int64_t> ticks, std::vector<uint8_t> tools, std::vector<Command> commands,
+           std::vector<int64_t> switches = {})
+        : ticks(std::move(ticks)), tools(std::move(tools)), commands(std::move(commands)),
+          switches(std::move(switches)) {}
     bool cold(int64_t tick) override {
         while (switched < switches.size() && switches[switched] <= tick) switched++;
         return switched % 2 == 1;
     }
-    const Command& probe(int64_t tick) override {
-        while (next < ticks.size() && ticks[next] <= tick) next++;
-        return next ? commands[next - 1] : idle;
+    const Commands& probe(int64_t tick) override {
+        for (; next < ticks.size() && ticks[next] <= tick; next++) now.tool[tools[next]] = commands[next];
+        return now;
     }
-    void push(const double*) override {}
+    void push(const Felt*) override {}
 };
 
 } // namespace palpate

@@ -79,12 +79,12 @@ void Green::make_columns(const int* vertices, int count) {
     evict();
 }
 
-void Green::solve(const int* vertices, const double* weight, int count, const double force[3], float* out) {
+void Green::solve(const int* vertices, int count, const double* loads, float* out) {
     load.assign(size_t(3 * count) * one.columns, 0);
     loaded.clear();
     for (int i = 0; i < count; i++) {
         loaded.push_back(elastic.place[vertices[i]]);
-        for (int k = 0; k < 3; k++) load[size_t(3 * i + k) * one.columns] = float(weight[i] * force[k]);
+        for (int k = 0; k < 3; k++) load[size_t(3 * i + k) * one.columns] = float(loads[3 * i + k]);
     }
     const int all = elastic.vertices();
     result.resize(3 * size_t(all) * one.columns);

@@ -39,8 +39,8 @@ public:
     bool columns_would_not_fit(int count) const { return count * column_bytes() > budget / 2; }
     // These are in use from now on, and others no longer; evicts what is over the budget.
     void use(const int* vertices, int count);
-    // K^-1 W f over all vertices, W a patch, without tables: (vertices, 3) mm.
-    void solve(const int* vertices, const double* weight, int count, const double force[3], float* out);
+    // The displacement of all vertices under loads (count, 3) N, without tables: (vertices, 3) mm.
+    void solve(const int* vertices, int count, const double* load, float* out);
     std::atomic<size_t> bytes{0};
     std::atomic<int64_t> made_near{0}, made_columns{0}, evicted{0};
 

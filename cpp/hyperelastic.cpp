@@ -41,10 +41,12 @@ std::unique_ptr<State> Hyperelastic::start() const {
     return state;
 }
 
-void Hyperelastic::advance(State& state, const Patch* patch, const double displacement[3], int steps,
-                           double force[3]) const {
-    std::fill_n(force, 3, 0.0);
-    solve(state, patch, patch ? 1 : 0, displacement, steps, 0, force);
+bool Hyperelastic::advance(State& state, const Patch* patches, int closed, int open, double* displacement, int steps,
+                           double* force) const {
+    std::fill_n(force, 3 * closed, 0.0);
+    const bool good = solve(state, patches, closed, displacement, steps, 0, force) >= 0;
+    feel(state, patches, closed, open, displacement, force);
+    return good;
 }
 
 int Hyperelastic::solve(State& state, const Patch* patches, int contacts, const double* displacement, int steps,

@@ -41,8 +41,11 @@ public:
 
     int nodes() const override { return elements.nodes(); }
     std::unique_ptr<State> start() const override;
-    void advance(State& state, const Patch* patch, const double displacement[3], int steps,
-                 double force[3]) const override;
+    bool advance(State& state, const Patch* patches, int closed, int open, double* displacement, int sweeps,
+                 double* force) const override;
+    double energy(const State& state, int, const double*, const double*) const override {
+        return static_cast<const HyperState&>(state).here.energy;
+    }
 
     // At most `steps` steps of descent, fewer once gradient' K^-1 gradient is below tolerance^2 times twice the energy.
     // -1, and nothing moved, when the contacts are more than most_contacts or cannot be told apart; else the steps

@@ -15,7 +15,7 @@ constexpr auto period = std::chrono::nanoseconds(1000000000 / Loop::rate);
 double seconds(clock::duration d) { return std::chrono::duration<double>(d).count(); }
 
 bool same(const Command& a, const Command& b) {
-    if (a.held != b.held) return false;
+    if (a.kind != b.kind) return false;
     for (int k = 0; k < 3; k++)
         if (a.point[k] != b.point[k] || a.displacement[k] != b.displacement[k]) return false;
     return true;
@@ -41,23 +41,31 @@ double sweep_seconds(const Model& model, const Surface& surface, double radius) 
         std::copy_n(&surface.position[3 * surface.corner[3 * t]], 3, at.point);
         if (surface.patch(at, radius, scratch, patch) == Surface::Contact::good) break;
     }
-    const double push[3] = {0, 0, -1};
     double force[3], best = 1;
-    for (int i = 0; i < tries; i++) {
+    for (int i = 0; i < tries; i++) { // deeper each time: a model that is there at once would seem too quick
+        double push[3] = {0, 0, -1 - 0.1 * i};
         auto began = clock::now();
-        model.advance(*state, &patch, push, sweeps, force);
+        model.advance(*state, &patch, 1, 0, push, sweeps, force);
         best = std::min(best, seconds(clock::now() - began) / sweeps);
     }
     return best;
 }
 
 Loop::Loop(const Model& model, const Surface& surface, const Settings& settings, std::vector<int> shown)
-    : frames(blank(shown.size())), obeyed(1 << 16), digests(1 << 16), switches(1 << 16),
+    : frames(blank(shown.size())), obeyed(1 << 16), digests(1 << 16), changes(1 << 8), switches(1 << 16),
       simulation(model, surface, settings), shown(std::move(shown)) {}
+
+Loop::~Loop() {
+    stop();
+    tidy();
+    delete coming.load();
+    delete changed;
+}
 
 void Loop::start(Device& device) {
     if (thread.joinable()) throw std::logic_error("the loop runs already");
     stopping = false;
+    if (Running* to = coming.load()) to->model->accompany(*to->state);
     thread = std::thread([this, &device] { run(device); });
 }
 
@@ -65,6 +73,7 @@ void Loop::stop() {
     if (!thread.joinable()) return;
     stopping = true;
     thread.join();
+    if (Running* to = coming.load()) to->model->leave(*to->state);
 }
 
 void Loop::run(Device& device) {
@@ -87,22 +96,56 @@ void Loop::run(Device& device) {
         }
         std::this_thread::sleep_until(due);
     }
-    Replay idle({}, {});
+    Replay idle({}, {}, {});
     tick(idle); // let go, so that the device is left without force
-    device.push(simulation.pushed);
+    device.push(simulation.felt);
     simulation.follow_clock(false);
     publish(seconds(clock::now() - began));
 }
 
 void Loop::tick(Device& device) {
-    const Command& command = device.probe(simulation.ticks);
-    if (!same(command, last)) obeyed.put({simulation.ticks, command});
-    last = command;
-    simulation.tick(command);
+    const Commands& commands = device.probe(simulation.ticks);
+    for (int t = 0; t < most_tools; t++)
+        if (!same(commands.tool[t], last.tool[t])) obeyed.put({simulation.ticks, t, commands.tool[t]});
+    last = commands;
+    take_change();
+    simulation.tick(commands);
     if (simulation.cold() != cold) switches.put(simulation.ticks - 1);
     cold = simulation.cold();
-    device.push(simulation.pushed);
+    device.push(simulation.felt);
     if (simulation.ticks % digest_ticks == 0) digests.put({simulation.ticks, simulation.digest()});
+}
+
+void Loop::take_change() {
+    if (!simulation.changing() && !gone.load(std::memory_order_acquire)) {
+        if (Running* to = coming.exchange(nullptr, std::memory_order_acq_rel)) {
+            changes.put({simulation.ticks, to->model});
+            changed = to; // its shell takes up what the change will leave
+            simulation.change(std::move(*to));
+        }
+    } else if (changed && !simulation.changing()) {
+        *changed = simulation.left();
+        gone.store(changed, std::memory_order_release);
+        changed = nullptr;
+    }
+}
+
+bool Loop::change(const Model& model, int sweeps) {
+    tidy();
+    if (coming.load() || pending) return false;
+    auto* to = new Running{&model, model.start(), sweeps};
+    if (running()) model.accompany(*to->state);
+    pending = true;
+    coming.store(to, std::memory_order_release);
+    return true;
+}
+
+void Loop::tidy() {
+    Running* left = gone.exchange(nullptr, std::memory_order_acq_rel);
+    if (!left) return;
+    if (left->model) left->model->leave(*left->state);
+    delete left;
+    pending = false;
 }
 
 void Loop::publish(double now) {
@@ -113,12 +156,18 @@ void Loop::publish(double now) {
     frame.serial = last.serial;
     frame.seconds = now;
     frame.busy = busy;
-    frame.grip = int(simulation.proxy.grip);
-    for (int k = 0; k < 3; k++) {
-        frame.point[k] = simulation.proxy.at.point[k];
-        frame.displacement[k] = simulation.proxy.displacement[k];
-        frame.force[k] = simulation.force[k];
-        frame.pushed[k] = simulation.pushed[k];
+    frame.work = simulation.work;
+    for (int t = 0; t < most_tools; t++) {
+        const Proxy& p = simulation.proxy[t];
+        frame.grip[t] = int(p.grip);
+        frame.inside[t] = p.inside;
+        for (int k = 0; k < 3; k++) {
+            frame.point[3 * t + k] = p.at.point[k];
+            frame.displacement[3 * t + k] = p.displacement[k];
+            frame.force[3 * t + k] = p.force[k] + p.toll[k];
+            frame.pushed[3 * t + k] = simulation.felt[t].force[k];
+            frame.tip[3 * t + k] = p.tip[k];
+        }
     }
     simulation.show(shown.data(), int(shown.size()), frame.shown.data());
     frames.publish();
@@ -129,7 +178,9 @@ void Loop::step(Device& device, int64_t ticks, double* forces) {
     for (int64_t i = 0; i < ticks; i++) {
         simulation.lack_tables(device.cold(simulation.ticks));
         tick(device);
-        for (int k = 0; k < 3; k++) forces[3 * i + k] = simulation.force[k];
+        for (int t = 0; t < most_tools; t++)
+            for (int k = 0; k < 3; k++)
+                forces[3 * (most_tools * i + t) + k] = simulation.proxy[t].force[k] + simulation.proxy[t].toll[k];
     }
     publish(double(simulation.ticks) / rate);
 }

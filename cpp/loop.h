@@ -13,14 +13,23 @@ struct Frame {
     int64_t tick = 0, late = 0, faults = 0, serial = 0; // serial: of the command obeyed
     double seconds = 0;                                 // the loop's clock
     double busy = 0;                                    // seconds a tick takes, smoothed
-    int grip = 0;
-    double point[3] = {0, 0, 0}, displacement[3] = {0, 0, 0}, force[3] = {0, 0, 0}, pushed[3] = {0, 0, 0};
+    double work = 0;                                    // N mm that the tools have put into the tissue
+    int grip[most_tools] = {};
+    double point[3 * most_tools] = {}, displacement[3 * most_tools] = {}; // tool by tool
+    double force[3 * most_tools] = {}, pushed[3 * most_tools] = {};
+    double tip[3 * most_tools] = {}, inside[most_tools] = {};
     std::vector<float> shown; // (shown nodes, 3) mm, displacement
 };
 
 struct Obeyed { // a command and the tick that first obeyed it
     int64_t tick;
+    int tool;
     Command command;
+};
+
+struct Changed { // another model, and the tick that first ran it
+    int64_t tick;
+    const Model* model;
 };
 
 struct Digest { // of the state after `ticks` ticks
@@ -40,32 +49,42 @@ public:
     static constexpr int digest_ticks = 100; // and a digest kept
 
     Loop(const Model& model, const Surface& surface, const Settings& settings, std::vector<int> shown);
-    ~Loop() { stop(); }
+    ~Loop();
 
     void start(Device& device); // the device must outlive the run
     void stop();                // lets go first: the last force is zero
     bool running() const { return thread.joinable(); }
 
-    // `ticks` ticks without a clock; forces: (ticks, 3) N. Not while the thread runs.
+    // `ticks` ticks without a clock; forces: (ticks, tools, 3) N. Not while the thread runs.
     void step(Device& device, int64_t ticks, double* forces);
+
+    // Another model of the same tissue, blended in from the next tick on. False: one is on its way already. Both models
+    // must outlive the loop.
+    bool change(const Model& model, int sweeps);
+    void tidy(); // throws away what a change has left behind; from the thread that changes
 
     Simulation& now() { return simulation; } // not while the thread runs
     Latest<Frame> frames;
     Ring<Obeyed> obeyed;
     Ring<Digest> digests;
+    Ring<Changed> changes;
     Ring<int64_t> switches; // ticks from which answers lack tables, then no longer, then again, ...
 
 private:
     Simulation simulation;
     const std::vector<int> shown;
-    Command last;
+    Commands last;
+    std::atomic<Running*> coming{nullptr}, gone{nullptr};
     int64_t late = 0;
     double busy = 0;
     bool cold = false;
     std::atomic<bool> stopping{false};
     std::thread thread;
     void run(Device& device);
+    Running* changed = nullptr; // the loop's: the shell of a change that is under way
+    bool pending = false;       // the changer's
     void tick(Device& device);
+    void take_change();
     void publish(double seconds);
 };
 

@@ -11,8 +11,15 @@ struct Patch {
     static constexpr int capacity = 256;
     int count = 0;
     int node[capacity];
-    double weight[capacity]; // sum to 1
+    double weight[capacity];        // sum to 1
+    void copy(const Patch& other) { // no more than it holds
+        count = other.count;
+        std::copy_n(other.node, count, node);
+        std::copy_n(other.weight, count, weight);
+    }
 };
+
+constexpr int most_tools = 4; // at work in a loop at once
 
 class Model;
 
@@ -26,7 +33,8 @@ struct State {
     std::vector<double> u;        // displacement of each node, x y z, mm; a model may leave it to displacement()
     const Model* owner = nullptr; // the model that started it: states do not fit others
     Tables tables = Tables::at_once;
-    bool cold = false; // the last answer lacked tables
+    bool cold = false;   // the last answer lacked tables
+    bool fading = false; // it was between what older tables gave and what the newest give
     virtual ~State() = default;
     // All that a tick leaves behind, from which everything else follows: for digests, and to see that it is sound.
     virtual std::vector<double>& memory() { return u; }
@@ -41,11 +49,20 @@ public:
     bool owns(const State& state) const { return state.owner == this; }
     virtual std::unique_ptr<State> start() const = 0; // at rest, owned
 
-    // Moves `state` towards equilibrium by `sweeps` sweeps, warm from where it is, under patch mean = displacement mm
-    // (patch null: nothing touches, the tissue goes home). `force` becomes the tissue's force on the tool, N.
+    // Moves `state` towards equilibrium by `sweeps` sweeps, warm from where it is. The first `closed` patches hold:
+    // their means are displacement (closed + open, 3) mm, and force (closed + open, 3) N becomes the tissue's on the
+    // tools. The next `open` ones only feel: no force, and displacement becomes where the tissue under them has gone.
+    // None closed: the tissue goes home. False: these contacts cannot be answered together, and nothing moved.
     // Allocates nothing, takes no lock, reads no clock: equal inputs give equal bits.
-    virtual void advance(State& state, const Patch* patch, const double displacement[3], int sweeps,
-                         double force[3]) const = 0;
+    virtual bool advance(State& state, const Patch* patches, int closed, int open, double* displacement, int sweeps,
+                         double* force) const = 0;
+
+    // N mm that the tissue holds, when the tools feel `force` at `displacement` (closed, 3). Linear: half their work.
+    virtual double energy(const State&, int closed, const double* displacement, const double* force) const {
+        double sum = 0;
+        for (int k = 0; k < 3 * closed; k++) sum -= 0.5 * displacement[k] * force[k];
+        return sum;
+    }
 
     // The displacement of some nodes for a display, (count, 3) mm, perhaps a few frames old; allocates nothing and
     // takes no lock while tables are made ahead.
@@ -58,6 +75,19 @@ public:
     // Begins and ends the time when ticks follow the clock.
     virtual void accompany(State& state) const { state.tables = Tables::ahead; }
     virtual void leave(State& state) const { state.tables = Tables::at_once; }
+
+protected:
+    // Means over patches that only feel, from `u`; no force on them.
+    static void feel(const State& state, const Patch* patches, int closed, int open, double* displacement,
+                     double* force) {
+        for (int c = closed; c < closed + open; c++)
+            for (int k = 0; k < 3; k++) {
+                double sum = 0;
+                for (int i = 0; i < patches[c].count; i++)
+                    sum += patches[c].weight[i] * state.u[3 * size_t(patches[c].node[i]) + k];
+                displacement[3 * c + k] = sum, force[3 * c + k] = 0;
+            }
+    }
 };
 
 } // namespace palpate

@@ -103,7 +103,7 @@ std::unique_ptr<State> Multigrid::start() const {
     for (Buffer* b : {&s->rhs, &s->z, &s->image_z}) b->assign(n, 0);
     for (int k = 0; k < MultigridState::history; k++) s->change[k].assign(n, 0), s->force_change[k].assign(n, 0);
     s->work = cycle.work();
-    remember(*s, 1);
+    remember(*s, most_tools);
     s->owner = this;
     return s;
 }
@@ -185,21 +185,23 @@ void Multigrid::lift(MultigridState& s, int contact, int axis) const {
     products(s, 1 + MultigridState::history + c);
 }
 
-// One contact, in a loop: all lifts where it lands, then the one left farthest behind once it is half a radius off.
+// In a loop: a contact's lifts where it lands, then the one left farthest behind once it is half a radius off.
 void Multigrid::keep_lifts(MultigridState& s) const {
-    double at[3], spread, farthest = -1;
-    int axis = 0;
-    centre(s.patch[0], place.data(), at, spread);
-    for (int k = 0; k < 3 && s.lifts == 1; k++) {
-        double away = 0;
-        for (int a = 0; a < 3; a++) away += (at[a] - s.lift_at[3 * k + a]) * (at[a] - s.lift_at[3 * k + a]);
-        if (away > farthest) farthest = away, axis = k;
-    }
-    if (s.lifts != 1 || farthest > 9 * spread) { // the square of a smooth patch's spread is a quarter of its radius's
-        s.lifts = 0;
-        for (int k = 0; k < 3; k++) lift(s, 0, k);
-    } else if (farthest > spread) {
-        lift(s, 0, axis);
+    s.lifts = std::min(s.lifts, s.contacts);
+    for (int c = 0; c < s.contacts; c++) {
+        double at[3], spread, farthest = -1;
+        int axis = 0;
+        centre(s.patch[c], place.data(), at, spread);
+        for (int k = 0; k < 3 && c < s.lifts; k++) {
+            const double* was = &s.lift_at[9 * size_t(c) + 3 * k];
+            double away = 0;
+            for (int a = 0; a < 3; a++) away += (at[a] - was[a]) * (at[a] - was[a]);
+            if (away > farthest) farthest = away, axis = k;
+        }
+        if (c >= s.lifts || farthest > 9 * spread) // the square of a smooth patch's spread: a quarter of its radius's
+            for (int k = 0; k < 3; k++) lift(s, c, k);
+        else if (farthest > spread)
+            lift(s, c, axis);
     }
 }
 
@@ -359,23 +361,31 @@ void Multigrid::refresh(const Field& u, Field& image, int first, int last) const
         if (held[i]) std::fill_n(&image[4 * size_t(i)], 4, 0.0);
 }
 
-void Multigrid::advance(State& state, const Patch* patch, const double displacement[3], int sweeps,
-                        double force[3]) const {
+bool Multigrid::advance(State& state, const Patch* patches, int closed, int open, double* displacement, int sweeps,
+                        double* force) const {
     auto& s = static_cast<MultigridState&>(state);
-    double f[3];
-    force[0] = force[1] = force[2] = 0;
-    if (!patch) return s.rest(); // nothing holds it: home is the equilibrium
-    touch(s, 0, *patch);
-    s.contacts = 1;
+    const bool good = closed == 0 || hold(s, patches, closed, displacement, sweeps, force);
+    if (closed == 0) s.rest(); // nothing holds it: home is the equilibrium
+    feel(s, patches, closed, open, displacement, force);
+    return good;
+}
+
+bool Multigrid::hold(MultigridState& s, const Patch* patches, int contacts, const double* displacement, int sweeps,
+                     double* force) const {
+    double f[most_columns];
+    std::fill_n(force, 3 * contacts, 0.0);
+    for (int c = 0; c < contacts; c++) touch(s, c, patches[c]);
+    s.contacts = contacts;
     keep_lifts(s);
     if (!pull(s) || !best_start(s, displacement, f)) {
         s.lifts = 0; // lifts that fit no longer
         keep_lifts(s);
-        if (!pull(s) || !best_start(s, displacement, f)) return;
+        if (!pull(s) || !best_start(s, displacement, f)) return false;
     }
     iterate(s, sweeps, false, f);
     keep(s, false);
     report(s, displacement, force);
+    return true;
 }
 
 bool Multigrid::solve(State& state, const Patch* patches, int contacts, const double* displacement, int iterations,

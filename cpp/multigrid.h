@@ -46,8 +46,8 @@ public:
 
     // sweeps: iterations. Lifts are renewed one column a tick as the patch moves on. K u gains the float32 image of
     // what u gains, and each 64th of it is made anew in float64 in a tick.
-    void advance(State& state, const Patch* patch, const double displacement[3], int sweeps,
-                 double force[3]) const override;
+    bool advance(State& state, const Patch* patches, int closed, int open, double* displacement, int sweeps,
+                 double* force) const override;
 
     // The same for several contacts, with K u in float64 in every iteration and lifts made for these patches; may
     // allocate. False for contacts that are too many or cannot be told apart. displacement, force: (contacts, 3).
@@ -73,6 +73,8 @@ private:
     void remember(MultigridState& s, int contacts) const;
     void touch(MultigridState& s, int contact, const Patch& patch) const;
     void lift(MultigridState& s, int contact, int axis) const;
+    bool hold(MultigridState& s, const Patch* patches, int contacts, const double* displacement, int sweeps,
+              double* force) const;
     void keep_lifts(MultigridState& s) const;
     bool pull(MultigridState& s) const;
     bool best_start(MultigridState& s, const double* displacement, double* f) const;

@@ -5,14 +5,20 @@
 namespace palpate {
 namespace {
 
+using Grip = Proxy::Grip;
+using Kind = Command::Kind;
+
 bool finite(const Command& command) {
     double sum = 0;
     for (int k = 0; k < 3; k++) sum += command.point[k] + command.displacement[k];
     return std::isfinite(sum);
 }
 
+double dot(const double a[3], const double b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+double length(const double a[3]) { return std::sqrt(dot(a, a)); }
 double apart(const double a[3], const double b[3]) {
-    return std::sqrt((a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1]) + (a[2] - b[2]) * (a[2] - b[2]));
+    const double d[3] = {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
+    return length(d);
 }
 
 void glide(double from[3], const double to[3], const Pace& pace) {
@@ -22,35 +28,152 @@ void glide(double from[3], const double to[3], const Pace& pace) {
     for (int k = 0; k < 3; k++) from[k] += part * (to[k] - from[k]);
 }
 
+// One tool of one tick, and what it may look at.
+struct Step {
+    Proxy& proxy;
+    const Command& command;
+    const Surface& surface;
+    const Manner& manner;
+    SurfaceScratch& scratch;
+
+    bool find_patch() {
+        if (surface.patch(proxy.at, manner.radius, scratch, proxy.patch) == Surface::Contact::good) return true;
+        proxy.grip = Grip::refused;
+        return false;
+    }
+
+    void move_to(const double point[3]) {
+        const Hit before = proxy.at;
+        proxy.at = surface.closest(point);
+        if (apart(before.point, proxy.at.point) > 0) find_patch();
+    }
+
+    void hold() {
+        if (apart(proxy.at.point, command.point) > 0) {
+            double point[3];
+            std::copy_n(proxy.at.point, 3, point);
+            glide(point, command.point, manner.pace);
+            move_to(point);
+        }
+        glide(proxy.displacement, command.displacement, manner.pace);
+    }
+
+    // In space: the tissue's surface is carried back to rest by what it has moved here, so that the one tree over the
+    // surface at rest serves whatever the tissue does.
+    void hover() {
+        double point[3], out[3], gap = 0;
+        for (int k = 0; k < 3; k++) point[k] = proxy.tip[k] - proxy.displacement[k];
+        move_to(point);
+        if (proxy.grip == Grip::refused) return;
+        surface.normal(proxy.at, out);
+        for (int k = 0; k < 3; k++) gap += (point[k] - proxy.at.point[k]) * out[k];
+        if (gap >= 0) {
+            proxy.outside = true;
+        } else if (proxy.outside) { // a tool that begins inside holds nothing until it has come out
+            proxy.grip = Grip::holding;
+            std::fill_n(proxy.slope, 3, 0.0);
+        }
+    }
+
+    // In contact: stays where it touched until the force leaves Coulomb's cone, then follows along the surface as far
+    // as brings it back; what drives it is the force and the energy that sliding would cost.
+    void slip() {
+        double out[3], across[3];
+        surface.normal(proxy.at, out);
+        const double press = dot(proxy.force, out), force = length(proxy.force), way = length(proxy.displacement);
+        if (press < 0) { // it would pull
+            proxy.grip = Grip::open;
+            return;
+        }
+        for (int k = 0; k < 3; k++) across[k] = proxy.force[k] + proxy.slope[k];
+        const double along = dot(across, out);
+        for (int k = 0; k < 3; k++) across[k] -= along * out[k];
+        const double excess = length(across) - manner.friction * press;
+        if (!(excess > 0) || !(way > 1e-6) || !(force > 0)) return;
+        const double step = std::min(excess * way / force, manner.pace.reach) / length(across);
+        double point[3];
+        for (int k = 0; k < 3; k++) point[k] = proxy.at.point[k] - step * across[k];
+        move_to(point);
+    }
+
+    void go_free() {
+        const double most = 5 * manner.pace.reach, way = apart(proxy.tip, command.point);
+        for (int k = 0; k < 3; k++) proxy.tip[k] += (way > most ? most / way : 1) * (command.point[k] - proxy.tip[k]);
+        if (proxy.grip == Grip::holding) slip();
+        if (proxy.grip == Grip::open) hover();
+        if (proxy.grip == Grip::holding)
+            for (int k = 0; k < 3; k++) proxy.displacement[k] = proxy.tip[k] - proxy.at.point[k];
+    }
+
+    void pierce() {
+        const double way = length(proxy.way);
+        glide(proxy.way, command.displacement, manner.pace);
+        std::copy_n(proxy.way, 3, proxy.displacement);
+        if (way < 1e-3 || -dot(proxy.force, proxy.way) / way < manner.needle.puncture) return;
+        proxy.pierced = true;
+        for (int k = 0; k < 3; k++) proxy.axis[k] = proxy.way[k] / way;
+    }
+
+    // The tissue at the entry goes with the shaft until cutting and friction give way.
+    void drive() {
+        glide(proxy.way, command.displacement, manner.pace);
+        const double deep = dot(proxy.way, proxy.axis), push = -dot(proxy.force, proxy.axis);
+        const double with = dot(proxy.displacement, proxy.axis), stiffness = std::abs(with) > 1e-6 ? push / with : 0;
+        const double rub = manner.needle.friction * proxy.inside, in = push - manner.needle.cutting - rub;
+        if (stiffness > 0 && in > 0) proxy.inside += in / stiffness;
+        if (stiffness > 0 && push < -rub) proxy.inside = std::max(0.0, proxy.inside - (-push - rub) / stiffness);
+        if (proxy.inside == 0 && deep < 0) proxy.pierced = false; // out again
+        for (int k = 0; k < 3; k++) proxy.displacement[k] = (deep - proxy.inside) * proxy.axis[k];
+    }
+
+    void take(bool others) {
+        const bool space = command.kind == Kind::free;
+        proxy = Proxy();
+        proxy.kind = command.kind;
+        proxy.at = surface.closest(command.point);
+        std::copy_n(command.point, 3, proxy.tip);
+        proxy.grip = others || space ? Grip::open : Grip::holding;
+        if (find_patch() && space) hover();
+    }
+};
+
 } // namespace
 
-void follow(Proxy& proxy, const Command& command, const Surface& surface, double radius, const Pace& pace,
+void follow(Proxy& proxy, const Command& command, const Surface& surface, const Manner& manner, bool others, bool known,
             SurfaceScratch& scratch) {
-    if (!command.held) {
-        proxy.grip = Proxy::Grip::idle;
-        return;
+    if (command.kind == Kind::away || command.kind != proxy.kind) {
+        const bool refused = proxy.grip == Grip::refused && command.kind != Kind::away;
+        proxy.kind = command.kind;
+        if (!refused) proxy.grip = Grip::idle;
+        std::fill_n(proxy.force, 3, 0.0);
+        std::fill_n(proxy.slope, 3, 0.0);
+        std::fill_n(proxy.toll, 3, 0.0);
+        if (command.kind == Kind::away) return;
     }
-    if (proxy.grip == Proxy::Grip::refused) return;
+    if (proxy.grip == Grip::refused) return;
     if (!finite(command)) {
-        proxy.grip = Proxy::Grip::refused;
+        proxy.grip = Grip::refused;
         return;
     }
-    Hit before = proxy.at;
-    bool taken = proxy.grip == Proxy::Grip::idle;
-    if (taken) {
-        proxy.at = surface.closest(command.point);
-        std::fill_n(proxy.displacement, 3, 0.0);
-        proxy.grip = Proxy::Grip::holding;
-    } else if (apart(proxy.at.point, command.point) > 0) {
-        double point[3];
-        std::copy_n(proxy.at.point, 3, point);
-        glide(point, command.point, pace);
-        proxy.at = surface.closest(point);
+    Step step{proxy, command, surface, manner, scratch};
+    if (proxy.grip == Grip::idle) {
+        step.take(others);
+        if (proxy.grip != Grip::holding || command.kind == Kind::free) return;
     }
-    if (taken || apart(before.point, proxy.at.point) > 0)
-        if (surface.patch(proxy.at, radius, scratch, proxy.patch) != Surface::Contact::good)
-            proxy.grip = Proxy::Grip::refused;
-    glide(proxy.displacement, command.displacement, pace);
+    if (command.kind == Kind::free) return step.go_free();
+    if (proxy.grip == Grip::open) { // beside another tool: from where the tissue has gone, once that is known
+        if (!known) return;
+        proxy.grip = Grip::holding;
+        std::copy_n(proxy.displacement, 3, proxy.way);
+    }
+    if (command.kind == Kind::hold)
+        step.hold();
+    else if (proxy.pierced)
+        step.drive();
+    else
+        step.pierce();
+    for (int k = 0; k < 3; k++)
+        proxy.tip[k] = proxy.at.point[k] + (command.kind == Kind::needle ? proxy.way[k] : proxy.displacement[k]);
 }
 
 } // namespace palpate

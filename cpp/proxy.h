@@ -12,22 +12,49 @@ struct Pace {
     double reach = 1.0;     // mm a tick at most, along the surface and in displacement: 1 m/s
 };
 
-// Where the tool really is: the contact in force, following the commands (Zilles & Salisbury 1995 call it the
+// What a needle meets, in the three parts of A. M. Okamura, C. Simone & M. D. O'Leary, IEEE Trans. Biomed. Eng. 51
+// (2004) 1707: the tissue's stiffness until it is pierced, then cutting at the tip and friction along the shaft.
+struct NeedleForces {
+    double puncture = 0.6;  // N, at which the surface is pierced
+    double cutting = 0.3;   // N, at the tip
+    double friction = 0.02; // N a mm of shaft inside
+};
+
+struct Manner {            // of all tools
+    double radius = 5;     // of the contact, mm
+    double friction = 0.3; // Coulomb's, of tools in space
+    Pace pace;
+    NeedleForces needle;
+};
+
+// Where a tool really is: the contact in force, following the commands (Zilles & Salisbury 1995 call it the
 // god-object).
 struct Proxy {
-    enum class Grip {
+    enum class Grip : uint8_t {
         idle,
         holding,
-        refused
-    }; // refused: until let go (held still there, or a command that is no number)
+        refused, // until let go (held still there, or a command that is no number)
+        open     // it feels where the tissue is, but does not hold it: about to hold, or in space
+    };
     Grip grip = Grip::idle;
-    Hit at;                             // on the surface at rest
-    double displacement[3] = {0, 0, 0}; // of the patch's weighted mean, mm
+    Command::Kind kind = Command::Kind::away;
+    Hit at;                                // on the surface at rest
+    double displacement[3] = {0, 0, 0};    // of the patch's weighted mean, mm
+    double force[3] = {0, 0, 0};           // N, of the tissue on the tool: the last answer
+    double slope[3] = {0, 0, 0};           // N, what the tissue's energy rises by a mm that the contact slides
+    double toll[3] = {0, 0, 0};            // N, on the tool, that makes a sliding hand pay for that
+    double tip[3] = {0, 0, 0};             // mm, of the tool, in space
+    double way[3] = {0, 0, 0};             // mm, a needle's tip from where it entered
+    double axis[3] = {0, 0, 0};            // of a needle that has pierced the surface
+    double inside = 0;                     // mm of it that are in the tissue
+    bool pierced = false, outside = false; // outside: a tool in space was seen out of the tissue
+    int64_t landed = 0;                    // tick at which it took hold
     Patch patch;
 };
 
-// One tick: takes hold, glides towards the command, or lets go.
-void follow(Proxy& proxy, const Command& command, const Surface& surface, double radius, const Pace& pace,
+// One tick of one tool: takes hold, glides towards the command, slips, pierces, or lets go. others: whether another
+// tool holds the tissue. known: whether the last answer was to be trusted.
+void follow(Proxy& proxy, const Command& command, const Surface& surface, const Manner& manner, bool others, bool known,
             SurfaceScratch& scratch);
 
 } // namespace palpate

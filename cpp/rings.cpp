@@ -44,10 +44,12 @@ std::unique_ptr<State> RingModel::start() const {
     return state;
 }
 
-void RingModel::advance(State& state, const Patch* patch, const double displacement[3], int sweeps,
-                        double force[3]) const {
-    force[0] = force[1] = force[2] = 0;
-    solve(state, patch, patch ? 1 : 0, displacement, sweeps, force);
+bool RingModel::advance(State& state, const Patch* patches, int closed, int open, double* displacement, int sweeps,
+                        double* force) const {
+    std::fill_n(force, 3 * closed, 0.0);
+    const bool good = solve(state, patches, closed, displacement, sweeps, force);
+    feel(state, patches, closed, open, displacement, force);
+    return good;
 }
 
 bool RingModel::solve(State& state, const Patch* patches, int contacts, const double* displacement, int sweeps,

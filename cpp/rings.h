@@ -50,8 +50,8 @@ public:
 
     int nodes() const override { return graph.nodes(); }
     std::unique_ptr<State> start() const override;
-    void advance(State& state, const Patch* patch, const double displacement[3], int sweeps,
-                 double force[3]) const override;
+    bool advance(State& state, const Patch* patches, int closed, int open, double* displacement, int sweeps,
+                 double* force) const override;
 
     // The same for several contacts at once. False, and nothing moved, when they are more than most_contacts, hold more
     // than Patch::capacity nodes together, or cannot be told apart. displacement, force: (contacts, 3).

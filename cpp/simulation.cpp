@@ -6,49 +6,209 @@
 namespace palpate {
 namespace {
 
+using Grip = Proxy::Grip;
 constexpr double nearly_home = 1e-6; // mm: what is left of a displacement when the tissue counts as at rest
+constexpr double tolling = 0.1;      // of the way to what is due, a tick
+constexpr double least_slide = 0.01; // mm a tick: slower, a slope is learnt over several ticks
 
-double length(const double v[3]) { return std::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); }
+double dot(const double a[3], const double b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+double length(const double v[3]) { return std::sqrt(dot(v, v)); }
 
 } // namespace
 
 Simulation::Simulation(const Model& model, const Surface& surface, const Settings& settings)
-    : settings(settings), model(model), surface(surface), state(model.start()), scratch(surface.scratch()) {}
+    : settings(settings), surface(surface), now{&model, model.start(), settings.sweeps}, scratch(surface.scratch()) {}
 
-void Simulation::tick(const Command& command) {
-    follow(proxy, command, surface, settings.radius, settings.pace, scratch);
-    bool holding = proxy.grip == Proxy::Grip::holding;
-    if (holding || !home) {
-        double none[3] = {0, 0, 0};
-        model.advance(*state, holding ? &proxy.patch : nullptr, holding ? proxy.displacement : none, settings.sweeps,
-                      force);
-        if (!holding) std::fill_n(force, 3, 0.0);
-        watch(holding);
+void Simulation::tick(const Commands& commands) {
+    const bool known = !now.state->cold;
+    for (int t = 0; t < most_tools; t++) {
+        bool others = !home;
+        for (int o = 0; o < most_tools; o++) others = others || (o != t && proxy[o].grip == Grip::holding);
+        const bool held = proxy[t].grip == Grip::holding;
+        follow(proxy[t], commands.tool[t], surface, settings.manner, others && !held, known, scratch);
+        if (!held && proxy[t].grip == Grip::holding) proxy[t].landed = ticks;
+    }
+    gather();
+    if (closed > 0 || !home) {
+        while (!answer()) { // the contact that came last cannot be told from the others
+            proxy[who[closed - 1]].grip = Grip::refused;
+            gather();
+        }
+        learn_slopes();
+        account();
+        watch();
+    } else {
+        for (int c = 0; c < open; c++) std::fill_n(proxy[who[c]].displacement, 3, 0.0);
+        account();
     }
     push();
     ticks++;
 }
 
-void Simulation::watch(bool holding) {
-    double sum = force[0] + force[1] + force[2], most = 0;
-    for (double x : state->memory()) {
-        sum += x;
-        most = std::max(most, std::abs(x));
+void Simulation::gather() {
+    closed = open = 0;
+    for (int t = 0; t < most_tools; t++) {
+        if (proxy[t].grip != Grip::holding) continue;
+        int at = closed++;
+        for (; at > 0 && proxy[who[at - 1]].landed > proxy[t].landed; at--) who[at] = who[at - 1];
+        who[at] = t;
     }
-    bool sound = std::isfinite(sum);
+    for (int t = 0; t < most_tools; t++)
+        if (proxy[t].grip == Grip::open) who[closed + open++] = t;
+    for (int c = 0; c < closed + open; c++) {
+        const Proxy& p = proxy[who[c]];
+        patch[c].copy(p.patch);
+        std::copy_n(p.displacement, 3, moved + 3 * c);
+        std::fill_n(force + 3 * c, 3, 0.0);
+    }
+}
+
+bool Simulation::answer() {
+    if (!now.model->advance(*now.state, patch, closed, open, moved, now.sweeps, force)) {
+        if (closed > 1) return false;
+        if (closed == 1) proxy[who[0]].grip = Grip::refused; // not even alone
+        gather();
+        std::fill_n(force, 3 * most_tools, 0.0);
+    }
+    if (next.model) bring_in();
+    for (int t = 0; t < most_tools; t++) std::fill_n(proxy[t].force, 3, 0.0);
+    for (int c = 0; c < closed + open; c++) {
+        std::copy_n(force + 3 * c, 3, proxy[who[c]].force);
+        if (c >= closed) std::copy_n(moved + 3 * c, 3, proxy[who[c]].displacement);
+    }
+    return true;
+}
+
+// The model that comes runs beside the other, first unfelt, then with a growing share of the force.
+void Simulation::bring_in() {
+    double same[3 * most_tools];
+    std::copy_n(moved, 3 * most_tools, same);
+    const bool good = next.model->advance(*next.state, patch, closed, open, same, next.sweeps, other_force);
+    since++;
+    const double share = std::clamp(double(since - settle) / blend, 0.0, 1.0);
+    if (good)
+        for (int k = 0; k < 3 * closed; k++) force[k] += share * (other_force[k] - force[k]);
+    if (since < settle + blend) return;
+    old = std::move(now);
+    now = std::move(next);
+    next = Running();
+}
+
+// The tissue's energy rises where a contact slides to a stiffer place, and a hand has to pay for it: else a loop that
+// slides to where it is stiff and lets go there would give work away. From tick to tick the energy grows by what the
+// displacements cost, -f.du, and by slope.dp of the contact's way dp: so the slope is learnt along each way gone (the
+// least change that explains the last tick; C. G. Broyden, Math. Comput. 19 (1965) 577).
+void Simulation::learn_slopes() {
+    const double stored = now.model->energy(*now.state, closed, moved, force);
+    double unexplained = stored - energy, square = 0, way[most_tools][3] = {};
+    bool same = true;
+    for (int t = 0; t < most_tools; t++) {
+        Proxy& p = proxy[t];
+        const Past& was = past[t];
+        const bool holds = p.grip == Grip::holding;
+        same = same && holds == was.held;
+        if (!holds || !was.held) continue;
+        for (int k = 0; k < 3; k++) {
+            way[t][k] = p.at.point[k] - was.point[k];
+            unexplained += 0.5 * (p.force[k] + was.force[k]) * (p.displacement[k] - was.displacement[k]);
+            unexplained -= p.slope[k] * way[t][k];
+        }
+        square += dot(way[t], way[t]);
+    }
+    energy = stored;
+    if (!same || square == 0 || next.model || now.state->fading || !std::isfinite(unexplained)) return;
+    const double step = unexplained / (square + least_slide * least_slide);
+    for (int t = 0; t < most_tools; t++) {
+        if (!past[t].held || dot(way[t], way[t]) == 0) continue;
+        Proxy& p = proxy[t];
+        for (int k = 0; k < 3; k++) p.slope[k] += step * way[t][k];
+        const double steep = length(p.slope), most = length(p.force);
+        if (steep > most)
+            for (double& x : p.slope) x *= most / steep;
+        if (p.kind == Command::Kind::hold) charge(p, way[t]);
+    }
+}
+
+// A hand that slides its hold along d does -F.d of work a mm, of which the tissue takes slope.d: the force along d is
+// never more than -slope.d, so that no way along the surface gives more than the tissue had. (A tool in space slides by
+// itself, where that costs least, and pays nothing more.)
+void Simulation::charge(Proxy& p, const double way[3]) const {
+    const double step = length(way);
+    double with = 0, rise = 0;
+    for (int k = 0; k < 3; k++) with += p.force[k] * way[k] / step, rise += p.slope[k] * way[k] / step;
+    const double due = std::min(0.0, -rise - with);
+    for (int k = 0; k < 3; k++) p.toll[k] += tolling * (due * way[k] / step - p.toll[k]);
+}
+
+void Simulation::account() {
+    for (int t = 0; t < most_tools; t++) {
+        const Proxy& p = proxy[t];
+        Past& was = past[t];
+        const bool holds = p.grip == Grip::holding;
+        double total[3];
+        for (int k = 0; k < 3; k++) total[k] = p.force[k] + p.toll[k];
+        if (holds && was.held)
+            for (int k = 0; k < 3; k++)
+                work -= 0.5 * (total[k] + was.total[k]) *
+                        (p.at.point[k] + p.displacement[k] - was.point[k] - was.displacement[k]);
+        was.held = holds;
+        std::copy_n(p.at.point, 3, was.point);
+        std::copy_n(p.displacement, 3, was.displacement);
+        std::copy_n(p.force, 3, was.force);
+        std::copy_n(total, 3, was.total);
+    }
+}
+
+void Simulation::watch() {
+    double sum = 0, most = 0;
+    for (int k = 0; k < 3 * closed; k++) sum += force[k];
+    for (const Running* r : {&now, &next})
+        if (r->state)
+            for (double x : r->state->memory()) {
+                sum += x;
+                most = std::max(most, std::abs(x));
+            }
+    const bool sound = std::isfinite(sum);
     if (!sound) {
         faults++;
-        std::fill_n(force, 3, 0.0);
-        proxy.grip = Proxy::Grip::refused; // the hand must let go first
+        for (Proxy& p : proxy) {
+            std::fill_n(p.force, 3, 0.0);
+            std::fill_n(p.slope, 3, 0.0);
+            std::fill_n(p.toll, 3, 0.0);
+            if (p.grip != Grip::idle) p.grip = Grip::refused; // the hand must let go first
+        }
+        energy = 0;
     }
-    home = !sound || (!holding && most < nearly_home);
-    if (home) state->rest();
+    home = !sound || (closed == 0 && most < nearly_home);
+    if (!home) return;
+    now.state->rest();
+    if (next.state) next.state->rest();
+    energy = 0;
 }
 
 void Simulation::push() {
-    double wanted = length(force), before = length(pushed);
-    double allowed = std::min({wanted, settings.limit, before + settings.ramp});
-    for (int k = 0; k < 3; k++) pushed[k] = wanted > 0 ? force[k] * (allowed / wanted) : 0;
+    for (int t = 0; t < most_tools; t++) {
+        Felt& f = felt[t];
+        const Proxy& p = proxy[t];
+        double wanted[3];
+        for (int k = 0; k < 3; k++) wanted[k] = p.force[k] + p.toll[k];
+        const double size = length(wanted), way = length(p.displacement);
+        const double allowed = std::min({size, settings.limit, length(f.force) + settings.ramp});
+        f.touching = p.grip == Grip::holding;
+        for (int k = 0; k < 3; k++) f.force[k] = f.touching && size > 0 ? wanted[k] * (allowed / size) : 0;
+        std::copy_n(p.tip, 3, f.at);
+        f.stiffness = f.touching && way > 1e-3 ? length(p.force) / way : 0;
+    }
+}
+
+void Simulation::follow_clock(bool on) {
+    for (Running* r : {&now, &next})
+        if (r->model) on ? r->model->accompany(*r->state) : r->model->leave(*r->state);
+}
+
+void Simulation::lack_tables(bool on) {
+    for (Running* r : {&now, &next})
+        if (r->state) r->state->tables = on ? Tables::without : Tables::at_once;
 }
 
 uint64_t Simulation::digest() const {
@@ -59,8 +219,9 @@ uint64_t Simulation::digest() const {
         hash = (hash ^ bits) * 0xff51afd7ed558ccd;
         hash ^= hash >> 32;
     };
-    for (double x : state->memory()) mix(x);
-    for (double x : force) mix(x);
+    for (double x : now.state->memory()) mix(x);
+    for (const Felt& f : felt)
+        for (double x : f.force) mix(x);
     return hash;
 }
 

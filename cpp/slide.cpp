@@ -23,7 +23,7 @@ Slide slide(const Model& model, State& state, const Surface& surface, double rad
         if (found != Surface::Contact::good) break;
         double push[3];
         for (int k = 0; k < 3; k++) push[k] = displacement[k] * std::min(1.0, double(t + 1) / std::max(ramp, 1));
-        model.advance(state, &patch, push, sweeps, &out.force[3 * size_t(t)]);
+        model.advance(state, &patch, 1, 0, push, sweeps, &out.force[3 * size_t(t)]);
         const auto done = clock::now();
         out.patch_seconds.push_back(seconds(met - began));
         out.model_seconds.push_back(seconds(done - met));

@@ -58,7 +58,7 @@ def test_force_is_zero_from_the_tick_of_release(session):
     after = session.step([None] * 10)
     assert np.abs(before[-1]).max() > 0.1
     assert (after == 0).all()
-    assert tuple(session.frame().pushed) == (0, 0, 0)
+    assert tuple(session.frame().pushed[0]) == (0, 0, 0)
 
 
 def test_released_tissue_goes_home_and_rests(session):
@@ -81,8 +81,8 @@ def test_stroking_moves_the_contact_along_the_surface(session):
     session.step([press(2.0)] * 100)
     session.step([press(2.0, (15.0, 0.0, 23.0))] * 300)
     frame = session.frame()
-    assert frame.grip == HOLDING
-    np.testing.assert_allclose(frame.point, (15.0, 0.0, 23.0), atol=0.5)
+    assert frame.grip[0] == HOLDING
+    np.testing.assert_allclose(frame.point[0], (15.0, 0.0, 23.0), atol=0.5)
 
 
 def test_glide_is_smooth_between_commands(session):
@@ -96,7 +96,7 @@ def test_command_that_is_no_number_gives_no_force_until_let_go(session, bad):
     session.step([press(3.0)] * 100)
     poisoned = pp.Command(True, TOP, (0.0, bad, -3.0))
     assert (session.step([poisoned] * 5) == 0).all()
-    assert session.frame().grip == REFUSED
+    assert session.frame().grip[0] == REFUSED
     assert session.frame().faults == 0  # it never reached the tissue
     assert (session.step([press(3.0)] * 20) == 0).all()  # still held: not taken up again
     session.step([None])
@@ -106,7 +106,7 @@ def test_command_that_is_no_number_gives_no_force_until_let_go(session, bad):
 
 def test_held_nodes_cannot_be_taken(session):
     force = session.step([press(3.0, (0.0, 0.0, -25.0))] * 20)
-    assert session.frame().grip == REFUSED
+    assert session.frame().grip[0] == REFUSED
     assert (force == 0).all()
 
 
@@ -128,7 +128,7 @@ def test_watchdog_sends_a_broken_tissue_home():
     assert (session.displacement == 0).all()
     frame = session.frame()
     assert frame.faults == 1
-    assert frame.grip == REFUSED
+    assert frame.grip[0] == REFUSED
 
 
 def test_push_on_the_device_is_limited_and_ramped():
@@ -138,7 +138,7 @@ def test_push_on_the_device_is_limited_and_ramped():
     pushed, force = [], []
     for _ in range(60):
         force.append(np.linalg.norm(session.step([press(6.0)])))
-        pushed.append(np.linalg.norm(session.frame().pushed))
+        pushed.append(np.linalg.norm(session.frame().pushed[0]))
     assert force[-1] > 10  # the tissue's own force passes the limit,
     assert np.diff(force).max() > 0.5  # and rises faster than the ramp
     assert max(pushed) == pytest.approx(3.0)
@@ -183,11 +183,11 @@ def test_stop_lets_go(model):
     pointer.send(press(3.0))
     with session:
         session.start(pointer)
-        while np.abs(session.frame().force).max() < 0.05:
+        while np.abs(session.frame().force[0]).max() < 0.05:
             pass
     frame = session.frame()
-    assert frame.grip == IDLE
-    assert tuple(frame.force) == tuple(frame.pushed) == (0, 0, 0)
+    assert frame.grip[0] == IDLE
+    assert tuple(frame.force[0]) == tuple(frame.pushed[0]) == (0, 0, 0)
 
 
 def test_newest_command_wins(model):
@@ -202,7 +202,7 @@ def test_newest_command_wins(model):
             pass
         frame = session.frame()
     assert frame.serial == 40
-    assert frame.displacement[2] >= -2.0
+    assert frame.displacement[0][2] >= -2.0
     assert len(session.record().ticks) == 2  # the one command obeyed, and letting go
 
 

@@ -57,7 +57,7 @@ def test_session_by_the_clock_replays_in_lockstep(model):
                 while live.frame().serial < i // 10 + 1:
                     pass
     record = live.record()
-    assert record.held.any()
+    assert record.kinds.any()
     assert len(record.ticks) > 20
     again = pp.Session(model, **FIXED)
     assert again.replay(record) is None
@@ -89,8 +89,8 @@ def test_a_record_holds_every_command_once(recorded):
     assert record.length == 600
     given = list(stroke())
     held = np.array([c is not None for c in given])
-    assert record.held.sum() == held.sum()  # each tick's command differs from the one before
-    assert (record.held == held[record.ticks]).all()
+    assert record.kinds.sum() == held.sum()  # each tick's command differs from the one before
+    assert (record.kinds == held[record.ticks]).all()
 
 
 @pytest.mark.parametrize(
@@ -135,7 +135,7 @@ def test_missing_record(tmp_path):
 def test_file_of_another_kind_is_no_record(tmp_path):
     with h5py.File(tmp_path / "other.h5", "w") as file:
         file.attrs["format"] = "palpate scan"
-    with pytest.raises(pp.errors.FileError, match=r"other\.h5.*'palpate scan'.*'palpate session', 2.*--record"):
+    with pytest.raises(pp.errors.FileError, match=r"other\.h5.*'palpate scan'.*'palpate session', 3.*--record"):
         pp.read_record(tmp_path / "other.h5")
 
 

@@ -215,6 +215,11 @@ def decode(data: bytes) -> Tool | Choose | Mark:
     return Tool(tool, kind, serial, (x, y, z), (dx, dy, dz))
 
 
+def flat(vectors: Any) -> tuple[float, ...]:
+    """Tool by tool, three numbers each."""
+    return tuple(x for vector in vectors for x in vector)
+
+
 def frame_bytes(frame: Any, model: int = 0) -> bytes:
     """A frame of the loop as a message. At rest there is no array; else the step follows the biggest displacement.
 
@@ -232,11 +237,11 @@ def frame_bytes(frame: Any, model: int = 0) -> bytes:
         serial=frame.serial & 0xFFFFFFFF,
         seconds=frame.seconds,
         busy=frame.busy,
-        energy=frame.energy,
+        energy=frame.work,
         grip=tuple(frame.grip),
-        point=tuple(frame.point),
-        displacement=tuple(frame.displacement),
-        force=tuple(frame.force),
+        point=flat(frame.point),
+        displacement=flat(frame.displacement),
+        force=flat(frame.force),
         inside=tuple(frame.inside),
         step=step,
         count=0 if still else len(shown),

@@ -9,4 +9,6 @@ class Replay:
 
     def __init__(self, record: Record) -> None:
         self.record = record
-        self.core = _core.Replay(record.ticks, record.held, record.points, record.displacements, record.switches)
+        self.core = _core.Replay(
+            record.ticks, record.tools, record.kinds, record.points, record.displacements, record.switches
+        )
