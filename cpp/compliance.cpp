@@ -204,7 +204,7 @@ bool Compliance::take_stiffness(ComplianceState& s, int closed, const double* di
         stiffness[k] = exact[k] + offset[k];
     }
     kept[known_at] = 1;
-    s.fading = !gone;
+    s.fading = norm(offset, n * n) > 0.02 * norm(exact, n * n);
     return true;
 }
 

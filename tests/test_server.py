@@ -24,8 +24,8 @@ from palpate.server.serve import serving
 
 HERE = Path(__file__).parent
 TOP = (0.0, 0.0, 25.0)
-PRESS = messages.Tool(1, 1, TOP, (0.0, 0.0, -3.0))
-RELEASE = messages.Tool(0, 2, (0.0,) * 3, (0.0,) * 3)
+PRESS = messages.Tool(0, 1, 1, TOP, (0.0, 0.0, -3.0))
+RELEASE = messages.Tool(0, 0, 2, (0.0,) * 3, (0.0,) * 3)
 
 
 @pytest.fixture(scope="module")
@@ -54,9 +54,9 @@ def frames(page):
     while True:
         data = page.recv(timeout=10)
         values = struct.unpack_from(layout, data)
-        grip, tick, _late, _faults, serial, _seconds, _busy = values[1:8]
-        displacement, force = values[11:14], values[14:17]
-        step, count = values[17:]
+        tick, serial, grip = values[2], values[5], values[9]
+        displacement, force = values[25:28], values[37:40]
+        step, count = values[-2:]
         assert len(data) == struct.calcsize(layout) + 6 * count
         moved = step * np.frombuffer(data, "<i2", offset=struct.calcsize(layout)).reshape(count, 3)
         yield {"grip": grip, "tick": tick, "serial": serial, "force": force, "displacement": displacement, "u": moved}
@@ -117,9 +117,9 @@ def test_strangers_get_no_socket(address, changes):
         (b"", 1008),
         (messages.encode(PRESS)[:-1], 1008),
         (b"\2" + messages.encode(PRESS)[1:], 1008),
-        (messages.encode(messages.Tool(1, 1, (float("nan"), 0, 0), (0, 0, 0))), 1008),
-        (messages.encode(messages.Tool(1, 1, TOP, (0, float("inf"), 0))), 1008),
-        (messages.encode(messages.Tool(1, 1, TOP, (0, 0, 1e6))), 1008),
+        (messages.encode(messages.Tool(0, 1, 1, (float("nan"), 0, 0), (0, 0, 0))), 1008),
+        (messages.encode(messages.Tool(0, 1, 1, TOP, (0, float("inf"), 0))), 1008),
+        (messages.encode(messages.Tool(0, 1, 1, TOP, (0, 0, 1e6))), 1008),
         ("text", 1008),
     ],
 )
@@ -158,7 +158,7 @@ def test_closing_the_page_lets_go(address):
 
 
 def test_who_holds_keeps_hold_until_letting_go(address):
-    other = messages.Tool(1, 77, (40.0, 0.0, 0.0), (5.0, 0.0, 0.0))
+    other = messages.Tool(0, 1, 77, (40.0, 0.0, 0.0), (5.0, 0.0, 0.0))
     with socket_of(address) as first, socket_of(address) as second:
         first.send(messages.encode(PRESS))
         for page in (first, second):
@@ -167,9 +167,9 @@ def test_who_holds_keeps_hold_until_letting_go(address):
         second.send(messages.encode(RELEASE))  # not theirs to let go
         for frame, _ in zip(frames(second), range(40), strict=False):
             assert (frame["serial"], frame["grip"]) == (1, 1)
-        first.send(messages.encode(messages.Tool(1, 3, TOP, (0, 0, -2.0))))
+        first.send(messages.encode(messages.Tool(0, 1, 3, TOP, (0, 0, -2.0))))
         assert until(second, lambda frame: frame["serial"] == 3)["grip"] == 1
-        first.send(messages.encode(messages.Tool(0, 4, TOP, TOP)))
+        first.send(messages.encode(messages.Tool(0, 0, 4, TOP, TOP)))
         until(first, lambda frame: frame["grip"] == 0)
         second.send(messages.encode(other))
         until(second, lambda frame: frame["serial"] == 77 and frame["grip"] == 1)
@@ -212,13 +212,14 @@ def test_scene_holds_surface_and_lump(served):
 
 def test_wire_displacements_are_within_half_a_step():
     class Frame:
-        grip, tick, late, faults, serial, seconds, busy = 1, 2**40, 3, 0, 9, 1.5, 1e-4
-        point = displacement = force = (1.0, 2.0, 3.0)
+        tick, late, faults, serial, seconds, busy, work = 2**40, 3, 0, 9, 1.5, 1e-4, 2.0
+        grip, inside = [1, 0, 0, 0], [0.0] * 4
+        point = displacement = force = [(1.0, 2.0, 3.0)] * 4
         shown = np.random.default_rng(0).uniform(-9, 9, (50, 3)).astype(np.float32)
 
     data = messages.frame_bytes(Frame)
     size = struct.calcsize(messages.code(messages.Frame))
-    step = struct.unpack_from("<f", data, 74)[0]
+    step = struct.unpack_from("<f", data, 206)[0]
     assert size % 4 == 0
     moved = step * np.frombuffer(data, "<i2", offset=size).reshape(-1, 3)
     np.testing.assert_allclose(moved, Frame.shown, atol=0.51 * 9 / 32767)
@@ -310,12 +311,12 @@ def test_interrupt_closes_cleanly_and_keeps_the_record(tmp_path, tissue_file, ho
     assert process.returncode == 0, rest
     assert "Traceback" not in rest
     saved = pp.read_record(record)
-    assert saved.held.tolist() == [True, False]
+    assert saved.kinds.tolist() == [1, 0]
     assert saved.settings["radius"] == 10.0
     again = pp.Session(pp.model(pp.read_tissue(tissue_file)), radius=10.0, sweeps=int(saved.settings["sweeps"]))
     assert again.replay(saved) is None
     with command(tissue_file, "--replay", record) as (process, address), socket_of(address) as page:
-        page.send(messages.encode(messages.Tool(1, 9, (40.0, 0.0, 0.0), (5.0, 0.0, 0.0))))  # a replay is only looked at
+        page.send(messages.encode(messages.Tool(0, 1, 9, (40.0, 0.0, 0.0), (5.0, 0.0, 0.0))))  # a replay is only looked at
         pressed = until(page, lambda frame: frame["grip"] == 1)
         assert pressed["displacement"][0] == pytest.approx(0, abs=1e-6)
         until(page, lambda frame: frame["grip"] == 0 and frame["tick"] > saved.length)

@@ -2,9 +2,7 @@
 
 import asyncio
 import contextlib
-import logging
 from collections.abc import AsyncIterator
-from dataclasses import dataclass, field
 
 from starlette.applications import Starlette
 from starlette.requests import Request
@@ -14,33 +12,19 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from palpate.errors import DataError
 from palpate.server.guard import guarded, stranger
-from palpate.server.messages import Tool, decode_tool, frame_bytes
-from palpate.server.scene import reach, scene_bytes
-from palpate.simulation.devices.pointer import Command, Pointer, within
-from palpate.simulation.session import Session
+from palpate.server.messages import Choose, Mark, decode, frame_bytes
+from palpate.server.room import Room, complain
+from palpate.server.viewing import image_routes
+from palpate.tissue.models import names
 
 FRAMES_PER_SECOND = 60
 MESSAGE_BYTES = 1024  # a tool's message has 32
-REFUSED = 1008  # WebSocket's code for a broken policy
+MOST_PAGES = 8
+REFUSED, FULL = 1008, 1013  # WebSocket's codes for a broken policy, and for "try again later"
 
 
-@dataclass(eq=False)
-class Room:
-    """One session and the pages that look at it. All of it lives on the event loop's thread."""
-
-    session: Session
-    pointer: Pointer
-    scene: bytes
-    newest: bytes = b""
-    pages: set[asyncio.Event] = field(default_factory=set)
-    holder: WebSocket | None = None
-
-
-def application(
-    session: Session, pointer: Pointer, token: str, title: str = "organ", replay: bool = False
-) -> Starlette:
-    """The app around a running session. Raises `FileError` if the page was not bundled."""
-    room = Room(session, pointer, scene_bytes(session, title, replay))
+def application(room: Room, token: str) -> Starlette:
+    """The app around a room whose session runs. Raises `FileError` if the page was not bundled."""
 
     @contextlib.asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:
@@ -49,16 +33,10 @@ def application(
         yield
         pump.cancel()
 
-    routes = [Route("/scene", scene), WebSocketRoute("/socket", socket)]
+    routes = [Route("/scene", scene), WebSocketRoute("/socket", socket), *image_routes(room.images)]
     app = guarded("index.html", routes, token, lifespan)
     app.state.room = room
     return app
-
-
-def complain(task: "asyncio.Task[None]") -> None:
-    """A task that dies would leave the pages without frames and nobody told."""
-    if not task.cancelled() and (problem := task.exception()):
-        logging.getLogger("palpate").error("the server cannot publish frames", exc_info=problem)
 
 
 async def scene(request: Request) -> Response:
@@ -74,32 +52,34 @@ async def publish(room: Room) -> None:
     while True:
         await asyncio.sleep(1 / FRAMES_PER_SECOND)
         if room.session.loop.fresh():
-            room.newest = frame_bytes(room.session.frame())
-            for event in room.pages:
+            room.newest = frame_bytes(room.session.frame(), room.model)
+            for event in room.pages.values():
                 event.set()
 
 
 async def socket(page: WebSocket) -> None:
-    """One page: frames out, tools in. A page that goes lets go."""
+    """One page: frames out, commands in. A page that goes lets go."""
     room: Room = page.app.state.room
     if stranger(page):
         await page.close(REFUSED)
         return
     await page.accept()
+    if len(room.pages) >= MOST_PAGES:
+        await page.close(FULL, f"{MOST_PAGES} pages are open already; close one")
+        return
     fresh = asyncio.Event()
-    room.pages.add(fresh)
+    room.pages[page] = fresh
     sender = asyncio.create_task(send_newest(page, room, fresh))
     try:
-        await obey(page, room)
+        await listen(page, room)
     except DataError as problem:
         await page.close(REFUSED, str(problem)[:120])
     except (WebSocketDisconnect, KeyError):  # KeyError: text where bytes are spoken
         with contextlib.suppress(RuntimeError):  # it has gone already
-            await page.close(REFUSED, "only binary tool messages")
+            await page.close(REFUSED, "only binary messages")
     finally:
         sender.cancel()
-        room.pages.discard(fresh)
-        let_go(page, room)
+        room.leave(page)
 
 
 async def send_newest(page: WebSocket, room: Room, fresh: asyncio.Event) -> None:
@@ -108,26 +88,19 @@ async def send_newest(page: WebSocket, room: Room, fresh: asyncio.Event) -> None
         while True:
             await fresh.wait()
             fresh.clear()
-            await page.send_bytes(room.newest)
+            if room.newest:
+                await page.send_bytes(room.newest)
 
 
-async def obey(page: WebSocket, room: Room) -> None:
-    """The first page to take hold keeps it until it lets go; the others look on."""
-    most = reach(room.session)
+async def listen(page: WebSocket, room: Room) -> None:
+    """Obeys what a page says. Raises `DataError` for what cannot be."""
     while True:
-        tool = decode_tool(await page.receive_bytes())
-        if room.holder not in (None, page):
-            continue
-        if not tool.held:
-            let_go(page, room, tool)
-            continue
-        command = Command(True, tool.point, within("displacement", tool.displacement, most))
-        room.holder = page
-        room.pointer.send(command, tool.serial)
-
-
-def let_go(page: WebSocket, room: Room, tool: Tool | None = None) -> None:
-    """Releases what this page holds."""
-    if room.holder is page:
-        room.holder = None
-        room.pointer.send(Command(), tool.serial if tool else None)
+        said = decode(await page.receive_bytes())
+        if isinstance(said, Choose):
+            if said.what > 1 or said.index >= (len(names()), len(room.organs))[said.what]:
+                raise DataError(f"Choose: {said.what}, {said.index}: there is no such choice; reload the page")
+            room.choose(said)
+        elif isinstance(said, Mark):
+            room.note(said)
+        else:
+            room.obey(page, said)

@@ -204,8 +204,12 @@ def decode(data: bytes) -> Tool | Choose | Mark:
     if len(data) != wanted:
         raise DataError(f"{name}: {len(data)} bytes, expected {wanted}; reload the page")
     _, *values = struct.unpack(code(said), data)
-    if said is not Tool:
-        return said(*values)
+    if said is Choose:
+        return Choose(*values)
+    if said is Mark:
+        if values[0] > 1 or values[1] >= TOOLS:
+            raise DataError(f"Mark: {values[0]} of tool {values[1]}: there is no such thing; reload the page")
+        return Mark(*values)
     tool, kind, serial, *numbers = values
     if tool >= TOOLS or kind >= len(KINDS):
         raise DataError(f"Tool: number {tool}, kind {kind}, expected less than {TOOLS} and {len(KINDS)}")

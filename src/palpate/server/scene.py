@@ -2,6 +2,7 @@
 
 import json
 import struct
+from collections.abc import Sequence
 from dataclasses import asdict
 
 import numpy as np
@@ -25,7 +26,17 @@ def front(session: Session) -> float:
     return float(np.arctan2(x, -y)) if aside else 0.0
 
 
-def scene_bytes(session: Session, title: str, replay: bool = False) -> bytes:
+def scene_bytes(
+    session: Session,
+    title: str,
+    replay: bool = False,
+    *,
+    models: Sequence[str] = (),
+    organs: Sequence[str] = (),
+    organ: int = 0,
+    task: str = "",
+    images: bool = False,
+) -> bytes:
     """The scene as `messages.Scene` says."""
     mesh, shown = session.mesh, session.shown
     groups = [("organ", mesh.surface, False)]
@@ -44,6 +55,11 @@ def scene_bytes(session: Session, title: str, replay: bool = False) -> bytes:
         rate=RATE,
         replay=replay,
         front=front(session),
+        models=list(models),
+        organs=list(organs),
+        organ=organ,
+        task=task,
+        images=images,
     )
     text = json.dumps(asdict(header)).encode()
     text += b" " * (-len(text) % 4)

@@ -68,6 +68,11 @@ def serving_images(things: Sequence[Shown], listener: socket.socket) -> Iterator
 
 def application(things: Sequence[Shown], token: str) -> Starlette:
     """The app: the page, what there is to view, and the values. Raises `FileError` if the page was not bundled."""
+    return guarded("view.html", image_routes(things), token)
+
+
+def image_routes(things: Sequence[Shown]) -> list[Route]:
+    """What there is to view, and its values."""
     album = json.loads(json.dumps(asdict(Album([thing.image for thing in things]))))
 
     async def listing(request: Request) -> Response:
@@ -90,5 +95,4 @@ def application(things: Sequence[Shown], token: str) -> Starlette:
         length = {"Content-Length": str(len(data))}
         return StreamingResponse(parts(), media_type="application/octet-stream", headers=length)
 
-    routes = [Route("/album", listing), Route("/values/{image:int}/{stack:int}", values)]
-    return guarded("view.html", routes, token)
+    return [Route("/album", listing), Route("/values/{image:int}/{stack:int}", values)]
