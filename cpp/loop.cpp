@@ -117,16 +117,15 @@ void Loop::tick(Device& device) {
 }
 
 void Loop::take_change() {
-    if (!simulation.changing() && !gone.load(std::memory_order_acquire)) {
-        if (Running* to = coming.exchange(nullptr, std::memory_order_acq_rel)) {
-            changes.put({simulation.ticks, to->model});
-            changed = to; // its shell takes up what the change will leave
-            simulation.change(std::move(*to));
-        }
-    } else if (changed && !simulation.changing()) {
+    if (simulation.changing()) return;
+    if (changed) {
         *changed = simulation.left();
         gone.store(changed, std::memory_order_release);
         changed = nullptr;
+    } else if (Running* to = coming.exchange(nullptr, std::memory_order_acq_rel)) {
+        changes.put({simulation.ticks, to->model});
+        changed = to; // its shell takes up what the change will leave
+        simulation.change(std::move(*to));
     }
 }
 

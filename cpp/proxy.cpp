@@ -81,10 +81,6 @@ struct Step {
         double out[3], across[3];
         surface.normal(proxy.at, out);
         const double press = dot(proxy.force, out), force = length(proxy.force), way = length(proxy.displacement);
-        if (press < 0) { // it would pull
-            proxy.grip = Grip::open;
-            return;
-        }
         for (int k = 0; k < 3; k++) across[k] = proxy.force[k] + proxy.slope[k];
         const double along = dot(across, out);
         for (int k = 0; k < 3; k++) across[k] -= along * out[k];

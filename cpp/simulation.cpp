@@ -73,10 +73,22 @@ bool Simulation::answer() {
     if (next.model) bring_in();
     for (int t = 0; t < most_tools; t++) std::fill_n(proxy[t].force, 3, 0.0);
     for (int c = 0; c < closed + open; c++) {
-        std::copy_n(force + 3 * c, 3, proxy[who[c]].force);
-        if (c >= closed) std::copy_n(moved + 3 * c, 3, proxy[who[c]].displacement);
+        Proxy& p = proxy[who[c]];
+        std::copy_n(force + 3 * c, 3, p.force);
+        if (c < closed && p.kind == Command::Kind::free) part(p);
+        if (c >= closed) std::copy_n(moved + 3 * c, 3, p.displacement);
     }
     return true;
+}
+
+// A tool in space that would be pulled leaves the tissue.
+void Simulation::part(Proxy& p) const {
+    double out[3];
+    surface.normal(p.at, out);
+    if (dot(p.force, out) >= 0) return;
+    p.grip = Grip::open;
+    std::fill_n(p.force, 3, 0.0);
+    std::fill_n(p.slope, 3, 0.0);
 }
 
 // The model that comes runs beside the other, first unfelt, then with a growing share of the force.

@@ -72,6 +72,7 @@ private:
     void gather();
     bool answer();
     void bring_in();
+    void part(Proxy& proxy) const;
     void learn_slopes();
     void charge(Proxy& proxy, const double way[3]) const;
     void account();

@@ -316,7 +316,9 @@ def test_interrupt_closes_cleanly_and_keeps_the_record(tmp_path, tissue_file, ho
     again = pp.Session(pp.model(pp.read_tissue(tissue_file)), radius=10.0, sweeps=int(saved.settings["sweeps"]))
     assert again.replay(saved) is None
     with command(tissue_file, "--replay", record) as (process, address), socket_of(address) as page:
-        page.send(messages.encode(messages.Tool(0, 1, 9, (40.0, 0.0, 0.0), (5.0, 0.0, 0.0))))  # a replay is only looked at
+        page.send(
+            messages.encode(messages.Tool(0, 1, 9, (40.0, 0.0, 0.0), (5.0, 0.0, 0.0)))
+        )  # a replay is only looked at
         pressed = until(page, lambda frame: frame["grip"] == 1)
         assert pressed["displacement"][0] == pytest.approx(0, abs=1e-6)
         until(page, lambda frame: frame["grip"] == 0 and frame["tick"] > saved.length)

@@ -199,7 +199,9 @@ def decode(data: bytes) -> Tool | Choose | Mark:
     """What a page says. Raises `DataError` on any other length, kind or number."""
     said: type = {BINARY.index(one) + 1: one for one in (Tool, Choose, Mark)}.get(data[0] if data else 0, type(None))
     if said is type(None):
-        raise DataError(f"message: kind {data[0] if data else 'none'}, expected a tool, a choice or a mark; reload the page")
+        raise DataError(
+            f"message: kind {data[0] if data else 'none'}, expected a tool, a choice or a mark; reload the page"
+        )
     name, wanted = said.__name__, struct.calcsize(code(said))
     if len(data) != wanted:
         raise DataError(f"{name}: {len(data)} bytes, expected {wanted}; reload the page")
