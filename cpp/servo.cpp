@@ -77,9 +77,14 @@ void Servo::trip(Fault why) {
 }
 
 void Servo::lose(Fault why) {
-    if (!gone) shown.faults++;
+    if (!gone) fault = why;
+    if (!gone && why != Fault::off) {
+        shown.faults++;
+        shown.last = why;
+    }
     gone = true;
-    fault = shown.last = why;
+    shown.gain = shown.damping = 0;
+    buttons = 0;
     std::fill_n(given, 3, 0.0);
     const double none[3] = {0, 0, 0};
     publish(pose.hand, none);
@@ -269,7 +274,7 @@ void Servo::publish(const double hand[3], const double force[3]) {
 
 const char* name(Fault fault) {
     static const char* const names[] = {"none", "waiting", "stalled", "answer", "position", "jump",
-                                        "late", "overrun", "force",   "lost",   "device"};
+                                        "late", "overrun", "force",   "off",    "lost",     "device"};
     return names[int(fault)];
 }
 
@@ -284,6 +289,7 @@ const char* text(Fault fault) {
         "the device's callback came too late; close other programs that keep the processor busy",
         "the device's driver says that a tick took too long; close other programs that keep the processor busy",
         "the device refused the force (too much, too fast, or motors too warm); let it rest",
+        "the device is not running; start it",
         "the device does not answer any more; plug it in again, switch it on, and start again",
         "the device reports a fault; switch it off and on, and start again"};
     return texts[int(fault)];

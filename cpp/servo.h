@@ -22,7 +22,7 @@ struct Local {          // the solver's answer, written by the solver loop, read
     double normal[3] = {0, 0, 0}; // unit, out of the tissue: it only pushes that way; zero: it may pull (a grasp)
 };
 
-// Why the force is zero. All but `lost` and `device` pass by themselves; the force then rises from zero again.
+// Why the force is zero. All but the last three pass by themselves; the force then rises from zero again.
 enum class Fault : int {
     none,
     waiting,  // the solver has not answered yet
@@ -33,6 +33,7 @@ enum class Fault : int {
     late,     // the device's callback stayed away too long
     overrun,  // the device's driver says that a tick took too long
     force,    // the device refused the force: too much, too fast, motors too warm
+    off,      // nobody runs the device
     lost,     // the device does not answer any more: unplugged, switched off
     device    // the device says that it is broken
 };
