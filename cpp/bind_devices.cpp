@@ -1,10 +1,13 @@
 #include "bind.h"
 #include "driver.h"
+#include "json.h"
 #include "spring.h"
 #include <algorithm>
+#include <cmath>
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/unique_ptr.h>
+#include <nanobind/stl/vector.h>
 
 using namespace nb::literals;
 using namespace palpate;
@@ -118,6 +121,7 @@ void bind_servo(nb::module_& m) {
         .def("start", &Spring::start, "rate"_a)
         .def("stop", &Spring::stop, nb::call_guard<nb::gil_scoped_release>())
         .def_prop_ro("answered", [](const Spring& s) { return s.answered.load(); })
+        .def_prop_ro("last_ns", [](const Spring& s) { return s.last_ns.load(); })
         .def_prop_rw(
             "way", [](const Spring& s) { return s.way.load(); }, [](Spring& s, int way) { s.way = way; },
             "0: it answers, 1: it stalls, 2: it answers what is no number.");
@@ -138,6 +142,9 @@ void bind_haptics(nb::module_& m) {
             PyErr_SetObject(error, nb::make_tuple(e.fault, e.what()).ptr());
         }
     });
+    m.attr("FAULTS") = int(Fault::device) + 1;
+    m.def("fault_name", [](int fault) { return name(Fault(fault)); }, "fault"_a);
+    m.def("fault_text", [](int fault) { return text(Fault(fault)); }, "fault"_a);
     nb::class_<Found>(m, "Found", "A device that answered.")
         .def_ro("driver", &Found::driver)
         .def_ro("model", &Found::model)
@@ -149,6 +156,16 @@ void bind_haptics(nb::module_& m) {
         .def("bounds", &Driver::bounds, "What the open device bears.")
         .def("start", &Driver::start, "servo"_a, nb::keep_alive<1, 2>(), nb::call_guard<nb::gil_scoped_release>())
         .def("stop", &Driver::stop, nb::call_guard<nb::gil_scoped_release>());
+    m.def(
+        "json_at",
+        [](const std::string& text, const std::vector<std::string>& path) {
+            Json at(text);
+            for (const auto& step : path)
+                at = step.empty() || step[0] != '#' ? at[std::string_view(step)] : at[std::stoi(step.substr(1))];
+            return nb::make_tuple(at.exists(), at.number(NAN), std::string(at.string()));
+        },
+        "text"_a, "path"_a, nb::sig("def json_at(text: str, path: typing.Sequence[str]) -> tuple[bool, float, str]"),
+        "What the Haply driver reads at `path`, a member's name or #element each: is it there, as number, as string.");
     m.def("open_haptics", &open_haptics, "library"_a, "device"_a);
     m.def("force_dimension", &force_dimension, "library"_a, "rate"_a);
     m.def("haply", &haply, "host"_a, "port"_a, "rate"_a);

@@ -21,7 +21,7 @@ public:
                 return;
             }
             const char* said = dlerror();
-            why += (why.empty() ? "" : "; ") + std::string(said ? said : each);
+            if (why.empty()) why = said ? said : each;
         }
         throw DriverError("library-missing", advice + " (" + why + ")");
     }

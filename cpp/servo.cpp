@@ -52,6 +52,7 @@ void check(const ServoSettings& s) {
         if (!(value > 0) || !std::isfinite(value)) throw std::invalid_argument("every servo setting must be above 0");
     if (s.period < 2e-4 || s.period > 2e-3)
         throw std::invalid_argument("period: a device ticks 500 to 5000 times a second");
+    if (s.stale < 3 * s.period) throw std::invalid_argument("stale: at least three periods");
     if (!finite(s.rotation, 9) || !finite(s.offset, 3))
         throw std::invalid_argument("rotation and offset must be finite");
     for (int i = 0; i < 3; i++)
@@ -198,7 +199,7 @@ void Servo::listen() {
 // Which fault holds now, if any.
 void Servo::recover() {
     if (gone) return;
-    bool fresh = answered && double(now - answered) * ns <= settings.stale;
+    bool fresh = answered && double(now - answered) * ns + settings.period <= settings.stale; // it is held for a period
     if (fault == Fault::none && !fresh) trip(Fault::stalled);
     bool settling = fault != Fault::waiting && fault != Fault::stalled;
     if (fault == Fault::none || !fresh) return;

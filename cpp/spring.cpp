@@ -30,6 +30,7 @@ void Spring::answer() {
         for (int j = 0; j < 3; j++) local.stiffness[3 * i + j] = told * stiffness * normal[i] * normal[j];
     }
     if (Way(way.load()) == Way::nan) local.force[0] = NAN;
+    last_ns = now_ns();
     servo.answers.publish();
 }
 

@@ -21,7 +21,7 @@ public:
     void start(int rate);
     void stop();
     std::atomic<int> way{0};
-    std::atomic<int64_t> answered{0};
+    std::atomic<int64_t> answered{0}, last_ns{0}; // answers so far, and when the last one came
 
 private:
     Servo& servo;
