@@ -133,7 +133,8 @@ void bind_haptics(nb::module_& m) {
     bind_settings(m);
     bind_status(m);
     bind_servo(m);
-    static PyObject* error = PyErr_NewException("palpate._core.DriverError", PyExc_RuntimeError, nullptr);
+    const std::string full = nb::cast<std::string>(m.attr("__name__")) + ".DriverError";
+    static PyObject* error = PyErr_NewException(full.c_str(), PyExc_RuntimeError, nullptr);
     m.attr("DriverError") = nb::borrow(error);
     nb::register_exception_translator([](const std::exception_ptr& thrown, void*) {
         try {

@@ -6,7 +6,7 @@ namespace {
 bool open = false;
 const char* reason = "no error";
 bool is(bool Hand::*what) {
-    std::lock_guard<std::mutex> hold(hand().gate);
+    Hold hold(hand());
     return hand().*what;
 }
 } // namespace
@@ -33,13 +33,13 @@ int dhdGetPosition(double* x, double* y, double* z, char) {
         reason = "communication error";
         return -1;
     }
-    std::lock_guard<std::mutex> hold(hand().gate);
+    Hold hold(hand());
     double* out[3] = {x, y, z};
     for (int k = 0; k < 3; k++) *out[k] = hand().absurd ? 1e6 : hand().position[k] / 1000;
     return hand().ticks % 50 == 0; // now and then the library held us back
 }
 int dhdSetForce(double x, double y, double z, char) {
-    if (!open || !std::isfinite(x + y + z)) hand().misuse++;
+    if (!open || !isfinite(x + y + z)) hand().misuse++;
     hand().ask(x, y, z);
     hand().end();
     if (is(&Hand::overrun)) {
@@ -49,7 +49,7 @@ int dhdSetForce(double x, double y, double z, char) {
     return is(&Hand::unplugged) ? -1 : is(&Hand::warm) ? 2 : 0; // 2: a motor is at its limit
 }
 int dhdGetButton(int, char) {
-    std::lock_guard<std::mutex> hold(hand().gate);
+    Hold hold(hand());
     return hand().unplugged ? -1 : hand().buttons & 1;
 }
 int dhdEnableForce(unsigned char on, char) {
