@@ -13,9 +13,9 @@
 namespace palpate {
 namespace {
 
-constexpr int patience = 5000;           // us for an answer, then the force is taken back
-constexpr int64_t silence = 100'000'000; // ns without one, then the service is gone
-constexpr double metre = 1000;           // mm
+constexpr int patience = 5000;             // us for an answer, then the force is taken back
+constexpr int64_t silence = 1'000'000'000; // ns without one, then the service is gone
+constexpr double metre = 1000;             // mm
 
 class Haply : public Driver {
     const std::string host;
@@ -101,6 +101,9 @@ class Haply : public Driver {
         for (Beat beat(rate); well && !stopping.load(std::memory_order_relaxed); beat.wait()) well = tick(heard, force);
         push(none);
         if (!well) servo->lose(Fault::lost);
+        std::string_view text; // until the service has nothing to say it may not have heard us
+        for (int i = 0; i < 64 && line.receive(50'000, text) == WebSocket::Got::message; i++) {
+        }
     }
 
 public:

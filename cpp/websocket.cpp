@@ -199,6 +199,11 @@ bool WebSocket::send(std::string_view text) { return socket >= 0 && put(text_fra
 void WebSocket::close() {
     if (socket < 0) return;
     put(closing, {});
+    shutdown(socket, SHUT_WR); // and read on: closing with bytes unread would throw away what we have just sent
+    for (int64_t until = now_ns() + 100'000'000; now_ns() < until && ready(socket, POLLIN, until);) {
+        ssize_t got = recv(socket, in.data(), in.size(), 0);
+        if (got == 0 || (got < 0 && errno != EAGAIN && errno != EINTR)) break;
+    }
     ::close(socket);
     socket = -1;
 }

@@ -37,7 +37,7 @@ def library_with(function, folder):
     return out
 
 
-def until(condition, seconds=20.0):
+def until(condition, seconds=60.0):
     """Waits for `condition`; a busy machine may take its time."""
     end = time.monotonic() + seconds
     while not condition():
@@ -79,13 +79,25 @@ class Bench:
         self.device.start()
 
     def touch(self):
-        """Starts, and waits until the wall is felt for good."""
+        """Starts, and waits until the wall is felt."""
         self.start()
         self.lower(-4.0)
-        until(lambda: self.device.status().gain == 1 and self.get("force") > 0.5)
+        until(self.felt_again)
+
+    def ticks_since_fault(self):
+        """With a force, from the tick that the last fault met, until the first without."""
+        since = self.library.stand_in_ticks_with_force_since_fault
+        until(lambda: since() >= 0)
+        return since()
+
+    def ticks_since_answer(self):
+        """With a force, after the solver's last answer, until the first without."""
+        after = self.library.stand_in_ticks_with_force_after
+        until(lambda: after(self.wall.last_ns) >= 0)
+        return after(self.wall.last_ns)
 
     def felt_again(self):
-        return self.device.status().fault == "none" and self.get("force") > 0.2
+        return self.device.status().fault == "none" and self.get("force") > 0.1
 
     def stop(self):
         if self.device:
