@@ -26,4 +26,5 @@ NB_MODULE(_core, m) {
     bind_hyperelastic(m);
     bind_compliance(m);
     bind_simulation(m);
+    bind_haptics(m);
 }

@@ -27,3 +27,11 @@ class FileError(PalpateError, OSError):
 
 class PortError(PalpateError, OSError):
     """A network port that is taken."""
+
+
+class DeviceError(PalpateError, OSError):
+    """A haptic device that is not there, not ready or not well. `fault` is its short name."""
+
+    def __init__(self, message: str, fault: str) -> None:
+        super().__init__(message)
+        self.fault = fault

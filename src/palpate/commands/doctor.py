@@ -30,7 +30,7 @@ def doctor() -> None:
     typer.echo(f"palpate {__version__}, Python {platform.python_version()}, {platform.platform()}")
     checks = (_packages, _kernels, _samples, _page, _browser)
     well = [check() for check in checks]
-    typer.echo("devices: pointer (in the page), replay (a file)")
+    _devices()
     if not all(well):
         raise typer.Exit(1)
 
@@ -113,3 +113,19 @@ def _browser() -> bool:
     else:
         typer.echo(f"browser: {found}, but no display here; open the printed address from another machine")
     return True
+
+
+def _devices() -> None:
+    """A device that is not here is no fault: the page's pointer is always there."""
+    typer.echo("devices: pointer (in the page), replay (a file)")
+    try:
+        from palpate.simulation.devices.find import look_for_devices
+    except ImportError as problem:
+        typer.echo(f"  with motors: not tried ({problem})")
+        return
+    for sighting in look_for_devices():
+        if sighting.found:
+            said = ", ".join(part for part in (sighting.found.model, sighting.found.serial) if part)
+            typer.echo(f"  {sighting.driver}: {said}, version {sighting.found.version}")
+        else:
+            typer.echo(f"  {sighting.driver}: {sighting.fault}; {sighting.text}")
