@@ -10,6 +10,7 @@ namespace {
 constexpr int refreshed = 64;         // ticks in which every row of K u is made anew
 constexpr double independent = 1e-10; // part of a field's energy below which it says nothing new
 constexpr int most_columns = 3 * Multigrid::most_contacts;
+constexpr int most_span = 1 + MultigridState::history + most_columns;
 
 PALPATE_KERNEL void rows_times(const int* start, const int* column, const double* block, int first, int last,
                                const double* u, double* out) {
@@ -133,16 +134,14 @@ void Multigrid::touch(MultigridState& s, int contact, const Patch& patch) const 
 }
 
 // The span: slot 0 is u, then the changes, then the lifts.
-Column Multigrid::field(const MultigridState& s, int slot) const {
+const float* Multigrid::field(const MultigridState& s, int slot) const {
     constexpr int h = MultigridState::history;
-    return slot == 0 ? column(s.now) : slot <= h ? column(s.change[slot - 1]) : column(s.lift[slot - 1 - h]);
+    return slot <= h ? s.change[slot - 1].data() : s.lift[slot - 1 - h].data();
 }
 
-Column Multigrid::image(const MultigridState& s, int slot) const {
+const float* Multigrid::image(const MultigridState& s, int slot) const {
     constexpr int h = MultigridState::history;
-    return slot == 0   ? column(s.force)
-           : slot <= h ? column(s.force_change[slot - 1])
-                       : column(s.image_lift[slot - 1 - h]);
+    return slot <= h ? s.force_change[slot - 1].data() : s.image_lift[slot - 1 - h].data();
 }
 
 bool Multigrid::present(const MultigridState& s, int slot) const {
@@ -152,21 +151,28 @@ bool Multigrid::present(const MultigridState& s, int slot) const {
     return age < s.kept;
 }
 
-// A row and column of the span's V'KV.
+// A row and column of the span's V'KV. K u is kept in float64, other images in float32: where both would do, the
+// former.
 void Multigrid::products(MultigridState& s, int slot) const {
-    constexpr int most = 1 + MultigridState::history + most_columns;
     const int span = s.span();
-    Column with[most];
-    int which[most], count = 0;
-    for (int other = 0; other < span; other++)
+    const float* with[most_span];
+    int which[most_span], count = 0;
+    for (int other = 1; other < span; other++)
         if (present(s, other) || other == slot) which[count] = other, with[count++] = field(s, other);
-    double out[most];
-    dots(nodes(), image(s, slot), count, with, out);
-    if (slot > 0) { // K u is kept in float64, other images in float32
-        const Column own = field(s, slot);
-        dots(nodes(), image(s, 0), 1, &own, out);
+    double out[1 + most_span];
+    auto note = [&](int a, int b, double value) { s.gram[a * span + b] = s.gram[b * span + a] = value; };
+    if (slot > 0) {
+        dots(nodes(), {nullptr, image(s, slot)}, s.now.data(), count, with, out);
+        for (int k = 0; k < count; k++) note(slot, which[k], out[1 + k]);
+        const float* own = field(s, slot);
+        dots(nodes(), {s.force.data(), nullptr}, s.now.data(), 1, &own, out);
+        note(0, slot, out[1]);
+        return;
     }
-    for (int k = 0; k < count; k++) s.gram[slot * span + which[k]] = s.gram[which[k] * span + slot] = out[k];
+    if (count == 0) which[0] = 1, with[count++] = field(s, 1); // what is not present yet will be noted anew
+    dots(nodes(), {s.force.data(), nullptr}, s.now.data(), count, with, out);
+    note(0, 0, out[0]);
+    for (int k = 0; k < count; k++) note(0, which[k], out[1 + k]);
 }
 
 // Z and K Z of one contact along one axis.
@@ -230,19 +236,20 @@ bool Multigrid::pull(MultigridState& s) const {
 // gain: what takes u to the field of least energy, with W'u = d, in the span; run: its K (u + gain). f: (3m) the
 // multiplier that leaves K (u + gain) - W f without a part along Z.
 bool Multigrid::best_start(MultigridState& s, const double* displacement, double* f) const {
-    constexpr int h = MultigridState::history, most = 1 + h + most_columns;
+    constexpr int h = MultigridState::history;
     const int m = 3 * s.contacts, span = s.span();
-    Column fields[most], images[most];
-    int slot[most], count = 0;
-    for (int k = 0; k < 1 + h + m; k++)
+    const float *fields[most_span], *images[most_span];
+    int slot[most_span] = {0}, count = 1;
+    for (int k = 1; k < 1 + h + m; k++)
         if (present(s, k)) slot[count] = k, fields[count] = field(s, k), images[count++] = image(s, k);
+    auto mean_of = [&](int i, double* out) { means(s, i == 0 ? column(s.now) : Column{nullptr, fields[i]}, out); };
     double *A = s.small.data(), *X = A + count * count, *C = X + count * m;
-    double coefficient[most], force[most_columns], mean[most_columns];
+    double coefficient[most_span], force[most_columns], mean[most_columns];
     for (int a = 0; a < count; a++)
         for (int b = 0; b < count; b++) A[a * count + b] = s.gram[slot[a] * span + slot[b]];
     factor_independent(A, count, independent);
     for (int i = 0; i < count; i++) { // X = L^-1 (W'V)'
-        means(s, fields[i], X + i * m);
+        mean_of(i, X + i * m);
         for (int k = 0; k < i; k++)
             for (int c = 0; c < m; c++) X[i * m + c] -= A[i * count + k] * X[k * m + c];
         for (int c = 0; c < m; c++) X[i * m + c] = A[i * count + i] > 0 ? X[i * m + c] / A[i * count + i] : 0;
@@ -265,7 +272,7 @@ bool Multigrid::best_start(MultigridState& s, const double* displacement, double
     double off[most_columns]; // what rounding leaves of W'u = d goes to the lifts
     std::copy_n(displacement, m, off);
     for (int i = 0; i < count; i++) {
-        means(s, fields[i], mean);
+        mean_of(i, mean);
         for (int c = 0; c < m; c++) off[c] -= coefficient[i] * mean[c];
     }
     solve_factored(s.lever.data(), s.pivot.data(), m, off);
@@ -275,17 +282,16 @@ bool Multigrid::best_start(MultigridState& s, const double* displacement, double
         for (int i = 0; i < count; i++) f[c] += s.gram[(1 + h + c) * span + slot[i]] * coefficient[i];
     }
     solve_transposed(s.lever.data(), s.pivot.data(), m, f);
-    combine(nodes(), count, images, coefficient, s.run.data());
-    coefficient[0] -= 1;
-    combine(nodes(), count, fields, coefficient, s.gain.data());
+    combine(nodes(), coefficient[0], s.force.data(), count - 1, images + 1, coefficient + 1, s.run.data());
+    combine(nodes(), coefficient[0] - 1, s.now.data(), count - 1, fields + 1, coefficient + 1, s.gain.data());
     return true;
 }
 
 void Multigrid::iterate(MultigridState& s, int iterations, bool exact, double* f) const {
     const int m = 3 * s.contacts, n = nodes();
-    Column Z[most_columns], KZ[most_columns];
-    double c[most_columns], product[2], curvature = 0;
-    for (int k = 0; k < m; k++) Z[k] = column(s.lift[k]), KZ[k] = column(s.image_lift[k]);
+    const float *Z[most_columns], *KZ[most_columns];
+    double c[most_columns], product[2], out[1 + most_columns], curvature = 0;
+    for (int k = 0; k < m; k++) Z[k] = s.lift[k].data(), KZ[k] = s.image_lift[k].data();
     for (int it = 0; it < iterations; it++) {
         if (exact) {
             s.whole = s.now;
@@ -293,7 +299,8 @@ void Multigrid::iterate(MultigridState& s, int iterations, bool exact, double* f
             refresh(s.whole, s.run, 0, n);
         }
         if (exact || it > 0) {
-            dots(n, column(s.run), m, Z, f);
+            dots(n, {s.run.data(), nullptr}, s.gain.data(), m, Z, out);
+            std::copy_n(out + 1, m, f);
             solve_transposed(s.lever.data(), s.pivot.data(), m, f);
         }
         to_narrow(n, -1, s.run.data(), s.rhs.data());
@@ -401,6 +408,13 @@ bool Multigrid::solve(State& state, const Patch* patches, int contacts, const do
     keep(s, true);
     report(s, displacement, force);
     return true;
+}
+
+double Multigrid::moved() const {
+    const HalfMatrix& half = cycle.fine();
+    const double product = 4.0 * (half.block.size() + half.column.size() + half.diagonal.size());
+    constexpr int sweep_fields = 24, narrow = 26, wide = 20; // of the cycle's sweeps, and of the tick around it
+    return cycle.moved() + product + nodes() * (16.0 * (sweep_fields + narrow) + 32.0 * wide);
 }
 
 void Multigrid::internal_force(const double* u, double* out) const {

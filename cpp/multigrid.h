@@ -62,6 +62,10 @@ public:
 
     std::vector<int> sizes() const { return cycle.sizes(); }
 
+    // Bytes that a tick of one iteration moves: the cycle's matrices, one more product, and each field once where it is
+    // read or written, as if no cache held anything from one pass to the next.
+    double moved() const;
+
 private:
     struct Ordered; // the mesh, its nodes in the order of the sweeps
     explicit Multigrid(const Ordered& mesh, double cell, int sweeps, double relaxation);
@@ -82,8 +86,8 @@ private:
     void refresh(const Field& u, Field& image, int first, int last) const;
     void means(const MultigridState& s, const Column& field, double* out) const;
     void products(MultigridState& s, int slot) const;
-    Column field(const MultigridState& s, int slot) const;
-    Column image(const MultigridState& s, int slot) const;
+    const float* field(const MultigridState& s, int slot) const; // slot > 0
+    const float* image(const MultigridState& s, int slot) const;
     bool present(const MultigridState& s, int slot) const;
 };
 

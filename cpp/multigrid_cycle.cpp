@@ -127,6 +127,17 @@ std::vector<int> Cycle::sizes() const {
     return out;
 }
 
+double Cycle::moved() const {
+    double sum = 4.0 * dense.size();
+    for (const Level& l : level) {
+        const double half = 4.0 * (l.K.block.size() + l.K.column.size() + l.K.start.size());
+        const int passes = 2 * sweeps + (&l == level.data() ? 1 : 0);
+        sum += passes * half + 4.0 * (2 * sweeps * l.K.inverse.size() + l.K.diagonal.size());
+        sum += 2 * 4.0 * (l.up.parent.size() + l.up.weight.size());
+    }
+    return sum;
+}
+
 void Cycle::apply(CycleWork& work, const float* rhs, float* x, float* product) const {
     CycleWork::Level& w = work.level[0];
     std::copy_n(rhs, w.rhs.size(), w.rhs.data());

@@ -24,6 +24,7 @@ public:
     CycleWork work() const;
     int nodes() const { return level[0].K.nodes; }
     std::vector<int> sizes() const; // nodes of each level, finest first
+    double moved() const;           // bytes of matrices and interpolation that `apply` reads
 
     // x = B rhs and product = K x. All (nodes, 4).
     void apply(CycleWork& work, const float* rhs, float* x, float* product) const;

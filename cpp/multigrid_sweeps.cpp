@@ -31,6 +31,7 @@ PALPATE_INLINE void across(const Lanes& a, const Lanes& b, const Lanes& c, Four&
 PALPATE_INLINE void gather(const float* block, const int* column, int first, int last, const float* v, int ahead,
                            Four& g) {
     Lanes a = {}, b = {}, c = {}, x, m;
+#pragma GCC unroll 2
     for (int p = first; p < last; p++) {
         const float* rows = block + 24 * size_t(p);
         __builtin_prefetch(rows + ahead);
@@ -46,6 +47,7 @@ PALPATE_INLINE void gather(const float* block, const int* column, int first, int
 PALPATE_INLINE void spread_row(const float* block, const int* column, int first, int last, const Four& v, float* out) {
     Lanes m, v0, v1, v2;
     broadcast(v, v0, v1, v2);
+#pragma GCC unroll 2
     for (int p = first; p < last; p++) {
         const float* rows = block + 24 * size_t(p);
         Lanes y;
