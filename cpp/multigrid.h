@@ -26,6 +26,7 @@ struct MultigridState : State {
     std::vector<int> pivot;
     std::vector<double> gram, small; // (count, count) V'KV of the span: u, the changes, the lifts
     int next_row = 0;                // from which K u is refreshed
+    double gained = 1;               // root of the share of the energy that the last tick's iteration took
     int span() const { return 1 + history + 3 * int(patch.size()); }
 };
 
@@ -68,6 +69,7 @@ public:
 
 private:
     struct Ordered; // the mesh, its nodes in the order of the sweeps
+    struct Start;
     explicit Multigrid(const Ordered& mesh, double cell, int sweeps, double relaxation);
     const std::vector<int> order, inside; // the caller's number of each node, and back
     const BlockRows K;
@@ -79,10 +81,13 @@ private:
     void lift(MultigridState& s, int contact, int axis) const;
     void keep_lifts(MultigridState& s) const;
     bool pull(MultigridState& s) const;
-    bool best_start(MultigridState& s, const double* displacement, double* f) const;
-    void iterate(MultigridState& s, int iterations, bool exact, double* f) const;
+    bool best_start(MultigridState& s, const double* displacement, Start& start) const;
+    void load(MultigridState& s, const double* f) const;
+    void iterate(MultigridState& s, const Start& start, int iterations, bool exact) const;
+    void once(MultigridState& s, Start& start) const;
     void keep(MultigridState& s, bool exact) const;
     void report(MultigridState& s, const double* displacement, double* force) const;
+    void refresh_some(MultigridState& s) const;
     void refresh(const Field& u, Field& image, int first, int last) const;
     void means(const MultigridState& s, const Column& field, double* out) const;
     void products(MultigridState& s, int slot) const;

@@ -49,6 +49,85 @@ PALPATE_KERNEL void five_combined(int nodes, double factor, const double* wide, 
     }
 }
 
+PALPATE_KERNEL void five_rounded(int nodes, double factor, const double* wide, const float* more,
+                                 const float* const* narrow, const double* c, float* out) {
+    const float *n0 = narrow[0], *n1 = narrow[1], *n2 = narrow[2], *n3 = narrow[3], *n4 = narrow[4];
+    const double c0 = c[0], c1 = c[1], c2 = c[2], c3 = c[3], c4 = c[4];
+    for (size_t i = 0; i < 4 * size_t(nodes); i += 4) {
+        Quad sum, v;
+        Four f;
+        if (more)
+            read(more, i, sum);
+        else
+            load(sum, wide + i), sum *= factor;
+        read(n0, i, v), sum += c0 * v;
+        read(n1, i, v), sum += c1 * v;
+        read(n2, i, v), sum += c2 * v;
+        read(n3, i, v), sum += c3 * v;
+        read(n4, i, v), sum += c4 * v;
+        palpate::narrow(sum, f), store(out + i, f);
+    }
+}
+
+PALPATE_KERNEL void five_narrow_dots(int nodes, const float* v, const float* const* with, double* sums) {
+    const float *n0 = with[0], *n1 = with[1], *n2 = with[2], *n3 = with[3], *n4 = with[4];
+    Quad s0 = {}, s1 = {}, s2 = {}, s3 = {}, s4 = {}, a, b;
+    for (size_t i = 0; i < 4 * size_t(nodes); i += 4) {
+        read(v, i, a);
+        read(n0, i, b), s0 += a * b;
+        read(n1, i, b), s1 += a * b;
+        read(n2, i, b), s2 += a * b;
+        read(n3, i, b), s3 += a * b;
+        read(n4, i, b), s4 += a * b;
+    }
+    sums[0] = total(s0), sums[1] = total(s1), sums[2] = total(s2), sums[3] = total(s3), sums[4] = total(s4);
+}
+
+PALPATE_KERNEL void six_taken(int nodes, double factor, const double* more, const float* const* narrow, const double* c,
+                              const int* order, double* u, float* change, double* out) {
+    const float *n0 = narrow[0], *n1 = narrow[1], *n2 = narrow[2], *n3 = narrow[3], *n4 = narrow[4], *n5 = narrow[5];
+    const double c0 = c[0], c1 = c[1], c2 = c[2], c3 = c[3], c4 = c[4], c5 = c[5];
+    for (int node = 0; node < nodes; node++) {
+        const size_t i = 4 * size_t(node);
+        Quad sum, v, now;
+        Four f;
+        load(now, u + i), sum = factor * now;
+        if (more) load(v, more + i), sum += v;
+        read(n0, i, v), sum += c0 * v;
+        read(n1, i, v), sum += c1 * v;
+        read(n2, i, v), sum += c2 * v;
+        read(n3, i, v), sum += c3 * v;
+        read(n4, i, v), sum += c4 * v;
+        read(n5, i, v), sum += c5 * v;
+        now += sum;
+        store(u + i, now);
+        palpate::narrow(sum, f), store(change + i, f);
+        double* to = out + 3 * size_t(order[node]);
+        to[0] = now[0], to[1] = now[1], to[2] = now[2];
+    }
+}
+
+// sums: image . u and force . u, then of each narrow field.
+PALPATE_KERNEL void five_added(int nodes, const float* image, bool add, double* force, const double* u,
+                               const float* const* narrow, double* sums) {
+    const float *n0 = narrow[0], *n1 = narrow[1], *n2 = narrow[2], *n3 = narrow[3], *n4 = narrow[4];
+    Quad p = {}, q = {}, p0 = {}, q0 = {}, p1 = {}, q1 = {}, p2 = {}, q2 = {}, p3 = {}, q3 = {}, p4 = {}, q4 = {};
+    for (size_t i = 0; i < 4 * size_t(nodes); i += 4) {
+        Quad a, f, b;
+        read(image, i, a), load(f, force + i);
+        if (add) f += a, store(force + i, f);
+        load(b, u + i), p += a * b, q += f * b;
+        read(n0, i, b), p0 += a * b, q0 += f * b;
+        read(n1, i, b), p1 += a * b, q1 += f * b;
+        read(n2, i, b), p2 += a * b, q2 += f * b;
+        read(n3, i, b), p3 += a * b, q3 += f * b;
+        read(n4, i, b), p4 += a * b, q4 += f * b;
+    }
+    sums[0] = total(p), sums[1] = total(q), sums[2] = total(p0), sums[3] = total(q0), sums[4] = total(p1);
+    sums[5] = total(q1), sums[6] = total(p2), sums[7] = total(q2), sums[8] = total(p3), sums[9] = total(q3);
+    sums[10] = total(p4), sums[11] = total(q4);
+}
+
 PALPATE_KERNEL void direct(int nodes, const float* z, const float* image_z, int count, const float* const* Z,
                            const float* const* KZ, const double* c, double beta, double* p, double* image,
                            const double* force, double products[2]) {
@@ -136,6 +215,56 @@ void combine(int nodes, double factor, const double* wide, int count, const floa
             coefficient[j] = k + j < count ? c[k + j] : 0;
         }
         five_combined(nodes, k == 0 ? factor : 1, k == 0 ? wide : out, some, coefficient, out);
+    }
+}
+
+void combine(int nodes, double factor, const double* wide, int count, const float* const* narrow, const double* c,
+             float* out) {
+    for (int k = 0; k == 0 || k < count; k += group) {
+        const float* some[group];
+        double coefficient[group];
+        for (int j = 0; j < group; j++) {
+            some[j] = narrow[std::min(k + j, count - 1)];
+            coefficient[j] = k + j < count ? c[k + j] : 0;
+        }
+        five_rounded(nodes, factor, wide, k == 0 ? nullptr : out, some, coefficient, out);
+    }
+}
+
+void dots(int nodes, const float* v, int count, const float* const* with, double* out) {
+    for (int k = 0; k < count; k += group) {
+        const float* some[group];
+        double sums[group];
+        for (int j = 0; j < group; j++) some[j] = with[std::min(k + j, count - 1)];
+        five_narrow_dots(nodes, v, some, sums);
+        for (int j = 0; j < group && k + j < count; j++) out[k + j] = sums[j];
+    }
+}
+
+void take(int nodes, double factor, int count, const float* const* narrow, const double* c, const int* order, double* u,
+          float* change, double* out, double* spare) {
+    constexpr int most = group + 1;
+    const int beyond = std::max(0, count - most);
+    if (beyond > 0) combine(nodes, 0, u, beyond, narrow, c, spare);
+    const float* some[most];
+    double coefficient[most];
+    for (int j = 0; j < most; j++) {
+        some[j] = narrow[std::min(beyond + j, count - 1)];
+        coefficient[j] = beyond + j < count ? c[beyond + j] : 0;
+    }
+    six_taken(nodes, factor, beyond > 0 ? spare : nullptr, some, coefficient, order, u, change, out);
+}
+
+void add_and_dots(int nodes, const float* image, double* force, const double* u, int count, const float* const* narrow,
+                  double* of_image, double* of_force) {
+    for (int k = 0; k < count; k += group) {
+        const float* some[group];
+        double sums[2 + 2 * group];
+        for (int j = 0; j < group; j++) some[j] = narrow[std::min(k + j, count - 1)];
+        five_added(nodes, image, k == 0, force, u, some, sums);
+        of_image[0] = sums[0], of_force[0] = sums[1];
+        for (int j = 0; j < group && k + j < count; j++)
+            of_image[1 + k + j] = sums[2 + 2 * j], of_force[1 + k + j] = sums[3 + 2 * j];
     }
 }
 

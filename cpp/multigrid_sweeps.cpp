@@ -141,11 +141,11 @@ PALPATE_KERNEL void product(int nodes, const int* start, const int* column, cons
                             const float* x, float* out) {
     for (int i = 0; i < nodes; i++) {
         const size_t at = 4 * size_t(i);
-        Four g, v, own, now;
+        Four g, v, own;
         gather(block, column, start[i], start[i + 1], x, ahead, g);
-        load(v, x + at), load(now, out + at);
+        load(v, x + at);
         times(diagonal + 3 * at, v, own);
-        store(out + at, now + g + own);
+        store(out + at, g + own); // rows before spread to rows before them: none has been here
         spread_row(block, column, start[i], start[i + 1], v, out);
     }
 }
