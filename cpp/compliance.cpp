@@ -167,6 +167,7 @@ void Compliance::seat(ComplianceState& s, const Patch& patch) const {
         from[i] = next < old.count && old.vertex[next] == vertex[i] ? next : -1;
     }
     s.lacking = 0;
+    s.moved = true;
     size_t pair = 0;
     for (int i = 0; i < now.count; i++)
         for (int j = 0; j <= i; j++, pair++) {
@@ -181,15 +182,28 @@ void Compliance::seat(ComplianceState& s, const Patch& patch) const {
 
 // Takes over what has been made of the blocks that lack.
 void Compliance::fetch(ComplianceState& s) const {
-    if (s.lacking == 0) return;
-    s.green.open();
+    const int64_t made = s.green.made_near;
+    if (s.lacking == 0 || (made == s.looked && !s.moved)) return;
+    s.looked = made, s.moved = false;
+    Green::Wanted wanted[4 * capacity];
+    uint8_t* known[4 * capacity];
     size_t pair = 0;
+    int count = 0;
+    auto look = [&] {
+        s.green.find(wanted, count);
+        for (int k = 0; k < count; k++)
+            if (wanted[k].found) *known[k] = 1, s.lacking--;
+        count = 0;
+    };
+    s.green.open();
     for (int i = 0; i < s.pairs.count; i++)
-        for (int j = 0; j <= i; j++, pair++)
-            if (!s.pairs.known[pair] && s.green.block(s.pairs.vertex[i], s.pairs.vertex[j], &s.pairs.block[9 * pair])) {
-                s.pairs.known[pair] = 1;
-                s.lacking--;
-            }
+        for (int j = 0; j <= i; j++, pair++) {
+            if (s.pairs.known[pair]) continue;
+            known[count] = &s.pairs.known[pair];
+            wanted[count++] = {s.pairs.vertex[i], s.pairs.vertex[j], &s.pairs.block[9 * pair], false};
+            if (count == 4 * capacity) look();
+        }
+    look();
     s.green.close();
 }
 

@@ -3,6 +3,12 @@
 #include <cmath>
 
 namespace palpate {
+namespace {
+
+constexpr int together = 32; // blocks whose waits overlap
+constexpr int line = 16;     // numbers in a line of a cache
+
+} // namespace
 
 double Elastic::apart(int a, int b) const {
     double sum = 0;
@@ -92,18 +98,40 @@ void Green::solve(const int* vertices, const double* weight, int count, const do
     for (int r = 0; r < 3 * all; r++) out[r] = result[size_t(r) * one.columns];
 }
 
-bool Green::block(int i, int j, float out[9]) const {
-    // Always from the lower one's columns: its transpose from the other's would differ in the last bits, and the answer
-    // must not depend on which was made first.
-    const int of = std::min(i, j), with = std::max(i, j);
-    const Near* held = near[of].load();
-    if (!held) return false;
-    const auto at = std::lower_bound(held->other.begin(), held->other.end(), with);
-    if (at == held->other.end() || *at != with) return false;
-    const float* b = &held->block[9 * (at - held->other.begin())]; // displacement of `with`, force on `of`
-    for (int r = 0; r < 3; r++)
-        for (int c = 0; c < 3; c++) out[3 * r + c] = i == with ? b[3 * r + c] : b[3 * c + r];
-    return true;
+void Green::find(Wanted* wanted, int count) const {
+    for (int k = 0; k < count; k += together) find_some(wanted + k, std::min(together, count - k));
+}
+
+// Always from the lower one's columns: its transpose from the other's would differ in the last bits, and the answer
+// must not depend on which was made first.
+void Green::find_some(Wanted* wanted, int count) const {
+    const Near* held[together];
+    const float* from[together];
+    for (int k = 0; k < count; k++) __builtin_prefetch(&near[std::min(wanted[k].i, wanted[k].j)]);
+    for (int k = 0; k < count; k++) {
+        held[k] = near[std::min(wanted[k].i, wanted[k].j)].load();
+        if (held[k]) __builtin_prefetch(held[k]);
+    }
+    for (int k = 0; k < count; k++)
+        if (held[k] && (k == 0 || held[k] != held[k - 1]))
+            for (size_t at = 0; at < held[k]->other.size(); at += line) __builtin_prefetch(&held[k]->other[at]);
+    for (int k = 0; k < count; k++) {
+        from[k] = nullptr;
+        if (!held[k]) continue;
+        const auto& other = held[k]->other;
+        const int with = std::max(wanted[k].i, wanted[k].j);
+        const auto at = std::lower_bound(other.begin(), other.end(), with);
+        if (at == other.end() || *at != with) continue;
+        from[k] = &held[k]->block[9 * (at - other.begin())]; // displacement of `with`, force on the other
+        __builtin_prefetch(from[k]), __builtin_prefetch(from[k] + 8);
+    }
+    for (int k = 0; k < count; k++) {
+        wanted[k].found = from[k];
+        if (!from[k]) continue;
+        const bool along = wanted[k].i >= wanted[k].j;
+        for (int r = 0; r < 3; r++)
+            for (int c = 0; c < 3; c++) wanted[k].out[3 * r + c] = from[k][along ? 3 * r + c : 3 * c + r];
+    }
 }
 
 void Green::use(const int* vertices, int count) {

@@ -45,11 +45,18 @@ public:
     std::atomic<int64_t> made_near{0}, made_columns{0}, evicted{0};
 
     // --- the thread that reads
-    // Between open() and close() nothing that block() gives is thrown away.
+    // Between open() and close() nothing that find() reads is thrown away.
     void open() { epoch.fetch_add(1); }
     void close() { epoch.fetch_add(1); }
-    // G_ij, row by row along i, or false: not made yet.
-    bool block(int i, int j, float out[9]) const;
+    // A block that is asked for: G_ij, row by row along i, goes to out once it is made.
+    struct Wanted {
+        int i, j;
+        float* out;
+        bool found;
+    };
+    // Tables lie far apart and few of them in a cache, so the waits for them overlap: all are called for before any is
+    // read.
+    void find(Wanted* wanted, int count) const;
 
 private:
     struct Near {
@@ -70,6 +77,7 @@ private:
     std::vector<float> load, result;
     std::vector<int> loaded, wanted, others;
     size_t column_bytes() const { return 9 * sizeof(float) * size_t(elastic.vertices()); }
+    void find_some(Wanted* wanted, int count) const;
     void drop_near(int vertex);
     void drop_column(int vertex);
     void sweep_retired();

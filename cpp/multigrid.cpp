@@ -498,8 +498,8 @@ bool Multigrid::solve(State& state, const Patch* patches, int contacts, const do
 double Multigrid::moved() const {
     const HalfMatrix& half = cycle.fine();
     const double product = 4.0 * (half.block.size() + half.column.size() + half.diagonal.size());
-    constexpr int sweep_fields = 24, narrow = 26, wide = 20; // of the cycle's sweeps, and of the tick around it
-    return cycle.moved() + product + nodes() * (16.0 * (sweep_fields + narrow) + 32.0 * wide);
+    constexpr double narrow = 27, wide = 6.75; // of the five passes around the cycle
+    return cycle.moved(1) + product + nodes() * (16 * narrow + 32 * wide);
 }
 
 void Multigrid::internal_force(const double* u, double* out) const {

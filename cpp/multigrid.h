@@ -63,8 +63,8 @@ public:
 
     std::vector<int> sizes() const { return cycle.sizes(); }
 
-    // Bytes that a tick of one iteration moves: the cycle's matrices, one more product, and each field once where it is
-    // read or written, as if no cache held anything from one pass to the next.
+    // Bytes that a steady tick of one iteration and one contact moves: the cycle's matrices, one more product, and each
+    // field once where it is read or written, as if no cache held anything from one pass to the next.
     double moved() const;
 
 private:

@@ -127,13 +127,15 @@ std::vector<int> Cycle::sizes() const {
     return out;
 }
 
-double Cycle::moved() const {
+double Cycle::moved(int some) const {
     double sum = 4.0 * dense.size();
     for (const Level& l : level) {
+        const bool finest = &l == level.data();
+        const int count = finest ? some : sweeps;
         const double half = 4.0 * (l.K.block.size() + l.K.column.size() + l.K.start.size());
-        const int passes = 2 * sweeps + (&l == level.data() ? 1 : 0);
-        sum += passes * half + 4.0 * (2 * sweeps * l.K.inverse.size() + l.K.diagonal.size());
+        sum += (2 * count + finest) * half + 4.0 * (2 * count * l.K.inverse.size() + l.K.diagonal.size());
         sum += 2 * 4.0 * (l.up.parent.size() + l.up.weight.size());
+        sum += 16.0 * l.K.nodes * (11 * count + 2 + (finest ? 4 : 0)); // fields, by the sweeps' loops
     }
     return sum;
 }

@@ -24,7 +24,7 @@ public:
     CycleWork work() const;
     int nodes() const { return level[0].K.nodes; }
     std::vector<int> sizes() const; // nodes of each level, finest first
-    double moved() const;           // bytes of matrices and interpolation that `apply` reads
+    double moved(int some) const;   // bytes that `apply` reads and writes, each field once where it is met
 
     // x = B rhs and product = K x. All (nodes, 4). some: sweeps of the finest level, which cost the most.
     void apply(CycleWork& work, int some, const float* rhs, float* x, float* product) const;
