@@ -23,6 +23,8 @@ void invert(const double a[9], double out[9]) {
     for (int k = 0; k < 9; k++) out[k] = c[k] / determinant;
 }
 
+size_t row_of(int i) { return size_t(i) * (i + 1) / 2; } // of the pairs' blocks
+
 double along(const double a[9], const double d[3]) { // |a d|
     double sum = 0;
     for (int k = 0; k < 3; k++) {
@@ -161,23 +163,34 @@ void Compliance::seat(ComplianceState& s, const Patch& patch) const {
     std::swap(now, old);
     now.count = patch.count;
     std::copy_n(vertex, patch.count, now.vertex.begin());
-    int from[capacity], next = 0;
+    // Runs of nodes that stand together in both: their blocks move together.
+    struct Run {
+        int first, count, from;
+    } runs[capacity];
+    int kept = 0, next = 0;
     for (int i = 0; i < now.count; i++) {
         while (next < old.count && old.vertex[next] < vertex[i]) next++;
-        from[i] = next < old.count && old.vertex[next] == vertex[i] ? next : -1;
+        if (next == old.count || old.vertex[next] != vertex[i]) continue;
+        Run& last = runs[std::max(kept - 1, 0)];
+        if (kept > 0 && last.first + last.count == i && last.from + last.count == next)
+            last.count++;
+        else
+            runs[kept++] = {i, 1, next};
     }
-    s.lacking = 0;
+    const size_t pairs = row_of(now.count);
+    for (size_t k = 0; k < 9 * pairs; k += 16) __builtin_prefetch(&now.block[k], 1);
+    std::fill_n(now.known.begin(), pairs, uint8_t(0));
+    for (int r = 0; r < kept; r++)
+        for (int k = 0; k < runs[r].count; k++)
+            for (int q = 0; q <= r; q++) {
+                const size_t to = row_of(runs[r].first + k) + runs[q].first;
+                const size_t from = row_of(runs[r].from + k) + runs[q].from;
+                const int count = q < r ? runs[q].count : k + 1;
+                std::copy_n(&old.known[from], count, &now.known[to]);
+                std::copy_n(&old.block[9 * from], 9 * count, &now.block[9 * to]);
+            }
+    s.lacking = int(std::count(now.known.begin(), now.known.begin() + pairs, uint8_t(0)));
     s.moved = true;
-    size_t pair = 0;
-    for (int i = 0; i < now.count; i++)
-        for (int j = 0; j <= i; j++, pair++) {
-            const size_t was = from[i] < 0 || from[j] < 0 ? 0 : size_t(from[i]) * (from[i] + 1) / 2 + from[j];
-            now.known[pair] = from[i] >= 0 && from[j] >= 0 && old.known[was];
-            if (now.known[pair])
-                std::copy_n(&old.block[9 * was], 9, &now.block[9 * pair]);
-            else
-                s.lacking++;
-        }
 }
 
 // Takes over what has been made of the blocks that lack.
