@@ -14,7 +14,17 @@ from pathlib import Path
 from benchmarks import THREADS, installed
 from palpate import _core
 
-PARTS = ("roofline", "projector", "accuracy", "iteration", "convergence", "meshing", "tables", "deformation")
+PARTS = (
+    "roofline",
+    "projector",
+    "accuracy",
+    "iteration",
+    "convergence",
+    "meshing",
+    "tables",
+    "multigrid",
+    "deformation",
+)
 PACKAGES = ("palpate", "numpy", "scipy", "itk-rtk", "mbirjax", "jax", "pyPBD", "newton", "warp-lang", "mujoco")
 LONG = ("clinical", "calculix", "strain")  # only if asked for
 HERE = Path(__file__).parent

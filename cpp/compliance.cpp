@@ -48,6 +48,8 @@ bool invert(double* a, int n, double* out) {
     return true;
 }
 
+size_t row_of(int i) { return size_t(i) * (i + 1) / 2; } // of the pairs' blocks
+
 double along(const double* a, int n, const double* d) { // |a d|
     double sum = 0;
     for (int k = 0; k < n; k++) {
@@ -281,35 +283,60 @@ void Compliance::keep_pairs(ComplianceState& s, const int* vertex, int count) co
     std::swap(now, old);
     now.count = count;
     std::copy_n(vertex, count, now.vertex.begin());
-    int from[capacity], next = 0;
+    // Runs of nodes that stand together in both: their blocks move together.
+    struct Run {
+        int first, count, from;
+    } runs[capacity];
+    int kept = 0, next = 0;
     for (int i = 0; i < now.count; i++) {
         while (next < old.count && old.vertex[next] < vertex[i]) next++;
-        from[i] = next < old.count && old.vertex[next] == vertex[i] ? next : -1;
+        if (next == old.count || old.vertex[next] != vertex[i]) continue;
+        Run& last = runs[std::max(kept - 1, 0)];
+        if (kept > 0 && last.first + last.count == i && last.from + last.count == next)
+            last.count++;
+        else
+            runs[kept++] = {i, 1, next};
     }
-    s.lacking = 0;
-    size_t pair = 0;
-    for (int i = 0; i < now.count; i++)
-        for (int j = 0; j <= i; j++, pair++) {
-            const size_t was = from[i] < 0 || from[j] < 0 ? 0 : size_t(from[i]) * (from[i] + 1) / 2 + from[j];
-            now.known[pair] = from[i] >= 0 && from[j] >= 0 && old.known[was];
-            if (now.known[pair])
-                std::copy_n(&old.block[9 * was], 9, &now.block[9 * pair]);
-            else
-                s.lacking++;
-        }
+    const size_t pairs = row_of(now.count);
+    for (size_t k = 0; k < 9 * pairs; k += 16) __builtin_prefetch(&now.block[k], 1);
+    std::fill_n(now.known.begin(), pairs, uint8_t(0));
+    for (int r = 0; r < kept; r++)
+        for (int k = 0; k < runs[r].count; k++)
+            for (int q = 0; q <= r; q++) {
+                const size_t to = row_of(runs[r].first + k) + runs[q].first;
+                const size_t from = row_of(runs[r].from + k) + runs[q].from;
+                const int some = q < r ? runs[q].count : k + 1;
+                std::copy_n(&old.known[from], some, &now.known[to]);
+                std::copy_n(&old.block[9 * from], 9 * some, &now.block[9 * to]);
+            }
+    s.lacking = int(std::count(now.known.begin(), now.known.begin() + pairs, uint8_t(0)));
+    s.moved = true;
 }
 
 // Takes over what has been made of the blocks that lack.
 void Compliance::fetch(ComplianceState& s) const {
-    if (s.lacking == 0) return;
-    s.green.open();
+    const int64_t made = s.green.made_near;
+    if (s.lacking == 0 || (made == s.looked && !s.moved)) return;
+    s.looked = made, s.moved = false;
+    Green::Wanted wanted[4 * capacity];
+    uint8_t* known[4 * capacity];
     size_t pair = 0;
+    int count = 0;
+    auto look = [&] {
+        s.green.find(wanted, count);
+        for (int k = 0; k < count; k++)
+            if (wanted[k].found) *known[k] = 1, s.lacking--;
+        count = 0;
+    };
+    s.green.open();
     for (int i = 0; i < s.pairs.count; i++)
-        for (int j = 0; j <= i; j++, pair++)
-            if (!s.pairs.known[pair] && s.green.block(s.pairs.vertex[i], s.pairs.vertex[j], &s.pairs.block[9 * pair])) {
-                s.pairs.known[pair] = 1;
-                s.lacking--;
-            }
+        for (int j = 0; j <= i; j++, pair++) {
+            if (s.pairs.known[pair]) continue;
+            known[count] = &s.pairs.known[pair];
+            wanted[count++] = {s.pairs.vertex[i], s.pairs.vertex[j], &s.pairs.block[9 * pair], false};
+            if (count == 4 * capacity) look();
+        }
+    look();
     s.green.close();
 }
 

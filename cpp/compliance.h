@@ -44,6 +44,8 @@ struct ComplianceState : State {
     } pairs, before;
     std::vector<double> weight; // (tools, capacity) of each patch's nodes, in the order of `pairs`
     int lacking = 0;            // pairs that are not known
+    int64_t looked = 0;         // how many tables had been made when they were last looked for
+    bool moved = false;         // the patch has other nodes since
     std::vector<float> field;   // (vertices, 3) of the last display
     std::unique_ptr<Ahead> ahead;
 };

@@ -1,8 +1,16 @@
 #include "green.h"
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
+#include <limits>
+#include <new>
 
 namespace palpate {
+namespace {
+
+constexpr int together = 32; // blocks whose waits overlap
+
+} // namespace
 
 double Elastic::apart(int a, int b) const {
     double sum = 0;
@@ -19,8 +27,38 @@ Green::Green(const Elastic& e, size_t budget)
       one(e.factor->tree, e.single.data(), Supernodes::panel) {}
 
 Green::~Green() {
-    for (auto& held : near) delete held.load();
-    for (auto& [old, when] : retired) delete old;
+    for (auto& held : near) std::free(const_cast<Near*>(held.load()));
+    for (auto& [old, when] : retired) std::free(const_cast<Near*>(old));
+}
+
+Green::Near* Green::Near::make(int count) {
+    Near about{};
+    about.count = count;
+    about.lines = (count + line - 1) / line;
+    about.groups = (about.lines + line - 1) / line;
+    const size_t whole = (about.bytes() + sizeof(Near) - 1) / sizeof(Near) * sizeof(Near);
+    void* memory = std::aligned_alloc(alignof(Near), whole);
+    if (!memory) throw std::bad_alloc();
+    return new (memory) Near(about);
+}
+
+void Green::Near::list(const int* others) {
+    constexpr int none = std::numeric_limits<int>::max();
+    for (int k = 0; k < line * lines; k++) other()[k] = k < count ? others[k] : none;
+    for (int k = 0; k < line * groups; k++) first()[k] = k < lines ? others[line * k] : none;
+}
+
+int Green::Near::line_of(int vertex) const {
+    int found = -1;
+    for (int k = 0; k < line * groups; k++) found += first()[k] <= vertex;
+    return found;
+}
+
+int Green::Near::place(int vertex, int in_line) const {
+    const int* from = other() + line * in_line;
+    int found = -1;
+    for (int k = 0; k < line; k++) found += from[k] <= vertex;
+    return found >= 0 && from[found] == vertex ? line * in_line + found : -1;
 }
 
 // Unit forces along x, y, z on each vertex: three columns a vertex, the others empty.
@@ -43,16 +81,20 @@ void Green::make_near(const int* vertices, int count, double reach) {
     result.resize(3 * wanted.size() * partial.columns);
     partial.solve(loaded.data(), count, load.data(), wanted.data(), int(wanted.size()), result.data(), 3 * count);
     for (int i = 0; i < count; i++) {
-        auto made = std::make_unique<Near>();
-        for (size_t k = 0; k < others.size(); k++) {
-            if (elastic.apart(others[k], vertices[i]) > reach) continue;
-            made->other.push_back(others[k]);
+        mine.clear();
+        for (size_t k = 0; k < others.size(); k++)
+            if (elastic.apart(others[k], vertices[i]) <= reach) mine.push_back(int(k));
+        Near* made = Near::make(int(mine.size()));
+        float* block = made->block();
+        for (int k : mine)
             for (int a = 0; a < 3; a++)
-                for (int b = 0; b < 3; b++) made->block.push_back(result[(3 * k + a) * partial.columns + 3 * i + b]);
-        }
+                for (int b = 0; b < 3; b++)
+                    *block++ = result[(3 * size_t(k) + a) * partial.columns + 3 * size_t(i) + b];
+        for (int& k : mine) k = others[k];
+        made->list(mine.data());
         drop_near(vertices[i]);
         bytes += made->bytes();
-        near[vertices[i]].store(made.release());
+        near[vertices[i]].store(made);
         reached[vertices[i]] = reach;
         used[vertices[i]] = now;
         made_near++;
@@ -92,18 +134,37 @@ void Green::solve(const int* vertices, int count, const double* loads, float* ou
     for (int r = 0; r < 3 * all; r++) out[r] = result[size_t(r) * one.columns];
 }
 
-bool Green::block(int i, int j, float out[9]) const {
-    // Always from the lower one's columns: its transpose from the other's would differ in the last bits, and the answer
-    // must not depend on which was made first.
-    const int of = std::min(i, j), with = std::max(i, j);
-    const Near* held = near[of].load();
-    if (!held) return false;
-    const auto at = std::lower_bound(held->other.begin(), held->other.end(), with);
-    if (at == held->other.end() || *at != with) return false;
-    const float* b = &held->block[9 * (at - held->other.begin())]; // displacement of `with`, force on `of`
-    for (int r = 0; r < 3; r++)
-        for (int c = 0; c < 3; c++) out[3 * r + c] = i == with ? b[3 * r + c] : b[3 * c + r];
-    return true;
+void Green::find(Wanted* wanted, int count) const {
+    for (int k = 0; k < count; k += together) find_some(wanted + k, std::min(together, count - k));
+}
+
+// Always from the lower one's columns: its transpose from the other's would differ in the last bits, and the answer
+// must not depend on which was made first.
+void Green::find_some(Wanted* wanted, int count) const {
+    const Near* held[together];
+    const float* from[together];
+    int at[together];
+    for (int k = 0; k < count; k++) __builtin_prefetch(&near[std::min(wanted[k].i, wanted[k].j)]);
+    for (int k = 0; k < count; k++) {
+        held[k] = near[std::min(wanted[k].i, wanted[k].j)].load();
+        if (held[k]) __builtin_prefetch(held[k]), __builtin_prefetch(held[k]->first());
+    }
+    for (int k = 0; k < count; k++) {
+        at[k] = held[k] ? held[k]->line_of(std::max(wanted[k].i, wanted[k].j)) : -1;
+        if (at[k] >= 0) __builtin_prefetch(held[k]->other() + Near::line * at[k]);
+    }
+    for (int k = 0; k < count; k++) {
+        if (at[k] >= 0) at[k] = held[k]->place(std::max(wanted[k].i, wanted[k].j), at[k]);
+        from[k] = at[k] < 0 ? nullptr : held[k]->block() + 9 * at[k]; // displacement of that, force on the other
+        if (from[k]) __builtin_prefetch(from[k]), __builtin_prefetch(from[k] + 8);
+    }
+    for (int k = 0; k < count; k++) {
+        wanted[k].found = from[k];
+        if (!from[k]) continue;
+        const bool along = wanted[k].i >= wanted[k].j;
+        for (int r = 0; r < 3; r++)
+            for (int c = 0; c < 3; c++) wanted[k].out[3 * r + c] = from[k][along ? 3 * r + c : 3 * c + r];
+    }
 }
 
 void Green::use(const int* vertices, int count) {
@@ -132,7 +193,7 @@ void Green::sweep_retired() {
     const uint64_t at = epoch.load();
     auto gone = [&](const std::pair<const Near*, uint64_t>& old) {
         if (old.second % 2 == 1 && at == old.second) return false;
-        delete old.first;
+        std::free(const_cast<Near*>(old.first));
         return true;
     };
     retired.erase(std::remove_if(retired.begin(), retired.end(), gone), retired.end());

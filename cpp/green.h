@@ -45,17 +45,38 @@ public:
     std::atomic<int64_t> made_near{0}, made_columns{0}, evicted{0};
 
     // --- the thread that reads
-    // Between open() and close() nothing that block() gives is thrown away.
+    // Between open() and close() nothing that find() reads is thrown away.
     void open() { epoch.fetch_add(1); }
     void close() { epoch.fetch_add(1); }
-    // G_ij, row by row along i, or false: not made yet.
-    bool block(int i, int j, float out[9]) const;
+    // A block that is asked for: G_ij, row by row along i, goes to out once it is made.
+    struct Wanted {
+        int i, j;
+        float* out;
+        bool found;
+    };
+    // Tables lie far apart and few of them in a cache, so the waits for them overlap: all are called for before any is
+    // read.
+    void find(Wanted* wanted, int count) const;
 
 private:
-    struct Near {
-        std::vector<int> other;   // rising
-        std::vector<float> block; // (others, 3 of its displacement, 3 of this vertex's force)
-        size_t bytes() const { return sizeof(Near) + other.size() * (sizeof(int) + 9 * sizeof(float)); }
+    // A vertex's blocks in one piece of memory, found by reading few lines of it: the first of each sixteen others, the
+    // others (rising), then their blocks (3 of displacement, 3 of this vertex's force).
+    struct alignas(64) Near {
+        static constexpr int line = 16; // numbers
+        int count, lines, groups;       // others; lines of others; lines of their first ones
+        int* first() { return reinterpret_cast<int*>(this + 1); }
+        const int* first() const { return reinterpret_cast<const int*>(this + 1); }
+        int* other() { return first() + line * groups; }
+        const int* other() const { return first() + line * groups; }
+        float* block() { return reinterpret_cast<float*>(other() + line * lines); }
+        const float* block() const { return reinterpret_cast<const float*>(other() + line * lines); }
+        size_t bytes() const {
+            return sizeof(Near) + sizeof(int) * line * (groups + lines) + 9 * sizeof(float) * count;
+        }
+        static Near* make(int count);
+        void list(const int* others);
+        int line_of(int vertex) const; // where it would be, or -1
+        int place(int vertex, int in_line) const;
     };
     const Elastic& elastic;
     const size_t budget;
@@ -68,8 +89,9 @@ private:
     std::vector<std::pair<const Near*, uint64_t>> retired;
     PartialSolve<float> partial, one;
     std::vector<float> load, result;
-    std::vector<int> loaded, wanted, others;
+    std::vector<int> loaded, wanted, others, mine;
     size_t column_bytes() const { return 9 * sizeof(float) * size_t(elastic.vertices()); }
+    void find_some(Wanted* wanted, int count) const;
     void drop_near(int vertex);
     void drop_column(int vertex);
     void sweep_retired();

@@ -10,6 +10,8 @@ namespace {
 constexpr int refreshed = 64;         // ticks in which every row of K u is made anew
 constexpr double independent = 1e-10; // part of a field's energy below which it says nothing new
 constexpr int most_columns = 3 * Multigrid::most_contacts;
+constexpr double nearly = 5e-3; // of the energy's root: gained in a tick by which the next has little to do
+constexpr int most_span = 1 + MultigridState::history + most_columns;
 
 PALPATE_KERNEL void rows_times(const int* start, const int* column, const double* block, int first, int last,
                                const double* u, double* out) {
@@ -23,7 +25,8 @@ PALPATE_KERNEL void rows_times(const int* start, const int* column, const double
     }
 }
 
-// By colours, no two neighbours of one: the first colour that a node's neighbours before it have left.
+// By colours, no two neighbours of one: the first colour that a node's neighbours before it have left. Of one colour,
+// those with as many neighbours of earlier colours stand together, so that the sweeps' branches are foreseen.
 std::vector<int> by_colour(const Elements& mesh) {
     std::vector<std::vector<int>> tets(mesh.nodes);
     for (int t = 0; t < mesh.tets; t++)
@@ -41,8 +44,20 @@ std::vector<int> by_colour(const Elements& mesh) {
         colour[i] = int(std::find(taken.begin(), taken.end(), 0) - taken.begin());
         taken.resize(std::min<size_t>(taken.size(), 64));
     }
+    std::vector<int> before(mesh.nodes), near;
+    for (int i = 0; i < mesh.nodes; i++) {
+        near.clear();
+        for (int t : tets[i])
+            for (int k = 0; k < 4; k++)
+                if (const int j = mesh.tet[4 * size_t(t) + k]; colour[j] < colour[i] && !mesh.held[j])
+                    near.push_back(j);
+        std::sort(near.begin(), near.end());
+        before[i] = mesh.held[i] ? 0 : int(std::unique(near.begin(), near.end()) - near.begin());
+    }
     for (int i = 0; i < mesh.nodes; i++) order[i] = i;
-    std::stable_sort(order.begin(), order.end(), [&](int a, int b) { return colour[a] < colour[b]; });
+    std::stable_sort(order.begin(), order.end(), [&](int a, int b) {
+        return colour[a] != colour[b] ? colour[a] < colour[b] : before[a] < before[b];
+    });
     return order;
 }
 
@@ -61,6 +76,13 @@ void centre(const Patch& patch, const double* place, double at[3], double& sprea
 }
 
 } // namespace
+
+// A combination of the span; the first of its fields, u, is not listed. Room for one more.
+struct Multigrid::Start {
+    int count, slot[most_span];
+    const float *field[1 + most_span], *image[most_span];
+    double coefficient[1 + most_span], f[most_columns];
+};
 
 struct Multigrid::Ordered {
     std::vector<int> order, inside;
@@ -85,7 +107,8 @@ void MultigridState::rest() {
     State::rest();
     std::fill(now.begin(), now.end(), 0.0);
     std::fill(force.begin(), force.end(), 0.0);
-    kept = contacts = lifts = 0;
+    kept = contacts = lifts = next_row = 0;
+    gained = 1;
 }
 
 Multigrid::Multigrid(const Elements& mesh, double cell, int sweeps, double relaxation)
@@ -133,16 +156,14 @@ void Multigrid::touch(MultigridState& s, int contact, const Patch& patch) const 
 }
 
 // The span: slot 0 is u, then the changes, then the lifts.
-Column Multigrid::field(const MultigridState& s, int slot) const {
+const float* Multigrid::field(const MultigridState& s, int slot) const {
     constexpr int h = MultigridState::history;
-    return slot == 0 ? column(s.now) : slot <= h ? column(s.change[slot - 1]) : column(s.lift[slot - 1 - h]);
+    return slot <= h ? s.change[slot - 1].data() : s.lift[slot - 1 - h].data();
 }
 
-Column Multigrid::image(const MultigridState& s, int slot) const {
+const float* Multigrid::image(const MultigridState& s, int slot) const {
     constexpr int h = MultigridState::history;
-    return slot == 0   ? column(s.force)
-           : slot <= h ? column(s.force_change[slot - 1])
-                       : column(s.image_lift[slot - 1 - h]);
+    return slot <= h ? s.force_change[slot - 1].data() : s.image_lift[slot - 1 - h].data();
 }
 
 bool Multigrid::present(const MultigridState& s, int slot) const {
@@ -152,21 +173,28 @@ bool Multigrid::present(const MultigridState& s, int slot) const {
     return age < s.kept;
 }
 
-// A row and column of the span's V'KV.
+// A row and column of the span's V'KV. K u is kept in float64, other images in float32: where both would do, the
+// former.
 void Multigrid::products(MultigridState& s, int slot) const {
-    constexpr int most = 1 + MultigridState::history + most_columns;
     const int span = s.span();
-    Column with[most];
-    int which[most], count = 0;
-    for (int other = 0; other < span; other++)
+    const float* with[most_span];
+    int which[most_span], count = 0;
+    for (int other = 1; other < span; other++)
         if (present(s, other) || other == slot) which[count] = other, with[count++] = field(s, other);
-    double out[most];
-    dots(nodes(), image(s, slot), count, with, out);
-    if (slot > 0) { // K u is kept in float64, other images in float32
-        const Column own = field(s, slot);
-        dots(nodes(), image(s, 0), 1, &own, out);
+    double out[1 + most_span];
+    auto note = [&](int a, int b, double value) { s.gram[a * span + b] = s.gram[b * span + a] = value; };
+    if (slot > 0) {
+        dots(nodes(), {nullptr, image(s, slot)}, s.now.data(), count, with, out);
+        for (int k = 0; k < count; k++) note(slot, which[k], out[1 + k]);
+        const float* own = field(s, slot);
+        dots(nodes(), {s.force.data(), nullptr}, s.now.data(), 1, &own, out);
+        note(0, slot, out[1]);
+        return;
     }
-    for (int k = 0; k < count; k++) s.gram[slot * span + which[k]] = s.gram[which[k] * span + slot] = out[k];
+    if (count == 0) which[0] = 1, with[count++] = field(s, 1); // what is not present yet will be noted anew
+    dots(nodes(), {s.force.data(), nullptr}, s.now.data(), count, with, out);
+    note(0, 0, out[0]);
+    for (int k = 0; k < count; k++) note(0, which[k], out[1 + k]);
 }
 
 // Z and K Z of one contact along one axis.
@@ -177,7 +205,6 @@ void Multigrid::lift(MultigridState& s, int contact, int axis) const {
     for (int k = 0; k < patch.count; k++)
         if (!held[patch.node[k]]) s.rhs[4 * size_t(patch.node[k]) + axis] = float(patch.weight[k]);
     cycle.apply_coarse(s.work, s.rhs.data(), s.lift[c].data());
-    std::fill(s.image_lift[c].begin(), s.image_lift[c].end(), 0.0f);
     multiply(cycle.fine(), s.lift[c].data(), s.image_lift[c].data());
     double spread;
     centre(patch, place.data(), &s.lift_at[3 * size_t(c)], spread);
@@ -229,22 +256,25 @@ bool Multigrid::pull(MultigridState& s) const {
     return factor(s.lever.data(), s.pivot.data(), m);
 }
 
-// gain: what takes u to the field of least energy, with W'u = d, in the span; run: its K (u + gain). f: (3m) the
-// multiplier that leaves K (u + gain) - W f without a part along Z.
-bool Multigrid::best_start(MultigridState& s, const double* displacement, double* f) const {
-    constexpr int h = MultigridState::history, most = 1 + h + most_columns;
+// start: the field of least energy, with W'u = d, in the span, and the multiplier f that leaves its K u - W f without
+// a part along Z.
+bool Multigrid::best_start(MultigridState& s, const double* displacement, Start& start) const {
+    constexpr int h = MultigridState::history;
     const int m = 3 * s.contacts, span = s.span();
-    Column fields[most], images[most];
-    int slot[most], count = 0;
-    for (int k = 0; k < 1 + h + m; k++)
-        if (present(s, k)) slot[count] = k, fields[count] = field(s, k), images[count++] = image(s, k);
+    const float** fields = start.field;
+    int *slot = start.slot, &count = start.count;
+    double *coefficient = start.coefficient, *f = start.f;
+    slot[0] = 0, count = 1;
+    for (int k = 1; k < 1 + h + m; k++)
+        if (present(s, k)) slot[count] = k, fields[count] = field(s, k), start.image[count++] = image(s, k);
+    auto mean_of = [&](int i, double* out) { means(s, i == 0 ? column(s.now) : Column{nullptr, fields[i]}, out); };
     double *A = s.small.data(), *X = A + count * count, *C = X + count * m;
-    double coefficient[most], force[most_columns], mean[most_columns];
+    double force[most_columns], mean[most_columns];
     for (int a = 0; a < count; a++)
         for (int b = 0; b < count; b++) A[a * count + b] = s.gram[slot[a] * span + slot[b]];
     factor_independent(A, count, independent);
     for (int i = 0; i < count; i++) { // X = L^-1 (W'V)'
-        means(s, fields[i], X + i * m);
+        mean_of(i, X + i * m);
         for (int k = 0; k < i; k++)
             for (int c = 0; c < m; c++) X[i * m + c] -= A[i * count + k] * X[k * m + c];
         for (int c = 0; c < m; c++) X[i * m + c] = A[i * count + i] > 0 ? X[i * m + c] / A[i * count + i] : 0;
@@ -267,7 +297,7 @@ bool Multigrid::best_start(MultigridState& s, const double* displacement, double
     double off[most_columns]; // what rounding leaves of W'u = d goes to the lifts
     std::copy_n(displacement, m, off);
     for (int i = 0; i < count; i++) {
-        means(s, fields[i], mean);
+        mean_of(i, mean);
         for (int c = 0; c < m; c++) off[c] -= coefficient[i] * mean[c];
     }
     solve_factored(s.lever.data(), s.pivot.data(), m, off);
@@ -277,17 +307,29 @@ bool Multigrid::best_start(MultigridState& s, const double* displacement, double
         for (int i = 0; i < count; i++) f[c] += s.gram[(1 + h + c) * span + slot[i]] * coefficient[i];
     }
     solve_transposed(s.lever.data(), s.pivot.data(), m, f);
-    combine(nodes(), count, images, coefficient, s.run.data());
-    coefficient[0] -= 1;
-    combine(nodes(), count, fields, coefficient, s.gain.data());
     return true;
 }
 
-void Multigrid::iterate(MultigridState& s, int iterations, bool exact, double* f) const {
-    const int m = 3 * s.contacts, n = nodes();
-    Column Z[most_columns], KZ[most_columns];
-    double c[most_columns], product[2], curvature = 0;
-    for (int k = 0; k < m; k++) Z[k] = column(s.lift[k]), KZ[k] = column(s.image_lift[k]);
+// The patches' forces, f spread by their weights, on top of the right-hand side.
+void Multigrid::load(MultigridState& s, const double* f) const {
+    for (int a = 0; a < s.contacts; a++)
+        for (int k = 0; k < s.patch[a].count; k++)
+            for (int b = 0; b < 3; b++)
+                if (const int i = s.patch[a].node[k]; !held[i])
+                    s.rhs[4 * size_t(i) + b] += float(s.patch[a].weight[k] * f[3 * a + b]);
+}
+
+// gain: what takes u to the start and then, by conjugate gradients, on from there; run: K (u + gain).
+void Multigrid::iterate(MultigridState& s, const Start& start, int iterations, bool exact) const {
+    const int m = 3 * s.contacts, n = nodes(), more = start.count - 1;
+    const double* coefficient = start.coefficient;
+    double f[most_columns];
+    std::copy_n(start.f, m, f);
+    combine(n, coefficient[0], s.force.data(), more, start.image + 1, coefficient + 1, s.run.data());
+    combine(n, coefficient[0] - 1, s.now.data(), more, start.field + 1, coefficient + 1, s.gain.data());
+    const float *Z[most_columns], *KZ[most_columns];
+    double c[most_columns], product[2], out[1 + most_columns], curvature = 0;
+    for (int k = 0; k < m; k++) Z[k] = s.lift[k].data(), KZ[k] = s.image_lift[k].data();
     for (int it = 0; it < iterations; it++) {
         if (exact) {
             s.whole = s.now;
@@ -295,16 +337,13 @@ void Multigrid::iterate(MultigridState& s, int iterations, bool exact, double* f
             refresh(s.whole, s.run, 0, n);
         }
         if (exact || it > 0) {
-            dots(n, column(s.run), m, Z, f);
+            dots(n, {s.run.data(), nullptr}, s.gain.data(), m, Z, out);
+            std::copy_n(out + 1, m, f);
             solve_transposed(s.lever.data(), s.pivot.data(), m, f);
         }
         to_narrow(n, -1, s.run.data(), s.rhs.data());
-        for (int a = 0; a < s.contacts; a++)
-            for (int k = 0; k < s.patch[a].count; k++)
-                for (int b = 0; b < 3; b++)
-                    if (const int i = s.patch[a].node[k]; !held[i])
-                        s.rhs[4 * size_t(i) + b] += float(s.patch[a].weight[k] * f[3 * a + b]);
-        cycle.apply(s.work, s.rhs.data(), s.z.data(), s.image_z.data());
+        load(s, f);
+        cycle.apply(s.work, cycle.all(), s.rhs.data(), s.z.data(), s.image_z.data());
         means(s, column(s.z), c);
         solve_factored(s.lever.data(), s.pivot.data(), m, c);
         double beta = 0;
@@ -319,26 +358,70 @@ void Multigrid::iterate(MultigridState& s, int iterations, bool exact, double* f
     }
 }
 
+// `iterate` once and `keep`, with each field read as few times as can be. The direction p = z - Z c has W'p = 0 and the
+// right-hand side no part along Z, so that all it takes are products with z.
+void Multigrid::once(MultigridState& s, Start& start) const {
+    constexpr int h = MultigridState::history;
+    const int m = 3 * s.contacts, n = nodes(), more = start.count - 1, span = s.span();
+    double *coefficient = start.coefficient, c[most_columns], out[2 + most_columns], less[most_span];
+    for (int k = 0; k < start.count; k++) less[k] = -coefficient[k];
+    combine(n, less[0], s.force.data(), more, start.image + 1, less + 1, s.rhs.data());
+    load(s, start.f);
+    cycle.apply(s.work, s.gained < nearly ? 1 : cycle.all(), s.rhs.data(), s.z.data(), s.image_z.data());
+    means(s, column(s.z), c);
+    solve_factored(s.lever.data(), s.pivot.data(), m, c);
+    const float* with[2 + most_columns] = {s.image_z.data(), s.rhs.data()};
+    for (int k = 0; k < m; k++) with[2 + k] = s.image_lift[k].data();
+    dots(n, s.z.data(), 2 + m, with, out);
+    double curvature = out[0];
+    for (int a = 0; a < m; a++) {
+        curvature -= 2 * c[a] * out[2 + a];
+        for (int b = 0; b < m; b++) curvature += c[a] * c[b] * s.gram[(1 + h + a) * span + 1 + h + b];
+    }
+    const double alpha = curvature > 1e-6 * out[0] ? out[1] / curvature : 0; // else nothing is left to gain
+    for (int a = 0; a < m; a++) coefficient[start.count - m + a] -= alpha * c[a];
+    start.field[start.count] = s.z.data(), coefficient[start.count] = alpha;
+
+    const int slot = (s.newest + 1) % h;
+    float *change = s.change[slot].data(), *image = s.force_change[slot].data();
+    take(n, coefficient[0] - 1, start.count, start.field + 1, coefficient + 1, order.data(), s.now.data(), change,
+         s.u.data(), s.gain.data());
+    multiply(cycle.fine(), change, image);
+    s.newest = slot;
+    s.kept = std::min(s.kept + 1, h);
+    const float* fields[most_span];
+    int which[most_span], count = 0;
+    for (int k = 1; k < 1 + h + 3 * s.lifts; k++)
+        if (present(s, k)) which[count] = k, fields[count++] = field(s, k);
+    double of_image[1 + most_span], of_force[1 + most_span];
+    add_and_dots(n, image, s.force.data(), s.now.data(), count, fields, of_image, of_force);
+    refresh_some(s);
+    auto note = [&](int a, int b, double value) { s.gram[a * span + b] = s.gram[b * span + a] = value; };
+    for (int k = 0; k < count; k++) note(1 + slot, which[k], of_image[1 + k]);
+    for (int k = 0; k < count; k++) note(0, which[k], of_force[1 + k]);
+    note(0, 0, of_force[0]);
+    s.gained = s.gram[0] > 0 ? std::sqrt(std::max(0.0, alpha * out[1]) / s.gram[0]) : 1;
+}
+
 // u takes what was gained; the gain is remembered, and K u gains its image.
 void Multigrid::keep(MultigridState& s, bool exact) const {
     const int n = nodes(), slot = (s.newest + 1) % MultigridState::history;
     Buffer &change = s.change[slot], &image = s.force_change[slot];
     to_narrow(n, 1, s.gain.data(), change.data());
-    std::fill(image.begin(), image.end(), 0.0f);
     multiply(cycle.fine(), change.data(), image.data());
     step(n, 1, s.gain.data(), s.now.data());
     if (exact) {
         refresh(s.now, s.force, 0, n);
     } else {
         step(n, 1, image.data(), s.force.data());
-        const int some = (n + refreshed - 1) / refreshed, first = std::min(s.next_row, n);
-        refresh(s.now, s.force, first, std::min(first + some, n));
-        s.next_row = first + some >= n ? 0 : first + some;
+        refresh_some(s);
     }
     s.newest = slot;
     s.kept = std::min(s.kept + 1, MultigridState::history);
     products(s, 1 + slot);
     products(s, 0);
+    for (int i = 0; i < n; i++)
+        for (int k = 0; k < 3; k++) s.u[3 * size_t(order[i]) + k] = s.now[4 * size_t(i) + k];
 }
 
 // The force on the tools: -f, f of the lifts' balance, and along the push such that its work is the energy, in which
@@ -350,8 +433,6 @@ void Multigrid::report(MultigridState& s, const double* displacement, double* fo
     solve_transposed(s.lever.data(), s.pivot.data(), m, f);
     for (int k = 0; k < m; k++) work -= f[k] * displacement[k], square += displacement[k] * displacement[k];
     for (int k = 0; k < m; k++) force[k] = -(f[k] + (square > 0 ? work / square * displacement[k] : 0));
-    for (int i = 0; i < nodes(); i++)
-        for (int k = 0; k < 3; k++) s.u[3 * size_t(order[i]) + k] = s.now[4 * size_t(i) + k];
 }
 
 // Rows of the image, in float64; 0 where nodes are held.
@@ -359,6 +440,12 @@ void Multigrid::refresh(const Field& u, Field& image, int first, int last) const
     rows_times(K.start.data(), K.column.data(), K.block.data(), first, last, u.data(), image.data());
     for (int i = first; i < last; i++)
         if (held[i]) std::fill_n(&image[4 * size_t(i)], 4, 0.0);
+}
+
+void Multigrid::refresh_some(MultigridState& s) const {
+    const int n = nodes(), some = (n + refreshed - 1) / refreshed, first = std::min(s.next_row, n);
+    refresh(s.now, s.force, first, std::min(first + some, n));
+    s.next_row = first + some >= n ? 0 : first + some;
 }
 
 bool Multigrid::advance(State& state, const Patch* patches, int closed, int open, double* displacement, int sweeps,
@@ -372,18 +459,23 @@ bool Multigrid::advance(State& state, const Patch* patches, int closed, int open
 
 bool Multigrid::hold(MultigridState& s, const Patch* patches, int contacts, const double* displacement, int sweeps,
                      double* force) const {
-    double f[most_columns];
+    Start start;
     std::fill_n(force, 3 * contacts, 0.0);
     for (int c = 0; c < contacts; c++) touch(s, c, patches[c]);
     s.contacts = contacts;
     keep_lifts(s);
-    if (!pull(s) || !best_start(s, displacement, f)) {
+    if (!pull(s) || !best_start(s, displacement, start)) {
         s.lifts = 0; // lifts that fit no longer
         keep_lifts(s);
-        if (!pull(s) || !best_start(s, displacement, f)) return false;
+        if (!pull(s) || !best_start(s, displacement, start)) return false;
     }
-    iterate(s, sweeps, false, f);
-    keep(s, false);
+    if (sweeps == 1) {
+        once(s, start);
+    } else {
+        iterate(s, start, sweeps, false);
+        keep(s, false);
+        s.gained = 0;
+    }
     report(s, displacement, force);
     return true;
 }
@@ -391,7 +483,7 @@ bool Multigrid::hold(MultigridState& s, const Patch* patches, int contacts, cons
 bool Multigrid::solve(State& state, const Patch* patches, int contacts, const double* displacement, int iterations,
                       double* force) const {
     auto& s = static_cast<MultigridState&>(state);
-    double f[most_columns];
+    Start start;
     if (contacts < 1 || contacts > most_contacts) return false;
     remember(s, contacts);
     s.lifts = 0;
@@ -403,14 +495,21 @@ bool Multigrid::solve(State& state, const Patch* patches, int contacts, const do
     for (int c = 0; c < contacts; c++) touch(s, c, patches[c]);
     for (int c = 0; c < contacts; c++)
         for (int k = 0; k < 3; k++) lift(s, c, k);
-    if (!pull(s) || !best_start(s, displacement, f)) {
+    if (!pull(s) || !best_start(s, displacement, start)) {
         s.lifts = 0;
         return false;
     }
-    iterate(s, iterations, true, f);
+    iterate(s, start, iterations, true);
     keep(s, true);
     report(s, displacement, force);
     return true;
+}
+
+double Multigrid::moved() const {
+    const HalfMatrix& half = cycle.fine();
+    const double product = 4.0 * (half.block.size() + half.column.size() + half.diagonal.size());
+    constexpr double narrow = 27, wide = 6.75; // of the five passes around the cycle
+    return cycle.moved(1) + product + nodes() * (16 * narrow + 32 * wide);
 }
 
 void Multigrid::internal_force(const double* u, double* out) const {
@@ -428,7 +527,7 @@ void Multigrid::precondition(const double* v, double* out) const {
     CycleWork work = cycle.work();
     for (int i = 0; i < nodes(); i++)
         for (int k = 0; k < 3; k++) rhs[4 * size_t(i) + k] = held[i] ? 0 : float(v[3 * size_t(order[i]) + k]);
-    cycle.apply(work, rhs.data(), x.data(), product.data());
+    cycle.apply(work, cycle.all(), rhs.data(), x.data(), product.data());
     for (int i = 0; i < nodes(); i++)
         for (int k = 0; k < 3; k++) out[3 * size_t(order[i]) + k] = x[4 * size_t(i) + k];
 }

@@ -26,6 +26,7 @@ struct MultigridState : State {
     std::vector<int> pivot;
     std::vector<double> gram, small; // (count, count) V'KV of the span: u, the changes, the lifts
     int next_row = 0;                // from which K u is refreshed
+    double gained = 1;               // root of the share of the energy that the last tick's iteration took
     int span() const { return 1 + history + 3 * int(patch.size()); }
 };
 
@@ -62,8 +63,13 @@ public:
 
     std::vector<int> sizes() const { return cycle.sizes(); }
 
+    // Bytes that a steady tick of one iteration and one contact moves: the cycle's matrices, one more product, and each
+    // field once where it is read or written, as if no cache held anything from one pass to the next.
+    double moved() const;
+
 private:
     struct Ordered; // the mesh, its nodes in the order of the sweeps
+    struct Start;
     explicit Multigrid(const Ordered& mesh, double cell, int sweeps, double relaxation);
     const std::vector<int> order, inside; // the caller's number of each node, and back
     const BlockRows K;
@@ -77,15 +83,18 @@ private:
               double* force) const;
     void keep_lifts(MultigridState& s) const;
     bool pull(MultigridState& s) const;
-    bool best_start(MultigridState& s, const double* displacement, double* f) const;
-    void iterate(MultigridState& s, int iterations, bool exact, double* f) const;
+    bool best_start(MultigridState& s, const double* displacement, Start& start) const;
+    void load(MultigridState& s, const double* f) const;
+    void iterate(MultigridState& s, const Start& start, int iterations, bool exact) const;
+    void once(MultigridState& s, Start& start) const;
     void keep(MultigridState& s, bool exact) const;
     void report(MultigridState& s, const double* displacement, double* force) const;
+    void refresh_some(MultigridState& s) const;
     void refresh(const Field& u, Field& image, int first, int last) const;
     void means(const MultigridState& s, const Column& field, double* out) const;
     void products(MultigridState& s, int slot) const;
-    Column field(const MultigridState& s, int slot) const;
-    Column image(const MultigridState& s, int slot) const;
+    const float* field(const MultigridState& s, int slot) const; // slot > 0
+    const float* image(const MultigridState& s, int slot) const;
     bool present(const MultigridState& s, int slot) const;
 };
 

@@ -127,12 +127,24 @@ std::vector<int> Cycle::sizes() const {
     return out;
 }
 
-void Cycle::apply(CycleWork& work, const float* rhs, float* x, float* product) const {
+double Cycle::moved(int some) const {
+    double sum = 4.0 * dense.size();
+    for (const Level& l : level) {
+        const bool finest = &l == level.data();
+        const int count = finest ? some : sweeps;
+        const double half = 4.0 * (l.K.block.size() + l.K.column.size() + l.K.start.size());
+        sum += (2 * count + finest) * half + 4.0 * (2 * count * l.K.inverse.size() + l.K.diagonal.size());
+        sum += 2 * 4.0 * (l.up.parent.size() + l.up.weight.size());
+        sum += 16.0 * l.K.nodes * (11 * count + 2 + (finest ? 4 : 0)); // fields, by the sweeps' loops
+    }
+    return sum;
+}
+
+void Cycle::apply(CycleWork& work, int some, const float* rhs, float* x, float* product) const {
     CycleWork::Level& w = work.level[0];
-    std::copy_n(rhs, w.rhs.size(), w.rhs.data());
-    descend(work, 0, x);
+    descend(work, 0, some, rhs, x);
     // `descend` leaves the residual, less -L d, in `even` or `odd`: after sweeps steps down.
-    finish(level[0].K, rhs, (sweeps % 2 ? w.even : w.odd).data(), w.step.data(), product);
+    finish(level[0].K, rhs, (some % 2 ? w.even : w.odd).data(), w.step.data(), product);
 }
 
 void Cycle::apply_coarse(CycleWork& work, const float* rhs, float* x) const {
@@ -144,7 +156,7 @@ void Cycle::apply_coarse(CycleWork& work, const float* rhs, float* x) const {
     if (last)
         solve_coarsest(work);
     else
-        descend(work, 1, work.level[1].x.data());
+        descend(work, 1, sweeps, to.data(), work.level[1].x.data());
     prolong(l.K.nodes, l.up.parent.data(), l.up.weight.data(), (last ? work.x : work.level[1].x).data(), x);
 }
 
@@ -152,12 +164,11 @@ void Cycle::solve_coarsest(CycleWork& work) const {
     dense_times(dense.data(), 4 * coarsest, row, work.rhs.data(), work.x.data());
 }
 
-void Cycle::descend(CycleWork& work, size_t k, float* x) const {
+void Cycle::descend(CycleWork& work, size_t k, int some, const float* r, float* x) const {
     const Level& l = level[k];
     CycleWork::Level& w = work.level[k];
-    const float* r = w.rhs.data();
     Buffer *now = &w.even, *next = &w.odd;
-    for (int s = 0; s < sweeps; s++) {
+    for (int s = 0; s < some; s++) {
         relax_forward(l.K, relaxation, r, w.step.data(), now->data(), x, s == 0);
         r = now->data();
         std::swap(now, next);
@@ -171,9 +182,9 @@ void Cycle::descend(CycleWork& work, size_t k, float* x) const {
     if (last)
         solve_coarsest(work);
     else
-        descend(work, k + 1, coarse);
+        descend(work, k + 1, sweeps, to.data(), coarse);
     prolong(l.K.nodes, l.up.parent.data(), l.up.weight.data(), coarse, w.up.data());
-    for (int s = 0; s < sweeps; s++) {
+    for (int s = 0; s < some; s++) {
         std::fill(next->begin(), next->end(), 0.0f);
         if (s == 0)
             relax_turn(l.K, relaxation, w.up.data(), now->data(), w.step.data(), next->data(), x);

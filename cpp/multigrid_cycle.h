@@ -24,9 +24,11 @@ public:
     CycleWork work() const;
     int nodes() const { return level[0].K.nodes; }
     std::vector<int> sizes() const; // nodes of each level, finest first
+    double moved(int some) const;   // bytes that `apply` reads and writes, each field once where it is met
 
-    // x = B rhs and product = K x. All (nodes, 4).
-    void apply(CycleWork& work, const float* rhs, float* x, float* product) const;
+    // x = B rhs and product = K x. All (nodes, 4). some: sweeps of the finest level, which cost the most.
+    void apply(CycleWork& work, int some, const float* rhs, float* x, float* product) const;
+    int all() const { return sweeps; }
     // x = P B_1 P' rhs, the coarse levels' answer alone, an eighth of the work.
     void apply_coarse(CycleWork& work, const float* rhs, float* x) const;
 
@@ -44,7 +46,7 @@ private:
     Buffer dense;     // its inverse, (3 coarsest, row) with rows of whole lanes
     int row = 0;
     void invert_coarsest(const BlockRows& K);
-    void descend(CycleWork& work, size_t k, float* x) const; // x = B_k rhs of the work
+    void descend(CycleWork& work, size_t k, int some, const float* rhs, float* x) const; // x = B_k rhs
     void solve_coarsest(CycleWork& work) const;
 };
 

@@ -5,37 +5,131 @@
 namespace palpate {
 namespace {
 
-PALPATE_INLINE void fetch(const Column& column, int i, Quad& v) {
-    if (column.wide) {
-        load(v, column.wide + 4 * size_t(i));
-    } else {
+constexpr int group = 5; // narrow vectors at a time: a tick's two changes and three lifts
+
+PALPATE_INLINE void read(const float* p, size_t at, Quad& v) {
+    Four f;
+    load(f, p + at), widen(f, v);
+}
+
+// sums: v . wide, v . narrow[0..4]; v in float64 or, if that is null, in float32.
+PALPATE_KERNEL void five_dots(int nodes, const double* v, const float* v_narrow, const double* wide,
+                              const float* const* narrow, double* sums) {
+    const float *n0 = narrow[0], *n1 = narrow[1], *n2 = narrow[2], *n3 = narrow[3], *n4 = narrow[4];
+    Quad w = {}, s0 = {}, s1 = {}, s2 = {}, s3 = {}, s4 = {}, a, b;
+    for (size_t i = 0; i < 4 * size_t(nodes); i += 4) {
+        if (v)
+            load(a, v + i);
+        else
+            read(v_narrow, i, a);
+        load(b, wide + i), w += a * b;
+        read(n0, i, b), s0 += a * b;
+        read(n1, i, b), s1 += a * b;
+        read(n2, i, b), s2 += a * b;
+        read(n3, i, b), s3 += a * b;
+        read(n4, i, b), s4 += a * b;
+    }
+    sums[0] = total(w), sums[1] = total(s0), sums[2] = total(s1), sums[3] = total(s2), sums[4] = total(s3);
+    sums[5] = total(s4);
+}
+
+PALPATE_KERNEL void five_combined(int nodes, double factor, const double* wide, const float* const* narrow,
+                                  const double* c, double* out) {
+    const float *n0 = narrow[0], *n1 = narrow[1], *n2 = narrow[2], *n3 = narrow[3], *n4 = narrow[4];
+    const double c0 = c[0], c1 = c[1], c2 = c[2], c3 = c[3], c4 = c[4];
+    for (size_t i = 0; i < 4 * size_t(nodes); i += 4) {
+        Quad sum, v;
+        load(sum, wide + i), sum *= factor;
+        read(n0, i, v), sum += c0 * v;
+        read(n1, i, v), sum += c1 * v;
+        read(n2, i, v), sum += c2 * v;
+        read(n3, i, v), sum += c3 * v;
+        read(n4, i, v), sum += c4 * v;
+        store(out + i, sum);
+    }
+}
+
+PALPATE_KERNEL void five_rounded(int nodes, double factor, const double* wide, const float* more,
+                                 const float* const* narrow, const double* c, float* out) {
+    const float *n0 = narrow[0], *n1 = narrow[1], *n2 = narrow[2], *n3 = narrow[3], *n4 = narrow[4];
+    const double c0 = c[0], c1 = c[1], c2 = c[2], c3 = c[3], c4 = c[4];
+    for (size_t i = 0; i < 4 * size_t(nodes); i += 4) {
+        Quad sum, v;
         Four f;
-        load(f, column.narrow + 4 * size_t(i));
-        widen(f, v);
+        if (more)
+            read(more, i, sum);
+        else
+            load(sum, wide + i), sum *= factor;
+        read(n0, i, v), sum += c0 * v;
+        read(n1, i, v), sum += c1 * v;
+        read(n2, i, v), sum += c2 * v;
+        read(n3, i, v), sum += c3 * v;
+        read(n4, i, v), sum += c4 * v;
+        palpate::narrow(sum, f), store(out + i, f);
     }
 }
 
-// Four vectors at a time: each is read once for all that it meets.
-PALPATE_KERNEL void some_dots(int nodes, const Column* v, int count, const Column* with, double* out) {
-    Quad sum[4] = {};
-    for (int i = 0; i < nodes; i++) {
-        Quad a, b;
-        fetch(*v, i, a);
-        for (int k = 0; k < count; k++) fetch(with[k], i, b), sum[k] += a * b;
+PALPATE_KERNEL void five_narrow_dots(int nodes, const float* v, const float* const* with, double* sums) {
+    const float *n0 = with[0], *n1 = with[1], *n2 = with[2], *n3 = with[3], *n4 = with[4];
+    Quad s0 = {}, s1 = {}, s2 = {}, s3 = {}, s4 = {}, a, b;
+    for (size_t i = 0; i < 4 * size_t(nodes); i += 4) {
+        read(v, i, a);
+        read(n0, i, b), s0 += a * b;
+        read(n1, i, b), s1 += a * b;
+        read(n2, i, b), s2 += a * b;
+        read(n3, i, b), s3 += a * b;
+        read(n4, i, b), s4 += a * b;
     }
-    for (int k = 0; k < count; k++) out[k] = total(sum[k]);
+    sums[0] = total(s0), sums[1] = total(s1), sums[2] = total(s2), sums[3] = total(s3), sums[4] = total(s4);
 }
 
-PALPATE_KERNEL void combine_all(int nodes, int count, const Column* column, const double* coefficient, double* out) {
-    for (int i = 0; i < nodes; i++) {
-        Quad sum = {}, v;
-        for (int c = 0; c < count; c++) fetch(column[c], i, v), sum += coefficient[c] * v;
-        store(out + 4 * size_t(i), sum);
+PALPATE_KERNEL void six_taken(int nodes, double factor, const double* more, const float* const* narrow, const double* c,
+                              const int* order, double* u, float* change, double* out) {
+    const float *n0 = narrow[0], *n1 = narrow[1], *n2 = narrow[2], *n3 = narrow[3], *n4 = narrow[4], *n5 = narrow[5];
+    const double c0 = c[0], c1 = c[1], c2 = c[2], c3 = c[3], c4 = c[4], c5 = c[5];
+    for (int node = 0; node < nodes; node++) {
+        const size_t i = 4 * size_t(node);
+        Quad sum, v, now;
+        Four f;
+        load(now, u + i), sum = factor * now;
+        if (more) load(v, more + i), sum += v;
+        read(n0, i, v), sum += c0 * v;
+        read(n1, i, v), sum += c1 * v;
+        read(n2, i, v), sum += c2 * v;
+        read(n3, i, v), sum += c3 * v;
+        read(n4, i, v), sum += c4 * v;
+        read(n5, i, v), sum += c5 * v;
+        now += sum;
+        store(u + i, now);
+        palpate::narrow(sum, f), store(change + i, f);
+        double* to = out + 3 * size_t(order[node]);
+        to[0] = now[0], to[1] = now[1], to[2] = now[2];
     }
 }
 
-PALPATE_KERNEL void direct(int nodes, const float* z, const float* image_z, int count, const Column* Z,
-                           const Column* KZ, const double* c, double beta, double* p, double* image,
+// sums: image . u and force . u, then of each narrow field.
+PALPATE_KERNEL void five_added(int nodes, const float* image, bool add, double* force, const double* u,
+                               const float* const* narrow, double* sums) {
+    const float *n0 = narrow[0], *n1 = narrow[1], *n2 = narrow[2], *n3 = narrow[3], *n4 = narrow[4];
+    Quad p = {}, q = {}, p0 = {}, q0 = {}, p1 = {}, q1 = {}, p2 = {}, q2 = {}, p3 = {}, q3 = {}, p4 = {}, q4 = {};
+    for (size_t i = 0; i < 4 * size_t(nodes); i += 4) {
+        Quad a, f, b;
+        read(image, i, a), load(f, force + i);
+        if (add) f += a, store(force + i, f);
+        load(b, u + i), p += a * b, q += f * b;
+        read(n0, i, b), p0 += a * b, q0 += f * b;
+        read(n1, i, b), p1 += a * b, q1 += f * b;
+        read(n2, i, b), p2 += a * b, q2 += f * b;
+        read(n3, i, b), p3 += a * b, q3 += f * b;
+        read(n4, i, b), p4 += a * b, q4 += f * b;
+    }
+    sums[0] = total(p), sums[1] = total(q), sums[2] = total(p0), sums[3] = total(q0), sums[4] = total(p1);
+    sums[5] = total(q1), sums[6] = total(p2), sums[7] = total(q2), sums[8] = total(p3), sums[9] = total(q3);
+    sums[10] = total(p4), sums[11] = total(q4);
+}
+
+PALPATE_KERNEL void direct(int nodes, const float* z, const float* image_z, int count, const float* const* Z,
+                           const float* const* KZ, const double* c, double beta, double* p, double* image,
                            const double* force, double products[2]) {
     Quad pp = {}, pf = {};
     for (int i = 0; i < nodes; i++) {
@@ -45,8 +139,8 @@ PALPATE_KERNEL void direct(int nodes, const float* z, const float* image_z, int 
         load(f, z + at), widen(f, a);
         load(f, image_z + at), widen(f, b);
         for (int k = 0; k < count; k++) {
-            fetch(Z[k], i, v), a -= c[k] * v;
-            fetch(KZ[k], i, v), b -= c[k] * v;
+            read(Z[k], at, v), a -= c[k] * v;
+            read(KZ[k], at, v), b -= c[k] * v;
         }
         if (beta != 0) {
             load(old, p + at), a += beta * old;
@@ -59,14 +153,14 @@ PALPATE_KERNEL void direct(int nodes, const float* z, const float* image_z, int 
     products[0] = total(pp), products[1] = total(pf);
 }
 
-PALPATE_KERNEL double projected(int nodes, const float* z, int count, const Column* Z, const double* c,
+PALPATE_KERNEL double projected(int nodes, const float* z, int count, const float* const* Z, const double* c,
                                 const double* with) {
     Quad sum = {};
     for (int i = 0; i < nodes; i++) {
         Four f;
         Quad a, v;
         load(f, z + 4 * size_t(i)), widen(f, a);
-        for (int k = 0; k < count; k++) fetch(Z[k], i, v), a -= c[k] * v;
+        for (int k = 0; k < count; k++) read(Z[k], 4 * size_t(i), v), a -= c[k] * v;
         load(v, with + 4 * size_t(i));
         sum += a * v;
     }
@@ -100,20 +194,87 @@ PALPATE_KERNEL void round(int nodes, double factor, const double* from, float* o
 
 } // namespace
 
-void dots(int nodes, const Column& v, int count, const Column* with, double* out) {
-    for (int k = 0; k < count; k += 4) some_dots(nodes, &v, std::min(4, count - k), with + k, out + k);
+void dots(int nodes, const Column& v, const double* wide, int count, const float* const* narrow, double* out) {
+    for (int k = 0; k == 0 || k < count; k += group) {
+        const float* some[group];
+        double sums[1 + group];
+        for (int j = 0; j < group; j++) some[j] = narrow[std::min(k + j, count - 1)];
+        five_dots(nodes, v.wide, v.narrow, wide, some, sums);
+        out[0] = sums[0];
+        for (int j = 0; j < group && k + j < count; j++) out[1 + k + j] = sums[1 + j];
+    }
 }
 
-void combine(int nodes, int count, const Column* column, const double* coefficient, double* out) {
-    combine_all(nodes, count, column, coefficient, out);
+void combine(int nodes, double factor, const double* wide, int count, const float* const* narrow, const double* c,
+             double* out) {
+    for (int k = 0; k == 0 || k < count; k += group) {
+        const float* some[group];
+        double coefficient[group];
+        for (int j = 0; j < group; j++) {
+            some[j] = narrow[std::min(k + j, count - 1)];
+            coefficient[j] = k + j < count ? c[k + j] : 0;
+        }
+        five_combined(nodes, k == 0 ? factor : 1, k == 0 ? wide : out, some, coefficient, out);
+    }
 }
 
-void direction(int nodes, const float* z, const float* image_z, int count, const Column* Z, const Column* KZ,
-               const double* c, double beta, double* p, double* image, const double* force, double products[2]) {
+void combine(int nodes, double factor, const double* wide, int count, const float* const* narrow, const double* c,
+             float* out) {
+    for (int k = 0; k == 0 || k < count; k += group) {
+        const float* some[group];
+        double coefficient[group];
+        for (int j = 0; j < group; j++) {
+            some[j] = narrow[std::min(k + j, count - 1)];
+            coefficient[j] = k + j < count ? c[k + j] : 0;
+        }
+        five_rounded(nodes, factor, wide, k == 0 ? nullptr : out, some, coefficient, out);
+    }
+}
+
+void dots(int nodes, const float* v, int count, const float* const* with, double* out) {
+    for (int k = 0; k < count; k += group) {
+        const float* some[group];
+        double sums[group];
+        for (int j = 0; j < group; j++) some[j] = with[std::min(k + j, count - 1)];
+        five_narrow_dots(nodes, v, some, sums);
+        for (int j = 0; j < group && k + j < count; j++) out[k + j] = sums[j];
+    }
+}
+
+void take(int nodes, double factor, int count, const float* const* narrow, const double* c, const int* order, double* u,
+          float* change, double* out, double* spare) {
+    constexpr int most = group + 1;
+    const int beyond = std::max(0, count - most);
+    if (beyond > 0) combine(nodes, 0, u, beyond, narrow, c, spare);
+    const float* some[most];
+    double coefficient[most];
+    for (int j = 0; j < most; j++) {
+        some[j] = narrow[std::min(beyond + j, count - 1)];
+        coefficient[j] = beyond + j < count ? c[beyond + j] : 0;
+    }
+    six_taken(nodes, factor, beyond > 0 ? spare : nullptr, some, coefficient, order, u, change, out);
+}
+
+void add_and_dots(int nodes, const float* image, double* force, const double* u, int count, const float* const* narrow,
+                  double* of_image, double* of_force) {
+    for (int k = 0; k < count; k += group) {
+        const float* some[group];
+        double sums[2 + 2 * group];
+        for (int j = 0; j < group; j++) some[j] = narrow[std::min(k + j, count - 1)];
+        five_added(nodes, image, k == 0, force, u, some, sums);
+        of_image[0] = sums[0], of_force[0] = sums[1];
+        for (int j = 0; j < group && k + j < count; j++)
+            of_image[1 + k + j] = sums[2 + 2 * j], of_force[1 + k + j] = sums[3 + 2 * j];
+    }
+}
+
+void direction(int nodes, const float* z, const float* image_z, int count, const float* const* Z,
+               const float* const* KZ, const double* c, double beta, double* p, double* image, const double* force,
+               double products[2]) {
     direct(nodes, z, image_z, count, Z, KZ, c, beta, p, image, force, products);
 }
 
-double projected_dot(int nodes, const float* z, int count, const Column* Z, const double* c, const double* v) {
+double projected_dot(int nodes, const float* z, int count, const float* const* Z, const double* c, const double* v) {
     return projected(nodes, z, count, Z, c, v);
 }
 

@@ -31,6 +31,7 @@ PALPATE_INLINE void across(const Lanes& a, const Lanes& b, const Lanes& c, Four&
 PALPATE_INLINE void gather(const float* block, const int* column, int first, int last, const float* v, int ahead,
                            Four& g) {
     Lanes a = {}, b = {}, c = {}, x, m;
+#pragma GCC unroll 2
     for (int p = first; p < last; p++) {
         const float* rows = block + 24 * size_t(p);
         __builtin_prefetch(rows + ahead);
@@ -46,6 +47,7 @@ PALPATE_INLINE void gather(const float* block, const int* column, int first, int
 PALPATE_INLINE void spread_row(const float* block, const int* column, int first, int last, const Four& v, float* out) {
     Lanes m, v0, v1, v2;
     broadcast(v, v0, v1, v2);
+#pragma GCC unroll 2
     for (int p = first; p < last; p++) {
         const float* rows = block + 24 * size_t(p);
         Lanes y;
@@ -139,11 +141,11 @@ PALPATE_KERNEL void product(int nodes, const int* start, const int* column, cons
                             const float* x, float* out) {
     for (int i = 0; i < nodes; i++) {
         const size_t at = 4 * size_t(i);
-        Four g, v, own, now;
+        Four g, v, own;
         gather(block, column, start[i], start[i + 1], x, ahead, g);
-        load(v, x + at), load(now, out + at);
+        load(v, x + at);
         times(diagonal + 3 * at, v, own);
-        store(out + at, now + g + own);
+        store(out + at, g + own); // rows before spread to rows before them: none has been here
         spread_row(block, column, start[i], start[i + 1], v, out);
     }
 }

@@ -33,7 +33,7 @@ void relax_backward(const HalfMatrix& K, float omega, float* r, float* d, float*
 // After the last sweep back: out = rhs - (r - L d), which is K x.
 void finish(const HalfMatrix& K, const float* rhs, const float* r, const float* d, float* out);
 
-// out = K x; out must be zero on entry.
+// out = K x.
 void multiply(const HalfMatrix& K, const float* x, float* out);
 
 } // namespace palpate
