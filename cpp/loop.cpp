@@ -163,7 +163,7 @@ void Loop::publish(double now) {
         for (int k = 0; k < 3; k++) {
             frame.point[3 * t + k] = p.at.point[k];
             frame.displacement[3 * t + k] = p.displacement[k];
-            frame.force[3 * t + k] = p.force[k] + p.toll[k];
+            frame.force[3 * t + k] = p.total(k);
             frame.pushed[3 * t + k] = simulation.felt[t].force[k];
             frame.tip[3 * t + k] = p.tip[k];
         }
@@ -178,8 +178,7 @@ void Loop::step(Device& device, int64_t ticks, double* forces) {
         simulation.lack_tables(device.cold(simulation.ticks));
         tick(device);
         for (int t = 0; t < most_tools; t++)
-            for (int k = 0; k < 3; k++)
-                forces[3 * (most_tools * i + t) + k] = simulation.proxy[t].force[k] + simulation.proxy[t].toll[k];
+            for (int k = 0; k < 3; k++) forces[3 * (most_tools * i + t) + k] = simulation.proxy[t].total(k);
     }
     publish(double(simulation.ticks) / rate);
 }

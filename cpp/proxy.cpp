@@ -101,9 +101,15 @@ struct Step {
             for (int k = 0; k < 3; k++) proxy.displacement[k] = proxy.tip[k] - proxy.at.point[k];
     }
 
-    void pierce() {
-        const double way = length(proxy.way);
+    // The tip on the surface: it dents the tissue from where that is, and never pulls it.
+    void dent() {
+        double out[3];
+        surface.normal(proxy.at, out);
         glide(proxy.way, command.displacement, manner.pace);
+        const double way = length(proxy.way), level = proxy.grip == Grip::open ? dot(proxy.displacement, out) : 0;
+        if (proxy.grip == Grip::holding && dot(proxy.force, out) < 0) proxy.grip = Grip::open;
+        if (proxy.grip == Grip::open && !(dot(proxy.way, out) < level)) return;
+        proxy.grip = Grip::holding;
         std::copy_n(proxy.way, 3, proxy.displacement);
         if (way < 1e-3 || -dot(proxy.force, proxy.way) / way < manner.needle.puncture) return;
         proxy.pierced = true;
@@ -118,7 +124,11 @@ struct Step {
         const double rub = manner.needle.friction * proxy.inside, in = push - manner.needle.cutting - rub;
         if (stiffness > 0 && in > 0) proxy.inside += in / stiffness;
         if (stiffness > 0 && push < -rub) proxy.inside = std::max(0.0, proxy.inside - (-push - rub) / stiffness);
-        if (proxy.inside == 0 && deep < 0) proxy.pierced = false; // out again
+        if (proxy.inside == 0 && deep < 0) { // out again
+            proxy.pierced = false;
+            proxy.grip = Grip::open;
+            return;
+        }
         for (int k = 0; k < 3; k++) proxy.displacement[k] = (deep - proxy.inside) * proxy.axis[k];
     }
 
@@ -128,7 +138,7 @@ struct Step {
         proxy.kind = command.kind;
         proxy.at = surface.closest(command.point);
         std::copy_n(command.point, 3, proxy.tip);
-        proxy.grip = others || space ? Grip::open : Grip::holding;
+        proxy.grip = others || command.kind != Kind::hold ? Grip::open : Grip::holding;
         if (find_patch() && space) hover();
     }
 };
@@ -144,6 +154,7 @@ void follow(Proxy& proxy, const Command& command, const Surface& surface, const 
         std::fill_n(proxy.force, 3, 0.0);
         std::fill_n(proxy.slope, 3, 0.0);
         std::fill_n(proxy.toll, 3, 0.0);
+        std::fill_n(proxy.brake, 3, 0.0);
         if (command.kind == Kind::away) return;
     }
     if (proxy.grip == Grip::refused) return;
@@ -154,20 +165,16 @@ void follow(Proxy& proxy, const Command& command, const Surface& surface, const 
     Step step{proxy, command, surface, manner, scratch};
     if (proxy.grip == Grip::idle) {
         step.take(others);
-        if (proxy.grip != Grip::holding || command.kind == Kind::free) return;
+        if (proxy.grip != Grip::holding) return;
     }
     if (command.kind == Kind::free) return step.go_free();
-    if (proxy.grip == Grip::open) { // beside another tool: from where the tissue has gone, once that is known
-        if (!known) return;
+    if (command.kind == Kind::needle) {
+        proxy.pierced ? step.drive() : step.dent();
+    } else {
+        if (proxy.grip == Grip::open && !known) return; // beside another tool: from where the tissue has gone
         proxy.grip = Grip::holding;
-        std::copy_n(proxy.displacement, 3, proxy.way);
-    }
-    if (command.kind == Kind::hold)
         step.hold();
-    else if (proxy.pierced)
-        step.drive();
-    else
-        step.pierce();
+    }
     for (int k = 0; k < 3; k++)
         proxy.tip[k] = proxy.at.point[k] + (command.kind == Kind::needle ? proxy.way[k] : proxy.displacement[k]);
 }

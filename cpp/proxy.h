@@ -43,6 +43,7 @@ struct Proxy {
     double force[3] = {0, 0, 0};           // N, of the tissue on the tool: the last answer
     double slope[3] = {0, 0, 0};           // N, what the tissue's energy rises by a mm that the contact slides
     double toll[3] = {0, 0, 0};            // N, on the tool, that makes a sliding hand pay for that
+    double brake[3] = {0, 0, 0};           // N, on the tool, while the hand has got more than it gave
     double tip[3] = {0, 0, 0};             // mm, of the tool, in space
     double way[3] = {0, 0, 0};             // mm, a needle's tip from where it entered
     double axis[3] = {0, 0, 0};            // of a needle that has pierced the surface
@@ -50,6 +51,7 @@ struct Proxy {
     bool pierced = false, outside = false; // outside: a tool in space was seen out of the tissue
     int64_t landed = 0;                    // tick at which it took hold
     Patch patch;
+    double total(int axis) const { return force[axis] + toll[axis] + brake[axis]; } // N, on the tool
 };
 
 // One tick of one tool: takes hold, glides towards the command, slips, pierces, or lets go. others: whether another

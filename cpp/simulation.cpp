@@ -153,21 +153,38 @@ void Simulation::charge(Proxy& p, const double way[3]) const {
 }
 
 void Simulation::account() {
+    double moved[most_tools][3];
     for (int t = 0; t < most_tools; t++) {
         const Proxy& p = proxy[t];
         Past& was = past[t];
         const bool holds = p.grip == Grip::holding;
         double total[3];
-        for (int k = 0; k < 3; k++) total[k] = p.force[k] + p.toll[k];
-        if (holds && was.held)
-            for (int k = 0; k < 3; k++)
-                work -= 0.5 * (total[k] + was.total[k]) *
-                        (p.at.point[k] + p.displacement[k] - was.point[k] - was.displacement[k]);
+        for (int k = 0; k < 3; k++) {
+            total[k] = p.total(k);
+            moved[t][k] = holds && was.held ? p.tip[k] - was.tip[k] : 0;
+            work -= 0.5 * (total[k] + was.total[k]) * moved[t][k];
+        }
         was.held = holds;
         std::copy_n(p.at.point, 3, was.point);
         std::copy_n(p.displacement, 3, was.displacement);
         std::copy_n(p.force, 3, was.force);
+        std::copy_n(p.tip, 3, was.tip);
         std::copy_n(total, 3, was.total);
+    }
+    brake(moved);
+}
+
+// What the tissue holds beyond what the hands have put in, the next tick takes back, as long as they move (B. Hannaford
+// & J.-H. Ryu, IEEE Trans. Robot. Autom. 18 (2002) 1). It is what learning slopes has missed: little.
+void Simulation::brake(const double moved[most_tools][3]) {
+    double square = 0;
+    for (int t = 0; t < most_tools; t++) square += dot(moved[t], moved[t]);
+    const double lacking = energy - work, per = lacking > 0 && square > 0 ? lacking / (square + 1e-6) : 0;
+    for (int t = 0; t < most_tools; t++) {
+        Proxy& p = proxy[t];
+        const double wanted = per * length(moved[t]), most = 0.3 * length(p.force);
+        const double part = wanted > most ? most / wanted : 1;
+        for (int k = 0; k < 3; k++) p.brake[k] = -part * per * moved[t][k];
     }
 }
 
@@ -187,6 +204,7 @@ void Simulation::watch() {
             std::fill_n(p.force, 3, 0.0);
             std::fill_n(p.slope, 3, 0.0);
             std::fill_n(p.toll, 3, 0.0);
+            std::fill_n(p.brake, 3, 0.0);
             if (p.grip != Grip::idle) p.grip = Grip::refused; // the hand must let go first
         }
         energy = 0;
@@ -203,7 +221,7 @@ void Simulation::push() {
         Felt& f = felt[t];
         const Proxy& p = proxy[t];
         double wanted[3];
-        for (int k = 0; k < 3; k++) wanted[k] = p.force[k] + p.toll[k];
+        for (int k = 0; k < 3; k++) wanted[k] = p.total(k);
         const double size = length(wanted), way = length(p.displacement);
         const double allowed = std::min({size, settings.limit, length(f.force) + settings.ramp});
         f.touching = p.grip == Grip::holding;

@@ -64,7 +64,7 @@ private:
     double moved[3 * most_tools], force[3 * most_tools], other_force[3 * most_tools];
     struct Past { // a tool a tick ago
         bool held = false;
-        double point[3], displacement[3], force[3], total[3];
+        double point[3], displacement[3], force[3], tip[3], total[3];
     } past[most_tools];
     double energy = 0; // N mm, held by the tissue a tick ago
 
@@ -76,6 +76,7 @@ private:
     void learn_slopes();
     void charge(Proxy& proxy, const double way[3]) const;
     void account();
+    void brake(const double moved[most_tools][3]);
     void watch(); // for answers that are no numbers, and for the way home to end
     void push();
 };
