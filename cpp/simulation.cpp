@@ -182,7 +182,7 @@ void Simulation::brake(const double moved[most_tools][3]) {
     const double lacking = energy - work, per = lacking > 0 && square > 0 ? lacking / (square + 1e-6) : 0;
     for (int t = 0; t < most_tools; t++) {
         Proxy& p = proxy[t];
-        const double wanted = per * length(moved[t]), most = 0.3 * length(p.force);
+        const double wanted = per * length(moved[t]), most = 0.1 * length(p.force);
         const double part = wanted > most ? most / wanted : 1;
         for (int k = 0; k < 3; k++) p.brake[k] = -part * per * moved[t][k];
     }
