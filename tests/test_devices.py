@@ -82,6 +82,18 @@ def test_device_unplugged_in_contact(bench):
     assert bench.ticks_since_fault() <= 2
 
 
+def test_device_lost_as_the_force_is_given(libraries):
+    bench = Bench("libHD", libraries["libHD"])
+    try:
+        bench.touch()
+        bench.set("snaps", 1)  # said once, at the end of a frame whose force has been given
+        until(lambda: bench.device.status().fault == "lost")
+        assert bench.ticks_since_fault() <= 1
+        assert bench.get("force") == 0
+    finally:
+        bench.stop()
+
+
 def test_callback_that_comes_late(bench):
     bench.touch()
     before = bench.device.status()
