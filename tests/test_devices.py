@@ -1,7 +1,10 @@
 """Devices of makers whose libraries are found at run time, against stand-ins, from start to fault."""
 
 import itertools
+import subprocess
+import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -42,6 +45,27 @@ def test_hand_feels_the_wall_and_nothing_is_left_after(bench):
     assert bench.device.status().fault == "off"
     bench.device.stop()  # twice is once
     assert bench.get("closed") == 1
+
+
+PROGRAM = """
+import atexit, sys
+sys.path.insert(0, {tests!r})
+from stand_ins.bench import Bench
+bench = Bench("libHD", {library!r})
+atexit.register(lambda: print("at the end", bench.get("closed"), bench.get("force")))  # after what is registered later
+bench.touch()
+print("touched", bench.get("force") > 0)
+if {raises}:
+    raise ValueError("a bug")
+"""
+
+
+@pytest.mark.parametrize("raises", [False, True])
+def test_program_that_ends_leaves_no_force(libraries, raises):
+    text = PROGRAM.format(tests=str(Path(__file__).parent), library=str(libraries["libHD"]), raises=raises)
+    done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True)
+    assert done.stdout.splitlines() == ["touched True", "at the end 1.0 0.0"]
+    assert ("a bug" in done.stderr) == raises
 
 
 @pytest.mark.parametrize("name", sorted(MAKERS))
