@@ -13,9 +13,9 @@
 namespace palpate {
 namespace {
 
-constexpr int patience = 5000;             // us for an answer, then the force is taken back
-constexpr int64_t silence = 1'000'000'000; // ns without one, then the service is gone
-constexpr double metre = 1000;             // mm
+constexpr int patience = 5000; // us for an answer, then the force is taken back
+constexpr int silence = 200;   // times in a row without one, then the service is gone
+constexpr double metre = 1000; // mm
 
 class Haply : public Driver {
     const std::string host;
@@ -72,7 +72,7 @@ class Haply : public Driver {
     }
 
     // One message read and answered; false when the device is gone.
-    bool tick(int64_t& heard, double force[3]) {
+    bool tick(int& missed, double force[3]) {
         std::string_view text;
         double position[3];
         uint8_t buttons = 0;
@@ -84,9 +84,10 @@ class Haply : public Driver {
         }
         if (got == WebSocket::Got::gone) return false;
         std::fill_n(force, 3, 0.0);
+        missed = taken ? 0 : missed + 1; // counted, not timed: all of us may have been paused
         if (taken)
-            servo->tick(position, buttons, heard = now_ns(), force);
-        else if (now_ns() - heard > silence)
+            servo->tick(position, buttons, now_ns(), force);
+        else if (missed == silence)
             return false;
         else
             servo->trip(Fault::late); // and zero goes out at once
@@ -96,9 +97,10 @@ class Haply : public Driver {
     void run() {
         const double none[3] = {0, 0, 0};
         double force[3] = {0, 0, 0};
-        int64_t heard = now_ns();
+        int missed = 0;
         bool well = push(none);
-        for (Beat beat(rate); well && !stopping.load(std::memory_order_relaxed); beat.wait()) well = tick(heard, force);
+        for (Beat beat(rate); well && !stopping.load(std::memory_order_relaxed); beat.wait())
+            well = tick(missed, force);
         push(none);
         if (!well) servo->lose(Fault::lost);
         std::string_view text; // until the service has nothing to say it may not have heard us

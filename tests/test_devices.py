@@ -1,7 +1,10 @@
 """Devices of makers whose libraries are found at run time, against stand-ins, from start to fault."""
 
 import itertools
+import subprocess
+import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -44,6 +47,27 @@ def test_hand_feels_the_wall_and_nothing_is_left_after(bench):
     assert bench.get("closed") == 1
 
 
+PROGRAM = """
+import atexit, sys
+sys.path.insert(0, {tests!r})
+from stand_ins.bench import Bench
+bench = Bench("libHD", {library!r})
+atexit.register(lambda: print("at the end", bench.get("closed"), bench.get("force")))  # after what is registered later
+bench.touch()
+print("touched", bench.get("force") > 0)
+if {raises}:
+    raise ValueError("a bug")
+"""
+
+
+@pytest.mark.parametrize("raises", [False, True])
+def test_program_that_ends_leaves_no_force(libraries, raises):
+    text = PROGRAM.format(tests=str(Path(__file__).parent), library=str(libraries["libHD"]), raises=raises)
+    done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True)
+    assert done.stdout.splitlines() == ["touched True", "at the end 1.0 0.0"]
+    assert ("a bug" in done.stderr) == raises
+
+
 @pytest.mark.parametrize("name", sorted(MAKERS))
 def test_missing_library_says_what_to_install(name, tmp_path):
     with pytest.raises(DeviceError, match="install") as caught:
@@ -80,6 +104,18 @@ def test_device_unplugged_in_contact(bench):
     assert bench.device.status().zeroed
     bench.device.stop()
     assert bench.ticks_since_fault() <= 2
+
+
+def test_device_lost_as_the_force_is_given(libraries):
+    bench = Bench("libHD", libraries["libHD"])
+    try:
+        bench.touch()
+        bench.set("snaps", 1)  # said once, at the end of a frame whose force has been given
+        until(lambda: bench.device.status().fault == "lost")
+        assert bench.ticks_since_fault() <= 1
+        assert bench.get("force") == 0
+    finally:
+        bench.stop()
 
 
 def test_callback_that_comes_late(bench):

@@ -1,6 +1,7 @@
 """A stand-in library under a driver, with a wall as the solver: what the tests of devices share."""
 
 import ctypes
+import os
 import shutil
 import subprocess
 import time
@@ -25,7 +26,8 @@ def built(folder, name):
         pytest.skip("g++ is missing: apt install g++")
     out = folder / f"{name}.so"
     command = ["g++", "-std=c++17", "-O0", "-shared", "-fPIC", "-pthread", str(HERE / f"{name}.cpp")]
-    subprocess.run([*command, "-o", str(out)], check=True)
+    bare = {name: value for name, value in os.environ.items() if name != "LD_PRELOAD"}  # no sanitizer in the compiler
+    subprocess.run([*command, "-o", str(out)], check=True, env=bare)
     return out
 
 
@@ -33,7 +35,8 @@ def library_with(function, folder):
     """Path of a library that has this one function alone."""
     source, out = folder / "one.c", folder / "one.so"
     source.write_text(f"int {function}(void) {{ return 0; }}\n")
-    subprocess.run(["g++", "-x", "c", "-shared", "-fPIC", str(source), "-o", str(out)], check=True)
+    bare = {name: value for name, value in os.environ.items() if name != "LD_PRELOAD"}
+    subprocess.run(["g++", "-x", "c", "-shared", "-fPIC", str(source), "-o", str(out)], check=True, env=bare)
     return out
 
 

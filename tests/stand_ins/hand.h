@@ -29,7 +29,7 @@ struct Hand {
     int64_t ticks = 0, misuse = 0, fault_tick = -1, closed = 0;
     int buttons = 0, bounces = 0;
     bool unplugged = false, absurd = false, overrun = false, refuses = false, absent = false, warm = false,
-         enabled = false;
+         snaps = false, enabled = false;
     double late = 0; // ms, that the next tick comes too late
     int64_t kept = 0;
     Moment past[1 << 17]; // two minutes of ticks
@@ -98,6 +98,7 @@ void stand_in_set(const char* what, double value) {
     if (is("refuses")) h.refuses = value;
     if (is("absent")) h.absent = value;
     if (is("warm")) h.warm = value;
+    if (is("snaps")) h.snaps = value;
     if (is("late")) h.late = value;
 }
 
@@ -152,7 +153,7 @@ void stand_in_reset() {
     h.ticks = h.misuse = h.closed = 0;
     h.fault_tick = -1;
     h.buttons = h.bounces = 0;
-    h.unplugged = h.absurd = h.overrun = h.refuses = h.absent = h.warm = h.enabled = false;
+    h.unplugged = h.absurd = h.overrun = h.refuses = h.absent = h.warm = h.snaps = h.enabled = false;
     h.late = 0;
     h.kept = 0;
 }

@@ -75,7 +75,9 @@ void hdBeginFrame(unsigned device) {
 void hdEndFrame(unsigned) {
     if (!in_frame) misuse();
     in_frame = false;
-    if (is(&Hand::unplugged)) complain(0x0302);
+    Hold hold(hand());
+    if ((hand().unplugged || hand().snaps) && stacked < 64) errors[stacked++] = 0x0302;
+    hand().snaps = false; // said once
 }
 void hdGetDoublev(unsigned what, double* out) {
     if (what == 0x2050) {

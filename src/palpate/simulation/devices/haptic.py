@@ -1,5 +1,6 @@
 """What every device with motors shares: it is opened, its servo runs at its own rate, and its force is zero at the end."""
 
+import atexit
 from collections.abc import Callable
 from dataclasses import dataclass
 from types import TracebackType
@@ -104,9 +105,11 @@ class Haptic:
     def start(self) -> None:
         """Runs the servo: from now on the device calls. Raises `DeviceError`."""
         calling(self.driver.start, self.servo)
+        atexit.register(self.stop)  # a program that ends leaves no force behind
 
     def stop(self) -> None:
         """Leaves the device without force and closes it. To use it again, make a new one."""
+        atexit.unregister(self.stop)
         self.driver.stop()
 
     def status(self) -> Status:
