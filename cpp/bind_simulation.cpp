@@ -1,4 +1,5 @@
 #include "bind.h"
+#include "handed.h"
 #include "loop.h"
 #include "slide.h"
 #include <algorithm>
@@ -151,6 +152,8 @@ void bind_devices(nb::module_& m) {
                 pointer.send(tool, command, serial);
             },
             "tool"_a, "kind"_a, "point"_a, "displacement"_a, "serial"_a = 0, "From one thread only; mm.");
+    nb::class_<Handed, Device>(m, "Handed", "A device with motors: a tool in space; its button holds.")
+        .def(nb::init<Servo&>(), "servo"_a, nb::keep_alive<1, 2>());
     nb::class_<Replay, Device>(m, "Replay", "Commands of a record, each obeyed from its tick on.")
         .def(
             "__init__",

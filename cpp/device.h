@@ -27,9 +27,11 @@ struct Commands {
 // What a hand feels of one tool.
 struct Felt {
     bool touching = false;
-    double at[3] = {0, 0, 0};    // mm, where the tool's tip is
-    double force[3] = {0, 0, 0}; // N, of the tissue on the tool, limited to what the device can bear
-    double stiffness = 0;        // N/mm, about what it rises by when pressed further
+    double at[3] = {0, 0, 0};     // mm, where the tool's tip is
+    double force[3] = {0, 0, 0};  // N, of the tissue on the tool, limited to what the device can bear
+    double stiffness = 0;         // N/mm, about what it rises by when pressed further
+    double anchor[3] = {0, 0, 0}; // mm, on the surface at rest, where it touches
+    double normal[3] = {0, 0, 0}; // out of the tissue, which only pushes that way; zero: it may pull
 };
 
 // The other end of the loop: hands, or a record of them. All calls come from the loop's thread and return at once.

@@ -147,6 +147,13 @@ struct Step {
 
 void follow(Proxy& proxy, const Command& command, const Surface& surface, const Manner& manner, bool others, bool known,
             SurfaceScratch& scratch) {
+    const bool open_hand = command.kind == Kind::free && proxy.kind == Kind::hold;
+    const bool grasping = command.kind == Kind::hold && proxy.kind == Kind::free;
+    if (proxy.grip == Grip::holding && (open_hand || grasping)) { // a hand closes or opens where it touches
+        proxy.kind = command.kind;
+        proxy.outside = true;
+        std::fill_n(proxy.toll, 3, 0.0);
+    }
     if (command.kind == Kind::away || command.kind != proxy.kind) {
         const bool refused = proxy.grip == Grip::refused && command.kind != Kind::away;
         proxy.kind = command.kind;

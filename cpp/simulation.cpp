@@ -227,6 +227,9 @@ void Simulation::push() {
         f.touching = p.grip == Grip::holding;
         for (int k = 0; k < 3; k++) f.force[k] = f.touching && size > 0 ? wanted[k] * (allowed / size) : 0;
         std::copy_n(p.tip, 3, f.at);
+        std::copy_n(p.at.point, 3, f.anchor);
+        std::fill_n(f.normal, 3, 0.0);
+        if (f.touching && p.kind == Command::Kind::free) surface.normal(p.at, f.normal);
         f.stiffness = f.touching && way > 1e-3 ? length(p.force) / way : 0;
     }
 }

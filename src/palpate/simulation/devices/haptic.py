@@ -83,6 +83,7 @@ class Haptic:
         except DataError:
             driver.stop()
             raise
+        self.core = _core.Handed(self.servo)  # what a session asks of a device
 
     def _settings(
         self, bounds: Any, scale: float, rotation: Any, offset: Any, force: float | None, stiffness: float | None
