@@ -15,7 +15,7 @@ OFTEN = 0.2  # s between looks at what it has used
 
 
 def settled(peer: str, n: int, budget: float, goal: Float64 | None, limit: int) -> Iterator[Settled | None]:
-    """What each choice of the peer's settings comes to on the cube of n³ nodes; last None if the time was over before.
+    """What each choice of settings of a peer, a module, comes to on the cube of n³ nodes; last None if the time was over before.
 
     limit: CPU s of the whole process, importing and set-up of all its choices included. budget, goal: as in `settle`.
     """
@@ -46,5 +46,5 @@ def used(pid: int) -> float:
 
 
 def _measure(peer: str, n: int, budget: float, goal: Float64 | None, writer: Connection) -> None:
-    for run in import_module(f"benchmarks.{peer}").runs(cube(n)):
+    for run in import_module(peer).runs(cube(n)):
         writer.send(settle(run, budget, goal))

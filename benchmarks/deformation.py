@@ -95,7 +95,7 @@ def _peer(peer: ModuleType, here: Cube, best: dict[str, Settled]) -> Iterator[st
         return
     truth = here.truth if peer.LAW is None else here.settled(peer.LAW)
     name, limit = peer.__name__.split(".")[-1], LIMIT[here.n]
-    for got in settled(name, here.n, BUDGET[here.n][name], truth if peer.EXACT else None, limit):
+    for got in settled(peer.__name__, here.n, BUDGET[here.n][name], truth if peer.EXACT else None, limit):
         if got is None:
             yield row(peer.NAME, "the rest", *["–"] * 3, f"not within {limit} s of its process", *["–"] * 2)
             return
