@@ -14,8 +14,8 @@ from palpate.arrays import Float64
 OFTEN = 0.2  # s between looks at what it has used
 
 
-def settled(peer: str, n: int, budget: float, goal: Float64 | None, limit: int) -> Iterator[Settled | None]:
-    """What each choice of settings of a peer, a module, comes to on the cube of n³ nodes; last None if the time was over before.
+def settled(peer: str, n: int, budget: float, goal: Float64 | None, limit: int) -> Iterator[Settled | str]:
+    """What each choice of settings of a peer, a module, comes to on the cube of n³ nodes; why it ended, if before the last.
 
     limit: CPU s of the whole process, importing and set-up of all its choices included. budget, goal: as in `settle`.
     """
@@ -28,13 +28,13 @@ def settled(peer: str, n: int, budget: float, goal: Float64 | None, limit: int) 
         while True:
             while not reader.poll(OFTEN):
                 if process.pid is None or used(process.pid) > limit:
-                    yield None
+                    yield f"not within {limit} s of its process"
                     return
             yield reader.recv()
     except EOFError:  # it has ended
         process.join()
         if process.exitcode:
-            yield None
+            yield "it failed"
     finally:
         process.kill()
 

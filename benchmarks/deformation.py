@@ -96,8 +96,8 @@ def _peer(peer: ModuleType, here: Cube, best: dict[str, Settled]) -> Iterator[st
     truth = here.truth if peer.LAW is None else here.settled(peer.LAW)
     name, limit = peer.__name__.split(".")[-1], LIMIT[here.n]
     for got in settled(peer.__name__, here.n, BUDGET[here.n][name], truth if peer.EXACT else None, limit):
-        if got is None:
-            yield row(peer.NAME, "the rest", *["–"] * 3, f"not within {limit} s of its process", *["–"] * 2)
+        if isinstance(got, str):
+            yield row(peer.NAME, "the rest", *["–"] * 3, got, *["–"] * 2)
             return
         seconds = got.seconds
         whole = f"over {1e3 * got.spent:.0f}" if seconds is None else f"{1e3 * seconds:.0f}"

@@ -46,7 +46,7 @@ def lines() -> Iterator[str]:
     threads = _core.threads()
     _core.set_threads(1)
     try:
-        yield "One thread, CPU time. A patch of radius two mean edges, 5 mm deep, slides at 100 mm/s; a tick is one iteration."
+        yield "One thread, CPU time. A patch of two mean edges, 5 mm deep, slides at 100 mm/s; a tick is one iteration."
         yield from _warm()
         yield "\nFrom rest: iterations to 0.1 %, and CPU time to 1 %, root mean square; in brackets in the energy's norm.\n"
         yield from _cold()
@@ -58,8 +58,8 @@ def _warm() -> Iterator[str]:
     near, far = bandwidth(1 << 22), bandwidth(1 << 26)
     yield f"Memory, one thread: {near / 1e9:.0f} GB/s over 16 MB, {far / 1e9:.0f} GB/s over 256 MB.\n"
     yield header(
-        "", "nodes", "tick, ms: least", "median", "p99", f"error from the {LANDED}th tick on, at worst: energy", "rms", "force",
-        "moved a tick, MB", "GB/s", "least time by memory, ms: 16 MB", "256 MB",
+        "", "nodes", "tick, ms: least", "median", "p99", f"error from the {LANDED}th tick on, at worst: energy", "rms",
+        "force", "moved a tick, MB", "GB/s", "least time by memory, ms: 16 MB", "256 MB",
     )  # fmt: skip
     for case in cases():
         model = pp.model(case.tissue, "multigrid")

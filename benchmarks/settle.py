@@ -29,8 +29,8 @@ class Run:
 class Settled:
     """Where a run came to.
 
-    settings, setup: the run's. step: CPU s of the fastest step. steps: to 1 % of the equilibrium, for good; None: not within `spent` CPU s.
-    end: (N, 3) mm.
+    settings, setup: the run's. step: CPU s of the fastest step. steps: to 1 % of the equilibrium, for good; None: not
+    within `spent` CPU s. end: (N, 3) mm.
     """
 
     settings: str

@@ -83,6 +83,7 @@ void bind_multigrid(nb::module_& m) {
              "K u: (nodes, 3) N that each node needs from outside to stay where it is.")
         .def("precondition", &precondition, "v"_a.noconvert(), "B v: one V-cycle, (nodes, 3).")
         .def_prop_ro("sizes", &Multigrid::sizes, "Nodes of each level, finest first.")
-        .def_prop_ro("moved", &Multigrid::moved, "Bytes that a steady tick of one iteration and one contact moves, caches aside.")
+        .def_prop_ro("moved", &Multigrid::moved,
+                     "Bytes that a steady tick of one iteration and one contact moves, caches aside.")
         .def_ro_static("most_contacts", &Multigrid::most_contacts);
 }
