@@ -29,11 +29,12 @@ class Run:
 class Settled:
     """Where a run came to.
 
-    step: CPU s of the fastest step. steps: to 1 % of the equilibrium, for good; None: not within `spent` CPU s.
-    end: (N, 3) mm.
+    settings, setup: the run's. step: CPU s of the fastest step. steps: to 1 % of the equilibrium, for good; None: not
+    within `spent` CPU s. end: (N, 3) mm.
     """
 
-    run: Run
+    settings: str
+    setup: float
     step: float
     steps: int | None
     end: Float64
@@ -62,7 +63,7 @@ def settle(run: Run, budget: float, goal: Float64 | None = None) -> Settled:
         if not np.isfinite(seen[-1]).all() or (goal is not None and _apart(seen[-1], goal) <= 0.01):
             break
     end = seen[-1].astype(np.float64)
-    return Settled(run, fastest, _steps(seen, goal), end, spent)
+    return Settled(run.settings, run.setup, fastest, _steps(seen, goal), end, spent)
 
 
 def _steps(seen: list[Float64], goal: Float64 | None) -> int | None:

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.sparse.linalg import splu
 
 import palpate as pp
+from benchmarks.cube import brick
 from benchmarks.timing import header, row
 from palpate import _core
 from palpate.tissue.compliance import ComplianceModel
@@ -20,6 +21,7 @@ def lines() -> Iterator[str]:
     yield "CPU seconds of one thread, least of several; what a slide costs is wall time of a loop at 1 kHz."
     for n in (11, 21, 27):
         yield from _measured(n)
+    yield from _broad()
 
 
 def cube(n: int) -> pp.Tissue:
@@ -91,10 +93,28 @@ def _tables(model: ComplianceModel) -> Iterator[str]:
     ticks = [_wall(lambda: model.native.advance(state, under, PUSH, 1)) for _ in range(2000)]
     yield row(f"tick, {len(under.nodes)} nodes, median µs", 1e6 * float(np.median(ticks)), "")
     yield row("field by a direct solve, ms", 1e3 * least(lambda: model.native.show(state, model.vertices)), "")
+    yield row("field from columns, median µs", _from_columns(model, state, under), "")
+
+
+def _broad() -> Iterator[str]:
+    """A slab, held at one end: ten thousand nodes on its surface, and few within."""
+    mesh = brick((69, 69, 2), size=(100.0, 100.0, 3.0))
+    model = ComplianceModel(pp.Tissue(mesh, 5.0, 0.45, mesh.nodes[:, 0] == 0))
+    yield f"\nA slab of {len(mesh.nodes)} nodes, {len(model.vertices)} on the surface\n"
+    yield header("what", "ours")
+    state = model.start()
+    under = patch(model.tissue, np.array([50.0, 50.0, 3.0]), 2 * model.tissue.edge)
+    model.native.advance(state, under, PUSH, 1)
+    yield row("field by a direct solve, ms", 1e3 * least(lambda: model.native.show(state, model.vertices)))
+    yield row(f"field from columns of {len(under.nodes)} nodes, median µs", _from_columns(model, state, under))
+
+
+def _from_columns(model: ComplianceModel, state: "_core.State", under: "_core.Patch") -> float:
+    """µs of wall time, median."""
     number = {node: k for k, node in enumerate(model.vertices.tolist())}
     state.make_columns(np.array([number[node] for node in under.nodes.tolist()], dtype=np.int32))
     shows = [_wall(lambda: model.native.show(state, model.vertices)) for _ in range(100)]
-    yield row("field from columns, median µs", 1e6 * float(np.median(shows)), "")
+    return 1e6 * float(np.median(shows))
 
 
 def _slide(model: ComplianceModel) -> Iterator[str]:

@@ -318,8 +318,9 @@ void Compliance::fetch(ComplianceState& s) const {
     const int64_t made = s.green.made_near;
     if (s.lacking == 0 || (made == s.looked && !s.moved)) return;
     s.looked = made, s.moved = false;
-    Green::Wanted wanted[4 * capacity];
-    uint8_t* known[4 * capacity];
+    constexpr int some = 64; // at once, lest the stack spread over many pages
+    Green::Wanted wanted[some];
+    uint8_t* known[some];
     size_t pair = 0;
     int count = 0;
     auto look = [&] {
@@ -334,7 +335,7 @@ void Compliance::fetch(ComplianceState& s) const {
             if (s.pairs.known[pair]) continue;
             known[count] = &s.pairs.known[pair];
             wanted[count++] = {s.pairs.vertex[i], s.pairs.vertex[j], &s.pairs.block[9 * pair], false};
-            if (count == 4 * capacity) look();
+            if (count == some) look();
         }
     look();
     s.green.close();

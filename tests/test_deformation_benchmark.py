@@ -43,6 +43,25 @@ fast, known, slow = settle(run(0.5), 0.1), settle(run(0.5), 0.1, end), settle(ru
 print(json.dumps([fast.steps, known.steps, slow.steps, bool(np.allclose(fast.end, end))]))
 """
 
+APART = """
+import json, sys, tempfile
+from pathlib import Path
+from benchmarks.apart import settled
+sys.path.insert(0, tempfile.mkdtemp())
+Path(sys.path[0], "made_up.py").write_text('''
+import numpy as np
+from benchmarks.settle import Run
+def runs(cube):
+    k = [0]
+    def step():
+        k[0] += 1
+        sum(range(20000))
+    yield Run("quick", 0.0, step, lambda: np.ones((1, 3)) * (1 - 0.5 ** k[0]))
+    yield Run("endless", 0.0, lambda: [sum(range(1000)) for _ in iter(int, 1)], lambda: None)
+''')
+print(json.dumps([got if isinstance(got, str) else got.steps for got in settled("made_up", 3, 0.1, None, 3)]))
+"""
+
 TABLES = """
 import json
 import benchmarks.deformation as d
@@ -71,6 +90,10 @@ def test_the_peers_materials_are_consistent_and_linear_at_rest(answered):
 def test_steps_to_one_per_cent_are_counted_and_what_still_creeps_has_none(answered):
     # 0.5^k ≤ 0.01 first at k = 7
     assert answered(SETTLE) == [7, 7, None, True]
+
+
+def test_a_peer_that_does_not_end_is_ended(answered):
+    assert answered(APART) == [7, "not within 3 s of its process"]
 
 
 def test_each_model_and_direct_solve_has_its_row(answered):

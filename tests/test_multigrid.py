@@ -147,6 +147,15 @@ def test_one_iteration_a_tick_follows_a_sliding_tool(truth, model):
     np.testing.assert_allclose(force, reference.force, atol=1e-3 * np.linalg.norm(reference.force))
 
 
+def test_a_tick_of_one_iteration_is_the_first_of_a_push(model):
+    found = contacts(model.tissue, TOP, PUSH, 10.0)
+    exact, force = next(answers(model, (1,)))
+    state = model.start()
+    felt = model.native.advance(state, found.patches[0], PUSH, 1)
+    np.testing.assert_allclose(state.u, exact, atol=1e-5 * np.linalg.norm(PUSH))
+    np.testing.assert_allclose(felt, force, atol=1e-5 * np.linalg.norm(force))
+
+
 def test_thousands_of_ticks_do_not_drift(truth, model):
     state = model.start()
     surface = model.tissue.surface

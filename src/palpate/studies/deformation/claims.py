@@ -185,7 +185,7 @@ def _loops(tables: Tables) -> list[list[str]]:
         some = where(tables["loops"], path=path)
         shares = {r["model"] + ", " + r["how"]: r["net_nmm"] / r["stored_nmm"] for r in some}
         worst = min(shares, key=shares.__getitem__)
-        words = f"least net work {100 * shares[worst]:.2f} % of the most stored ({worst})"
+        words = f"least net work {100 * shares[worst] + 0.0:.2g} % of the most stored ({worst})"
         lines.append(
             [
                 f"gives no work, beyond 1 % of what was stored: {path}",

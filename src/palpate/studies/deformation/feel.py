@@ -34,8 +34,8 @@ def ripple(setting: Setting) -> dict[str, list[Row]]:
     for radius in setting.radii:
         for name, one in models.items():
             force, warm = [], None
-            for x in path:  # the force errs by the square of the tolerance at most
-                answer = one.push(x, [0, 0, -1.0], radius * edge, tolerance=0.05, warm=warm)
+            for x in path:
+                answer = one.push(x, [0, 0, -1.0], radius * edge, tolerance=1e-3, warm=warm)
                 warm = answer.warm
                 force.append(answer.force[2])
             for x, f in zip(path, force, strict=True):

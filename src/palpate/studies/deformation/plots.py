@@ -169,6 +169,7 @@ def convergence(rows: Sequence[Row]) -> Figure:
                 one.plot(*zip(*bound, strict=True), color=COLOUR.get(name, INK), lw=1.1, ls=":")
         one.set_xscale("log")
         one.set_yscale("log")
+        one.set_xticks([5, 20, 100, 500], ["5", "20", "100", "500"])
         one.set_ylim(1e-8, 3)
         finish(one, f"{nodes}³ nodes", "sweeps from rest", "error, share of push")
     legend(figure, axes[0])
@@ -274,6 +275,8 @@ def kidneys(rows: Sequence[Row]) -> Figure:
     one.axhline(1.0, color=TRUTH, lw=0.9, ls=":")
     one.set_xscale("log")
     one.set_yscale("log")
+    sizes = list(dict.fromkeys(row["nodes"] for row in rows))
+    one.set_xticks(sizes, [f"{n:,}" for n in sizes])
     finish(one, "", "nodes", "processor ms")
     legend(figure, one, 2)
     return figure
