@@ -31,8 +31,8 @@ ERODED, DENSE, FINE = 16, 0.15, 8.0  # pixels off the field's edge; least line i
 STRENGTHS, LEAST, MOST = (1.0, 0.5, 0.25, 0.12), 3e-4, 100
 # Of the rivals, on the coarse grid, and then between two candidates and how many of these: so far that nearly every view's
 # choice lies inside its list.
-COARSE_SART, SART_EVERY, SART_ROUNDS = 20, 2, 20  # passes; shorter steps (relaxation 0.3) need three times as many
-COARSE_SIRT, SIRT_EVERY, SIRT_ROUNDS = 600, 25, 8
+COARSE_SART, SART_EVERY, SART_ROUNDS = 20, 2, 15  # passes; shorter steps (relaxation 0.3) need three times as many
+COARSE_SIRT, SIRT_EVERY, SIRT_ROUNDS = 600, 25, 4
 WINDOW: Window = "hann"
 CUTOFFS = (1.0, 0.5, 0.25, 0.12, 0.06, 0.03)  # of FBP's window
 
