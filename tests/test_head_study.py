@@ -10,6 +10,9 @@ from typer.testing import CliRunner
 
 import palpate as pp
 from palpate.commands import app
+from palpate.reconstruction.descent import data_curvature
+from palpate.reconstruction.likelihood import WeightedLeastSquares
+from palpate.reconstruction.tune import median_curvature, tune
 from palpate.studies import head_study as study
 from palpate.studies import leaving
 from palpate.studies.head_report import at_the_end, standing
@@ -19,7 +22,7 @@ from palpate.studies.head_report import at_the_end, standing
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("study")
     with pytest.MonkeyPatch.context() as shorter:  # lists of candidates: the way is the same
-        for name, iterations in {"COARSE": 30, "EACH": 10, "COARSE_SIRT": 50, "EVERY": 5, "PASSES": 8}.items():
+        for name, iterations in {"MOST": 15, "COARSE_SIRT": 50, "SIRT_EVERY": 5, "SART_ROUNDS": 4}.items():
             shorter.setattr(leaving, name, iterations)
         result = CliRunner().invoke(app, ["study", "head", "--quick", "-o", str(folder)])
     assert result.exit_code == 0, result.output
@@ -54,36 +57,43 @@ def test_a_resumed_study_takes_the_folds_that_are_there(folder):
         assert (folder / "docs" / picture).stat().st_size > 1000
 
 
-def test_pairs_serve_every_view_and_never_neighbours():
+def test_each_view_is_left_out_together_with_another_and_never_a_neighbour():
     for views in (4, 6, 7, 11, 15):
-        pairs = leaving.pairs(views)
-        assert {k for pair in pairs for k in pair} == set(range(views))
-        assert all(j - i >= 2 for i, j in pairs)
+        groups = leaving.groups(views)
+        assert sorted(k for group in groups for k in group) == list(range(views))
+        assert all(len(group) > 1 and np.diff(group).min() >= 2 for group in groups)
 
 
 def test_the_choice_for_a_view_never_looks_at_its_own_scores():
     rng = np.random.default_rng(1)
     names = ["a", "b", "c"]
-    inner = {pair: {name: rng.uniform(0.5, 0.99, (2, 2)) for name in names} for pair in leaving.pairs(11)}
+    inner = {group: {n: rng.uniform(0.5, 0.99, (len(group), 2)) for n in names} for group in leaving.groups(11)}
     for view in range(11):
         chosen = leaving.choose(view, 11, inner)
-        other = {
-            pair: {n: np.where((np.array(pair) == view)[:, None], rng.uniform(-1, 1, (2, 2)), s) for n, s in of.items()}
-            for pair, of in inner.items()
-        }
-        assert leaving.choose(view, 11, other) == chosen
+        for _ in range(5):
+            other = {
+                group: {
+                    n: np.where((np.array(group) == view)[:, None], rng.uniform(-1, 1, s.shape), s)
+                    for n, s in of.items()
+                }
+                for group, of in inner.items()
+            }
+            assert leaving.choose(view, 11, other) == chosen
 
 
-def test_the_candidate_that_predicts_the_partner_best_is_chosen():
-    inner = {pair: {name: np.full((2, 2), 0.5) for name in "abc"} for pair in leaving.pairs(11)}
+def test_the_candidate_that_predicts_the_partners_best_is_chosen():
+    inner = {group: {name: np.full((len(group), 2), 0.5) for name in "abc"} for group in leaving.groups(11)}
     inner[(3, 7)]["b"] = np.array([[0.5, 0.5], [0.9, 0.9]])  # view 7 well predicted: for view 3
     inner[(3, 7)]["c"] = np.array([[0.9, 0.9], [0.5, 0.5]])
     assert leaving.choose(3, 11, inner) == "b"
     assert leaving.choose(7, 11, inner) == "c"
+    inner[(2, 6, 10)]["b"] = np.array([[0.6, 0.6], [0.6, 0.6], [0.99, 0.99]])  # the outermost view has no say
+    inner[(2, 6, 10)]["c"] = np.array([[0.7, 0.7], [0.7, 0.7], [0.1, 0.1]])
+    assert [leaving.choose(k, 11, inner) for k in (2, 6, 10)] == ["c", "c", "c"]
 
 
 def test_the_left_out_image_changes_nothing_but_its_score(monkeypatch):
-    monkeypatch.setattr(leaving, "COARSE", 10)
+    monkeypatch.setattr(leaving, "MOST", 10)
     scan = pp.import_scan("head")[::3]
     levels = leaving_levels(scan)
     counts = scan.counts.copy()
@@ -95,6 +105,21 @@ def test_the_left_out_image_changes_nothing_but_its_score(monkeypatch):
     for name in study.CORRECTIONS:
         assert np.array_equal(found[0][name].shifts, found[1][name].shifts)
         assert np.array_equal(found[0][name].gains, found[1][name].gains)
+
+
+def test_a_fit_runs_until_more_iterations_gain_little():
+    scan, grid = leaving_levels(pp.import_scan("head")[::3])[-1]
+    ended = {n: next(leaving.map_path(scan, grid, (1.0,), n, None, 2e-3))[1] for n in (200, 400)}
+    assert np.array_equal(ended[200], ended[400])  # it ended by itself
+    A, data = pp.Projector(scan.views, grid), WeightedLeastSquares.of(scan)
+    known = data_curvature(A, data)
+    prior = tune(pp.Prior(), A, data, known)
+
+    def objective(values):
+        return data.value(A(values)) + prior.strength * median_curvature(known) * prior.value(values, grid)
+
+    further = objective(next(leaving.map_path(scan, grid, (1.0,), 10, ended[200]))[1])
+    assert further <= objective(ended[200]) <= further / (1 - 10 * 2e-3)
 
 
 def leaving_levels(scan):

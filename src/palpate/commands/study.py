@@ -76,7 +76,7 @@ def head(
     and predicted from the others by every method, with all settings, gains
     and shifts chosen without it.
 
-    Takes an hour or two on 2 cores; Ctrl-C stops it, and --resume goes on.
+    Takes most of an hour on 2 cores; Ctrl-C stops it, and --resume goes on.
     """
     with _resumable("head", quick, output) as say:
         report = pp.head_study(output, quick=quick, resume=resume, docs=docs, progress=say)

@@ -10,7 +10,7 @@ from scipy import ndimage
 from palpate.arrays import AnyArray, Float32, Float64
 from palpate.reconstruction.refine import Refinement
 from palpate.studies.axes import canvas, finish
-from palpate.studies.leaving import Judge
+from palpate.studies.leaving import LEAST, Judge
 from palpate.studies.pictures import curves, pictured, projections
 from palpate.studies.report import Section
 
@@ -162,9 +162,9 @@ def _judging(folds: Sequence[Fold], voxel: str) -> Section:
             "(z, y, x).",
             "Score: correlation r with what was measured, inside the field and behind the head: blind to the gain and the "
             "offset of the view that is judged. High-passed: without what is coarser than about 8 pixels.",
-            "Nothing was chosen with the view that is judged: each method's strength, iterations, relaxation or cut-off is "
-            "the one that best predicted another view, left out together with it; gains and shifts were estimated from the "
-            "others alone, and the panel of the left-out view was put where its neighbours' shifts say.",
+            "Nothing was chosen with the view that is judged: each method's strength, iterations or cut-off is the one that "
+            "best predicted one or two other views, from fits that saw neither them nor this one; gains and shifts were "
+            "estimated from the others alone, and the panel of the left-out view was put where its neighbours' shifts say.",
             "The null model is the mean of the two neighbouring views; the first and the last view have but one neighbour, "
             "which then stands for the mean, and every method must extrapolate there.",
             "RTK's SART is another code's, from the same images."
@@ -193,9 +193,10 @@ def _choices(folds: Sequence[Fold], lists: Mapping[str, Sequence[str]]) -> Secti
     return Section(
         "What was chosen without the view",
         [
-            "The candidate with the least geometric mean of 1 - correlation over both bands, on the view left out together "
-            "with this one. Strengths of M-MAP are tried from strong to weak, each going on from the one before until more "
-            "iterations change little. The last line counts the views for which the first and the last candidate was chosen."
+            "The candidate with the least geometric mean of 1 - correlation over both bands, on the views left out together "
+            "with this one. Strengths of M-MAP are tried from strong to weak, each going on from the one before until an "
+            f"iteration lowers the objective by less than {LEAST:g} of it. The last line counts the views for which the "
+            "first and the last candidate was chosen."
         ],
         table=table,
     )

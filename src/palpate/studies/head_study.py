@@ -25,19 +25,21 @@ from palpate.studies.leaving import (
     Level,
     choose,
     coarse_map,
+    groups,
     judges,
     methods,
     null_scores,
-    pairs,
     without,
 )
 from palpate.studies.publish import publish
 from palpate.studies.stages import Stages
 from palpate.volumes.grid import Grid
 
-# Head, couch and its rails: what lies outside the box would be fitted inside. Levels 1 and 2 are used: 2 and 4 mm voxels
-# (pixels in twos and fours), in slices of 8 mm.
+# Head, couch and its rails: what lies outside the box would be fitted inside. Level 2 of the first, 4 mm voxels in slices of
+# 8 mm (pixels in fours), and level 1 of the second, 2 mm in slices of 4 mm (pixels in twos): so thin that rays 20° off
+# the vertical, as of the outermost views, move by less than a voxel in a slice.
 GRID = Grid((50, 400, 440), (8.0, 1.0, 1.0), (-219.5, -199.5, -196.0))
+THIN = Grid((100, 400, 440), (4.0, 1.0, 1.0), (-219.5, -199.5, -198.0))
 BOX, DEPTHS = 115.0, (-60.0, -20.0, 20.0, 60.0)  # mm: what the report's slices show to all sides, and where they lie
 Fold = dict[str, Any]
 Shown = tuple[dict[str, Float32], dict[str, Float32]]  # by method: the view predicted, slices of the volume
@@ -54,8 +56,8 @@ def head_study(
 ) -> Path:
     """Writes report.html, scores.csv, figures and one JSON file a fold into `folder`; returns the report's path.
 
-    Each view is left out in turn. Strength, iterations, relaxation, window and correction are those that predict best a
-    view left out together with it, so that nothing is chosen with the view that is judged; scores are correlations,
+    Each view is left out in turn. Strength, iterations, window and correction are those that predict best one or two views
+    left out together with it, so that nothing is chosen with the view that is judged; scores are correlations,
     blind to that view's gain. quick: every third view, voxels of 8 and 16 mm, for tests. resume: go on from the folds
     that are there. docs: a folder that gets the page head.md with its pictures. progress(what, share): told how far it
     is. Raises `FileError` when a folder cannot be written.
@@ -66,22 +68,24 @@ def head_study(
         output_folder(docs)
     scan = import_scan("head")
     everything = pyramid(scan[::3] if quick else scan, GRID, 5 if quick else 3, "sum")
-    levels = everything[3:5] if quick else everything[1:3]
+    levels = everything[3:5] if quick else [pyramid(scan, THIN, 2, "sum")[1], everything[2]]
     scan, panel = everything[2 * quick][0], judges(everything[2 * quick][0], 4 if quick else 1)
     inner = {
-        (i, j): _stage(stages, f"without_{i}_{j}.json", partial(learnt, scan, levels, panel, (i, j)))
-        for i, j in pairs(len(panel))
+        group: _stage(stages, f"without_{'_'.join(map(str, group))}.json", partial(learnt, scan, levels, panel, group))
+        for group in groups(len(panel))
     }
-    outer = []
+    null, middle, outer = null_scores(panel), len(panel) // 2, []
     for k in range(len(panel)):
         names = ("correction", *methods())
-        chosen = {name: choose(k, len(panel), {pair: _scores(r[name]) for pair, r in inner.items()}) for name in names}
-        make = partial(predicted, scan, levels, panel, k, chosen)
+        chosen = {
+            name: choose(k, len(panel), {group: _scores(r[name]) for group, r in inner.items()}) for name in names
+        }
+        if k == middle:
+            make_images = partial(shown, scan, levels, panel, k, chosen)
+            images, slices = stages("shown.npz", make_images, _write_images, _read_images)
+        make = partial(predicted, scan, levels, panel, k, chosen, images if k == middle else None)
         outer.append(_stage(stages, f"view_{k}.json", make))
-    null, middle = null_scores(panel), len(panel) // 2
     _write_csv(stages.folder / "scores.csv", outer, null)
-    make_images = partial(shown, scan, levels, panel, middle, outer[middle]["chosen"])
-    images, slices = stages("shown.npz", make_images, _write_images, _read_images)
     first = next(iter(inner.values()))
     lists = {name: list(first[name]) for name in methods()}
     voxel = " x ".join(f"{d:g}" for d in levels[0][1].spacing)
@@ -95,28 +99,38 @@ def head_study(
     return publish(stages.folder, "head", head_report.TITLE, command, sections, docs)
 
 
-def learnt(scan: Scan, levels: Sequence[Level], panel: Sequence[Judge], pair: tuple[int, int]) -> Fold:
-    """Scores (2, 2) of both views of a pair, left out together, by every candidate of every method, and each correction.
+def learnt(scan: Scan, levels: Sequence[Level], panel: Sequence[Judge], group: Sequence[int]) -> Fold:
+    """Scores (views, 2) of each view of a group, left out together, by every candidate of every method and correction.
 
     The candidates run without correction, so that none is chosen with the view that it is chosen for.
     """
-    kept = without(levels, pair)
-    scores: Fold = {"correction": corrections(scan, levels, panel, pair)[0]}
-    ahead = Projector(scan.views[list(pair)], levels[0][1])
+    kept = without(levels, group)
+    scores: Fold = {"correction": corrections(scan, levels, panel, group)[0]}
+    ahead = Projector(scan.views[list(group)], levels[0][1])
     for name, estimates in methods().items():
         scores[name] = {}
         for candidate, values in estimates(kept):
-            scores[name][candidate] = [panel[k](image).tolist() for k, image in zip(pair, ahead(values), strict=True)]
+            scores[name][candidate] = [panel[k](image).tolist() for k, image in zip(group, ahead(values), strict=True)]
     return scores
 
 
 def predicted(
-    scan: Scan, levels: Sequence[Level], panel: Sequence[Judge], view: int, chosen: Mapping[str, str]
+    scan: Scan,
+    levels: Sequence[Level],
+    panel: Sequence[Judge],
+    view: int,
+    chosen: Mapping[str, str],
+    images: Mapping[str, Float32] | None = None,
 ) -> Fold:
-    """What the chosen candidates score on a view, what was chosen, and what each correction scores on the coarse grid."""
+    """What the chosen candidates score on a view, what was chosen, and what each correction scores on the coarse grid.
+
+    images: the view as each method predicts it, where that is known.
+    """
     coarse, found = corrections(scan, levels, panel, [view])
-    made = _predictions(scan, levels, view, chosen, found[chosen["correction"]])
-    scores = {name: panel[view](image).tolist() for name, image, _ in made}
+    if images is None:
+        made = _predictions(scan, levels, view, chosen, found[chosen["correction"]])
+        images = {name: image for name, image, _ in made}
+    scores = {name: panel[view](image).tolist() for name, image in images.items()}
     return {"chosen": dict(chosen), "scores": scores, "corrections": {name: s[0] for name, s in coarse.items()}}
 
 
@@ -163,9 +177,9 @@ def corrections(
     both = refine(coarse, grid, likelihood="least-squares")
     still, even = np.zeros_like(both.shifts), np.ones_like(both.gains)
     found = dict(zip(CORRECTIONS, (Refinement(even, still), replace(both, gains=even), both), strict=True))
-    scores = {}
-    for name, correction in found.items():
-        values = coarse_map([(refined(coarse, correction), grid)])
+    scores, values = {}, None
+    for name, correction in found.items():  # each goes on from the one before: they differ little
+        values = coarse_map([(refined(coarse, correction), grid)], values)
         images = Projector(_placed(scan, left, correction), grid)(values)
         scores[name] = [panel[k](image).tolist() for k, image in zip(left, images, strict=True)]
     return scores, found

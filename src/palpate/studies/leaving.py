@@ -26,13 +26,13 @@ from palpate.volumes.resample import resample
 from palpate.volumes.volume import Volume
 
 ERODED, DENSE, FINE = 16, 0.15, 8.0  # pixels off the field's edge; least line integral; sigma of the high pass, pixels
-# Times the default strength (8-bit values are no counts); iterations of each, and on the coarse grid before: so many that
-# more change little, for an unconverged fit leaves ghosts, some cm wide, in the view left out.
-STRENGTHS, EACH, COARSE = (1.0, 0.5, 0.3, 0.15), 40, 100
+# Times the default strength (8-bit values are no counts). Each fit ends when an iteration lowers the objective by less than
+# this share of it, or after so many: an unconverged fit leaves ghosts, some cm wide, in the view left out.
+STRENGTHS, LEAST, MOST = (1.0, 0.5, 0.25, 0.12), 3e-4, 100
 # Of the rivals, on the coarse grid, and then between two candidates and how many of these: so far that nearly every view's
 # choice lies inside its list.
-RELAXATIONS, COARSE_PASSES, PASSES = (1.0, 0.3), 20, 30  # of SART, each pass a candidate
-COARSE_SIRT, EVERY, ROUNDS = 800, 40, 10
+COARSE_SART, SART_EVERY, SART_ROUNDS = 20, 2, 15  # passes; shorter steps (relaxation 0.3) need three times as many
+COARSE_SIRT, SIRT_EVERY, SIRT_ROUNDS = 600, 25, 4
 WINDOW: Window = "hann"
 CUTOFFS = (1.0, 0.5, 0.25, 0.12, 0.06, 0.03)  # of FBP's window
 
@@ -51,13 +51,6 @@ def judged(scan: Scan, binning: int = 1) -> Bool:
     return np.asarray(np.stack(inner) & (line_integrals(scan) > DENSE))
 
 
-def high_passed(image: AnyArray, measured: Bool, fine: float = FINE) -> Float64:
-    """What is left of an image without its mean over about `fine` pixels, unmeasured pixels not counted."""
-    weight = ndimage.gaussian_filter(measured.astype(np.float64), fine)
-    mean = ndimage.gaussian_filter(np.where(measured, image, 0).astype(np.float64), fine) / np.maximum(weight, 1e-6)
-    return np.asarray(np.where(measured, image - mean, 0))
-
-
 @dataclass(frozen=True, eq=False)
 class Judge:
     """A view as it was measured, beside which predictions are scored."""
@@ -71,9 +64,15 @@ class Judge:
     def _detail(self) -> Float64:
         return self.detail(self.measured)
 
+    @cached_property
+    def _weight(self) -> Float64:
+        weight = ndimage.gaussian_filter(self.mask.astype(np.float64), self.fine)
+        return np.asarray(np.maximum(weight, 1e-6))
+
     def detail(self, image: AnyArray) -> Float64:
-        """The image high-passed."""
-        return high_passed(image, self.mask, self.fine)
+        """What is left of an image without its mean over about `fine` pixels, unmeasured pixels not counted."""
+        summed = ndimage.gaussian_filter(np.where(self.mask, image, 0).astype(np.float64), self.fine)
+        return np.asarray(np.where(self.mask, image - summed / self._weight, 0))
 
     def __call__(self, image: AnyArray) -> Float64:
         """Correlations (full band, high-passed) with what was measured."""
@@ -97,22 +96,28 @@ def map_estimates(levels: Sequence[Level]) -> Candidates:
     """M-MAP: the coarse grid first, then strengths from strong to weak, each going on from the one before to its end."""
     scan, grid = levels[0]
     values = _onto(grid, Volume(coarse_map(levels), levels[-1][1]))
-    for factor, estimate in map_path(scan, grid, STRENGTHS, EACH, values):
+    for factor, estimate in map_path(scan, grid, STRENGTHS, MOST, values, LEAST):
         yield f"strength x {factor:g}", estimate
 
 
-def coarse_map(levels: Sequence[Level]) -> Float32:
-    """The MAP volume of the coarsest level at the default strength."""
-    ((_, values),) = map_path(*levels[-1], (1.0,), COARSE)
+def coarse_map(levels: Sequence[Level], values: Float32 | None = None) -> Float32:
+    """The MAP volume of the coarsest level at the default strength. values: the start, None backprojection."""
+    ((_, values),) = map_path(*levels[-1], (1.0,), MOST, values, LEAST)
     return values
 
 
 def map_path(
-    scan: Scan, grid: Grid, factors: Sequence[float], iterations: int, values: Float32 | None = None
+    scan: Scan,
+    grid: Grid,
+    factors: Sequence[float],
+    most: int,
+    values: Float32 | None = None,
+    least: float = 0.0,
 ) -> Iterator[tuple[float, Float32]]:
-    """MAP volumes at factors of the default strength, so many iterations each, from where the factor before ended.
+    """MAP volumes at factors of the default strength, each from where the factor before ended.
 
-    values: the start, None backprojection.
+    most: iterations of each; fewer where one lowers the objective by less than `least` times it. values: the start, None
+    backprojection.
     """
     A, data = Projector(scan.views, grid), WeightedLeastSquares.of(scan)
     known = data_curvature(A, data)
@@ -122,26 +127,23 @@ def map_path(
     for factor in factors:
         strength = prior.strength * factor
         solver = accelerate(A, data, replace(prior, strength=strength), strength * median_curvature(known), values)
-        *_, (values, _) = islice(solver, iterations)
+        previous = np.inf
+        for following, objective in islice(solver, most):
+            values = following
+            if previous - objective < least * objective:
+                break
+            previous = objective
         yield factor, values
 
 
 def sart_estimates(levels: Sequence[Level]) -> Candidates:
-    """SART, started from its like on the coarse grid: each pass of each relaxation."""
-    start = _started(levels, lambda A, data, values: sart(A, data, values), COARSE_PASSES)
-    A, data = _finest(levels)
-    for relaxation in RELAXATIONS:
-        for done, (values, _) in enumerate(islice(sart(A, data, start, relaxation), PASSES), 1):
-            yield f"relaxation {relaxation:g}, {done} passes", values
+    """SART, started from its like on the coarse grid: every few passes."""
+    return _iterates(levels, sart, COARSE_SART, SART_EVERY, SART_ROUNDS, "passes")
 
 
 def sirt_estimates(levels: Sequence[Level]) -> Candidates:
     """SIRT, started from its like on the coarse grid: every few iterations."""
-    start = _started(levels, sirt, COARSE_SIRT)
-    A, data = _finest(levels)
-    for done, (values, _) in enumerate(islice(sirt(A, data, start), EVERY * ROUNDS), 1):
-        if done % EVERY == 0:
-            yield f"{done} iterations", values
+    return _iterates(levels, sirt, COARSE_SIRT, SIRT_EVERY, SIRT_ROUNDS, "iterations")
 
 
 def fbp_estimates(levels: Sequence[Level]) -> Candidates:
@@ -171,10 +173,10 @@ def methods() -> Mapping[str, Callable[[Sequence[Level]], Candidates]]:
     return {**METHODS, "RTK's SART": rtk_estimates} if installed() else METHODS
 
 
-def pairs(views: int) -> list[tuple[int, int]]:
-    """Views left out together: what is learnt from one's prediction serves the other, and neither view took part."""
-    step = max(2, views // 2 - 1)
-    return [(i, i + step) for i in range(views - step)]
+def groups(views: int) -> list[tuple[int, ...]]:
+    """Views left out together, two or three far from each other: what is learnt from one's prediction serves the others."""
+    step = max(2, -(-views // 3))
+    return [tuple(range(first, views, step)) for first in range(step)]
 
 
 def unexplained(scores: AnyArray) -> Float64:
@@ -182,17 +184,15 @@ def unexplained(scores: AnyArray) -> Float64:
     return np.asarray(np.log(np.maximum(1 - np.asarray(scores), 1e-9)).mean(axis=-1))
 
 
-def choose(view: int, views: int, inner: Mapping[tuple[int, int], Mapping[str, Float64]]) -> str:
+def choose(view: int, views: int, inner: Mapping[tuple[int, ...], Mapping[str, Float64]]) -> str:
     """The candidate that best predicts the views that were left out together with this one (not the outermost).
 
-    inner: for each pair, scores (2, 2) by candidate: of the pair's first and second view, full band and high-passed.
+    inner: for each group, scores (views of the group, 2) by candidate: full band and high-passed.
     """
-    partners = [(pair, 1 - pair.index(view)) for pair in inner if view in pair]
-    partners = [(pair, other) for pair, other in partners if 0 < pair[other] < views - 1] or partners
-    names = list(inner[partners[0][0]])
-    return min(
-        names, key=lambda name: float(np.mean([unexplained(inner[pair][name][other]) for pair, other in partners]))
-    )
+    ((group, scores),) = ((group, scores) for group, scores in inner.items() if view in group)
+    others = [n for n, k in enumerate(group) if k != view]
+    others = [n for n in others if 0 < group[n] < views - 1] or others
+    return min(scores, key=lambda name: float(np.mean(unexplained(scores[name][others]))))
 
 
 def without(levels: Sequence[Level], left: Sequence[int]) -> list[Level]:
@@ -206,13 +206,21 @@ def _finest(levels: Sequence[Level]) -> tuple[Projector, WeightedLeastSquares]:
     return Projector(scan.views, grid), WeightedLeastSquares.of(scan)
 
 
-def _started(
-    levels: Sequence[Level], solver: Callable[..., Iterator[tuple[Float32, float]]], iterations: int
-) -> Float32:
-    """So many iterations on the coarsest grid, on the finest grid."""
+def _iterates(
+    levels: Sequence[Level],
+    solver: Callable[..., Iterator[tuple[Float32, float]]],
+    coarse: int,
+    every: int,
+    rounds: int,
+    unit: str,
+) -> Candidates:
+    """So many iterations on the coarsest grid from backprojection, and from there on the finest: every few a candidate."""
     A, data = _finest(levels[-1:])
-    *_, (values, _) = islice(solver(A, data, backproject(A, data)), iterations)
-    return _onto(levels[0][1], Volume(values, levels[-1][1]))
+    *_, (values, _) = islice(solver(A, data, backproject(A, data)), coarse)
+    start = _onto(levels[0][1], Volume(values, levels[-1][1]))
+    for done, (values, _) in enumerate(islice(solver(*_finest(levels), start), every * rounds), 1):
+        if done % every == 0:
+            yield f"{done} {unit}", values
 
 
 def _onto(grid: Grid, volume: Volume) -> Float32:

@@ -14,7 +14,7 @@ from palpate.volumes.grid import Grid
 from palpate.volumes.resample import resample
 from palpate.volumes.volume import Volume
 
-COARSE_PASSES, PASSES, ROUNDS = 10, 2, 8  # on the coarse grid; between two candidates, and how many of these
+COARSE_PASSES, PASSES, ROUNDS = 20, 2, 6  # on the coarse grid; between two candidates, and how many of these
 
 
 def installed() -> bool:
