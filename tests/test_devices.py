@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from organs import organ
 from stand_ins.bench import MAKERS, Bench, built, library_with, until
 
 import palpate as pp
@@ -266,3 +267,34 @@ def test_faults_have_names_of_their_own():
     assert len(set(names)) == len(names)
     texts = [_core.fault_text(i) for i in range(_core.FAULTS)]
     assert all(a != b for a, b in itertools.combinations(texts, 2))
+
+
+def test_a_session_is_felt_by_the_device_and_faults_leave_no_force(bench):
+    """The whole way: the library's position, the loop's tool in space, the tissue, the library's force."""
+    tissue = organ(9)
+    top = np.array(tissue.surface.closest(np.array([0.0, 0.0, 25.0])).point)
+    model = pp.model(tissue, "compliance")
+    bench.device = bench.make(offset=tuple(top))
+    bench.lower(5.0)
+    with pp.Session(model, radius=9.0) as session:
+        session.start(bench.device)
+        bench.device.start()
+        until(lambda: session.frame().grip[0] == 3)  # in space
+        for height in np.linspace(5.0, -4.0, 60):
+            bench.lower(float(height))
+            time.sleep(0.005)
+        until(lambda: bench.device.status().force[2] > 0.1)
+        until(lambda: session.frame().grip[0] == 1)
+
+        def settled():
+            frame = session.frame()
+            expected = model.push(frame.point[0], frame.displacement[0], 9.0).force
+            return np.linalg.norm(np.subtract(frame.force[0], expected)) < 0.02 * np.linalg.norm(expected)
+
+        until(settled)
+        K, hand = bench.device.driver.bounds().stiffness, np.array(bench.device.status().position)
+        coupling = K * (np.array(session.frame().tip[0]) - hand)  # what holds the tool on the surface pulls the hand
+        until(lambda: np.allclose(bench.device.status().force, coupling, atol=0.05 * np.linalg.norm(coupling)))
+        session.stop()  # the solver stalls
+        until(lambda: bench.get("force") == 0)
+        assert bench.device.status().zeroed

@@ -14,7 +14,9 @@ def add(app: typer.Typer) -> None:
 
 
 def touch_command(
-    tissue: Annotated[Path, typer.Argument(help="What `palpate fit` or `palpate demo` wrote (.vtu).")],
+    tissue: Annotated[
+        list[Path], typer.Argument(help="What `palpate fit` or `palpate demo` wrote (.vtu); more: other resolutions.")
+    ],
     model: Annotated[str, typer.Option(help="springs, blocks, multigrid, compliance or neo-hookean.")] = "blocks",
     radius: Annotated[float | None, typer.Option(help="Of the contact, mm. Default: two edge lengths.")] = None,
     port: Annotated[
@@ -23,6 +25,8 @@ def touch_command(
     browser: Annotated[bool, typer.Option(help="Open the page here, or only print its address.")] = True,
     record: Annotated[Path | None, typer.Option(help="Write the session here when it ends (.h5).")] = None,
     replay: Annotated[Path | None, typer.Option(help="Look at a recorded session (.h5) instead of touching.")] = None,
+    image: Annotated[list[Path] | None, typer.Option(help="A volume whose slices are shown beside; up to two.")] = None,
+    device: Annotated[str | None, typer.Option(help="open-haptics, force-dimension or haply; see: doctor.")] = None,
 ) -> None:
     """Example: [bold]palpate touch tissue.vtu --record session.h5[/bold]
 
@@ -35,12 +39,17 @@ def touch_command(
     """
     recorded = None if replay is None else pp.read_record(replay)
     pp.touch(
-        pp.read_tissue(tissue),
+        {
+            path.stem if len({p.stem for p in tissue}) == len(tissue) else str(path): pp.read_tissue(path)
+            for path in tissue
+        },
         model,
         radius=radius,
         port=port,
         open_browser=browser,
         record=record,
         replay=recorded,
-        title=tissue.stem,
+        title=tissue[0].stem,
+        images=[pp.read_volume(path) for path in image or ()],
+        device=device,
     )

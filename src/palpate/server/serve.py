@@ -12,6 +12,7 @@ from palpate.server.guard import check_page
 from palpate.server.listen import announce, end_asked, loopback_socket, new_token, running, show
 from palpate.server.room import Room
 from palpate.server.viewing import images as pictures
+from palpate.simulation.devices.find import open_device
 from palpate.simulation.devices.pointer import Pointer
 from palpate.simulation.devices.replay import Replay
 from palpate.simulation.record import Record, write_record
@@ -33,6 +34,7 @@ def touch(
     title: str = "organ",
     images: Sequence[Volume] = (),
     task: str = "",
+    device: str | None = None,
 ) -> None:
     """Opens the simulator in a browser and stays until Ctrl-C.
 
@@ -41,8 +43,9 @@ def touch(
     (default: the first free one from 8765 on). record: a file for the session, written when it ends (what follows
     another resolution goes to files of its own, -2, -3, ...). replay: a recorded session to look at instead of a
     pointer; model and radius are then the record's. images: up to two volumes whose slices are shown beside. task: what
-    a trainee is asked to do. Raises `PortError` if the port is taken, `FileError` if `record` cannot be written, before
-    anything starts.
+    a trainee is asked to do. device: "open-haptics", "force-dimension" or "haply", whose hand then touches while the page
+    looks on. Raises `DeviceError` if that does not answer, `PortError` if the port is taken, `FileError` if `record`
+    cannot be written, before anything starts.
     """
     if record is not None:
         writable(record)
@@ -53,9 +56,10 @@ def touch(
         shown = pictures(images, [f"image {i + 1}" for i in range(len(images))])
         first = next(iter(organs.values()))
         session = Session(build(first, model), radius=radius) if replay is None else like(replay, first)
-        room = Room(session, Pointer() if replay is None else Replay(replay), title, organs, shown, task)
+        hand = None if device is None or replay is not None else open_device(device, session.mesh)
+        room = Room(session, hand or (Pointer() if replay is None else Replay(replay)), title, organs, shown, task)
         # Listened for before anyone can know the address: whoever sees it may press Ctrl-C at once.
-        with end_asked() as ended, opened(room, listener) as address:
+        with end_asked() as ended, opened(room, listener) as address, hand or contextlib.nullcontext():
             announce(address, "touch it", keeps_up(session))
             show(address, ended, open_browser)
     print("\npalpate: closed")

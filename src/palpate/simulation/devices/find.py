@@ -5,13 +5,19 @@ from dataclasses import dataclass
 from typing import Any
 
 from palpate.errors import DataError, DeviceError
+from palpate.meshes.mesh import TetMesh
 from palpate.simulation.devices import force_dimension, haply, open_haptics
-from palpate.simulation.devices.haptic import Found, sighted
+from palpate.simulation.devices.haptic import Found, Haptic, sighted
 
 _DRIVERS: dict[str, Callable[[], Any]] = {
     "OpenHaptics": open_haptics.driver,
     "Force Dimension": force_dimension.driver,
     "Haply": haply.driver,
+}
+DEVICES: dict[str, Callable[..., Haptic]] = {
+    "open-haptics": open_haptics.OpenHaptics,
+    "force-dimension": force_dimension.ForceDimension,
+    "haply": haply.Haply,
 }
 
 
@@ -33,6 +39,20 @@ def look_for_devices() -> list[Sighting]:
 def find_devices() -> list[Found]:
     """The devices with motors that answer here, at most one of each maker's. No force is given."""
     return [sighting.found for sighting in look_for_devices() if sighting.found]
+
+
+def open_device(name: str, mesh: TetMesh) -> Haptic:
+    """The device called `name`, its origin in the middle of `mesh`, a mm of the hand a mm of the organ.
+
+    A name may carry what the maker's class takes first, after a colon: "haply:localhost:10001", or the path of a library.
+    Raises `DeviceError` if it does not answer, `DataError` for a name that is none.
+    """
+    which, _, where = name.partition(":")
+    if which not in DEVICES:
+        raise DataError(f"device: {which!r} is none; choose one of {', '.join(DEVICES)}")
+    middle = (mesh.nodes.min(axis=0) + mesh.nodes.max(axis=0)) / 2
+    # The user's right, away and up are the mesh's x, y and z.
+    return DEVICES[which](where or None, offset=middle)
 
 
 def _look(name: str, make: Callable[[], Any]) -> Sighting:
