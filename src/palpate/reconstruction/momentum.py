@@ -41,6 +41,7 @@ def accelerate(
     """
     run = _Run(A, likelihood, prior, beta, curvature)
     f, before = np.ascontiguousarray(values, np.float32), previous
+    del values, previous  # a generator's arguments live as long as it does: a volume would stay for nothing
     objective = run.look(f, before)
     while True:
         following, objective = run.step(f, f if before is None else before, objective)
