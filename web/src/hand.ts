@@ -108,7 +108,7 @@ export class Hand {
     else if (kind === "needle") this.pierce(hit);
     else {
       const jaws = kind === "pull" ? [this.jaw(hit)] : this.jaws(hit);
-      this.grip = { jaws, start: this.middle(jaws), share: this.share };
+      this.grip = { jaws, start: this.drawnAt(hit).place, share: this.share };
     }
     this.command(stamp);
     return true;

@@ -43,15 +43,15 @@ export class Readout {
     const here = felt(frame, kind);
     this.forces.add(frame.seconds, here?.force ?? 0);
     this.depths.add(frame.seconds, here?.depth ?? 0);
-    if (now - this.plotsAt > PLOTS_EVERY) {
-      this.plotsAt = now;
-      this.forces.draw();
-      this.depths.draw();
-      this.bar(here?.force ?? 0, scene.limit);
-    } else if (now - this.wordsAt > WORDS_EVERY) {
+    if (now - this.wordsAt > WORDS_EVERY) {
       this.wordsAt = now;
       this.words(here, kind);
     }
+    if (now - this.plotsAt < PLOTS_EVERY) return;
+    this.plotsAt = now;
+    this.forces.draw();
+    this.depths.draw();
+    this.bar(here?.force ?? 0, scene.limit);
   }
 
   private bar(force: number, limit: number): void {
