@@ -102,9 +102,9 @@ struct Step {
     }
 
     void pierce() {
-        const double way = length(proxy.way);
         glide(proxy.way, command.displacement, manner.pace);
         std::copy_n(proxy.way, 3, proxy.displacement);
+        const double way = length(proxy.way);
         if (way < 1e-3 || -dot(proxy.force, proxy.way) / way < manner.needle.puncture) return;
         proxy.pierced = true;
         for (int k = 0; k < 3; k++) proxy.axis[k] = proxy.way[k] / way;
