@@ -136,6 +136,25 @@ def test_session_felt_in_the_page_replays_to_the_bit(touched, album, tmp_path):
     assert np.abs(session.displacement).max() > 0.1
 
 
+def test_a_record_is_shown_and_obeys_no_hand(browser):
+    model, point = pp.model(organ(), "blocks"), (0.0, 0.0, 25.0)
+    session = pp.Session(model, radius=10.0, sweeps=4)
+    both = [pp.Command(True, point, (0, 0, -5)), None, None, pp.Command(True, (25, 0, 18), (-8, 0, -8), "needle")]
+    session.step([None] * 500 + [both] * 20_000)
+    with serving(pp.Session(model, radius=10.0, sweeps=4), loopback_socket(None), replay=session.record()) as address:
+        context = browser.new_context(viewport=LAPTOP)
+        touched = Touched(session, context.new_page())
+        touched.open(address)
+        touched.wait("palpate.scene.replay && palpate.frame.grip[0] === 1 && palpate.frame.inside[3] > 0")
+        touched.settle()
+        touched.drag(touched.place(), np.array((30, 10)))
+        np.testing.assert_allclose(touched.tool()[0], point, atol=1e-4)
+        np.testing.assert_allclose(touched.tool()[1], (0, 0, -5), atol=1e-4)
+        touched.read(touched.tool()[2])
+        assert touched.problems == []
+        context.close()
+
+
 def test_lost_server_is_said_and_found_again(browser):
     model = pp.model(organ(), "blocks")
     listener = loopback_socket(None)

@@ -114,7 +114,6 @@ def test_needle_enters_stays_goes_deeper_and_takes_a_sample(touched, album):
     assert np.dot(force, inward) < 0  # the tissue resists
     assert np.linalg.norm(np.cross(displacement, inward)) <= 0.05 * np.linalg.norm(displacement) + 1e-3
     inside = touched.see("palpate.frame.inside[3]")
-    print(inside, displacement, inward, force, touched.see("palpate.frame"))
     asked = float(slider.input_value())
     assert inside + np.dot(displacement, inward) == pytest.approx(asked, rel=0.02)  # the tip is where it was driven
     touched.wait(f"document.getElementById('depth').textContent === '{inside:.1f} mm'")
@@ -130,6 +129,26 @@ def test_needle_enters_stays_goes_deeper_and_takes_a_sample(touched, album):
     touched.until_home()
     touched.session.stop()
     assert [mark[1:] for mark in touched.session.record().marks] == [(1, 3), (0, 3)]
+
+
+def test_needle_on_a_phone_is_driven_by_the_slider(opened_page):
+    touched = opened_page(PHONE, has_touch=True, is_mobile=True)
+    page = touched.page
+    page.tap("#tool >> text=Needle")
+    page.touchscreen.tap(*touched.place())
+    touched.wait("palpate.frame.grip[3] === 1")
+    page.locator("#amount").fill("15")
+    touched.wait("palpate.frame.inside[3] > 5")
+    for button in page.locator("button:visible").all():
+        box = button.bounding_box()
+        assert box["y"] + box["height"] <= PHONE["height"]
+        assert box["height"] >= 32
+    page.tap("text=Take sample")
+    page.tap("text=Needle out")
+    touched.until_home()
+    touched.session.stop()
+    assert [mark[1:] for mark in touched.session.record().marks] == [(1, 3)]
+    assert touched.problems == []
 
 
 def test_another_model_comes_into_force_under_the_hand(touched):

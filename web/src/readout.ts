@@ -67,7 +67,8 @@ export class Readout {
     write("force", force.toFixed(2));
     write("depth-name", here?.tool === NEEDLE ? DEPTHS.needle : DEPTHS[kind]);
     write("depth", here ? `${depth.toFixed(1)} mm` : "–");
-    write("stiffness", here && here.tool !== NEEDLE && depth > 0.5 ? `${(force / depth).toFixed(3)} N/mm` : "–");
+    const one = kind === "press" || kind === "pull"; // two jaws push each other, a needle cuts
+    write("stiffness", here && one && here.tool !== NEEDLE && depth > 0.5 ? `${(force / depth).toFixed(3)} N/mm` : "–");
   }
 
   /** Once a second: rates, delays, energy. */
@@ -79,7 +80,7 @@ export class Readout {
     if (newest && before && newest.seconds > before.seconds)
       write("hz", `${((newest.tick - before.tick) / (newest.seconds - before.seconds)).toFixed(0)} /s`);
     if (newest) {
-      write("late", `${newest.late.toLocaleString("en")} (${((100 * newest.late) / Math.max(1, newest.tick)).toFixed(1)} %)`);
+      write("late", `${newest.late.toLocaleString("en", { notation: "compact" })} (${((100 * newest.late) / Math.max(1, newest.tick)).toFixed(1)} %)`);
       write("busy", `${(1e3 * newest.busy).toFixed(2)} ms`);
       write("energy", `${newest.energy.toFixed(2).replace(/^-(0\.00)$/, "$1").replace("-", "−")} mJ`);
     }
