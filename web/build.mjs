@@ -23,7 +23,7 @@ const view = await build({
   chunkNames: "view-[hash]",
   external: ["numcodecs/*"], // Niivue's decoders of Zarr files, which the page never opens
 });
-for (const file of ["index.html", "view.html", "style.css", "view.css"]) await copyFile(file, `dist/${file}`);
+for (const file of ["index.html", "view.html", "style.css", "touch.css", "view.css"]) await copyFile(file, `dist/${file}`);
 
 // Every package that a bundle contains a part of, and the licence that came with it.
 const inputs = [touch, view].flatMap(({ metafile }) => Object.keys(metafile.inputs));

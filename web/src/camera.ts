@@ -45,9 +45,8 @@ export class Turntable {
 
   shift(dx: number, dy: number, height: number): void {
     const mm = (2 * this.distance * Math.tan((this.camera.fov * Math.PI) / 360)) / height;
-    const right = new Vector3(1, 0, 0).applyQuaternion(this.camera.quaternion).toArray();
     const up = new Vector3(0, 1, 0).applyQuaternion(this.camera.quaternion).toArray();
-    this.target = add(this.target, add(times(right, -dx * mm), times(up, dy * mm)));
+    this.target = add(this.target, add(times(this.right, -dx * mm), times(up, dy * mm)));
     this.place();
   }
 
@@ -73,6 +72,15 @@ export class Turntable {
   project(point: Vector): [number, number] {
     const p = new Vector3(...point).project(this.camera);
     return [p.x, p.y];
+  }
+
+  get eye(): Vector {
+    return this.camera.position.toArray();
+  }
+
+  /** Unit vector along the picture's horizontal. */
+  get right(): Vector {
+    return new Vector3(1, 0, 0).applyQuaternion(this.camera.quaternion).toArray();
   }
 
   /** Unit vector from the eye to the middle of the picture. */

@@ -1,76 +1,89 @@
-// Colours of nodes: by displacement, or by the stiffness that was felt where the tool has pressed.
-import type { Organ } from "./link";
-import type { Frame, Vector } from "./messages";
-import { length } from "./geometry";
+// Colours of nodes: plain, by displacement, by the surface's strain, or by the stiffness that was felt.
+import { Felt } from "./felt";
+import type { Organ, Scale } from "./link";
+import type { Frame } from "./messages";
+import { Strain } from "./strain";
 
-export type Colouring = "plain" | "moved" | "felt";
+export type Colouring = "plain" | "moved" | "strain" | "felt";
+export const UNITS: Record<Colouring, string> = { plain: "", moved: "mm", strain: "% stretch", felt: "N/mm" };
+
+const FLESH = [143, 51, 43, 255]; // linear light
+const NOTHING = { moved: 1e-3, strain: 1e-3 }; // mm, share: less is not shown
 
 // Steps of viridis (Smith & van der Walt 2015), from low to high: also readable in grey and by the colour-blind.
-const RAMP: Vector[] = [
+const STEPS = [
   [0.192, 0.408, 0.557],
   [0.129, 0.569, 0.549],
   [0.369, 0.788, 0.384],
   [0.992, 0.906, 0.145],
 ];
+const RAMP = new Uint8Array(256 * 4);
+for (let i = 0; i < 256; i++) {
+  const x = (i / 255) * (STEPS.length - 1), low = Math.min(Math.floor(x), STEPS.length - 2);
+  const mixed = STEPS[low].map((c, k) => Math.round(255 * (c + (x - low) * (STEPS[low + 1][k] - c)) ** 2.2));
+  RAMP.set([...mixed, 255], 4 * i); // linear light, as the renderer wants it
+}
 
-/** Colour of a value in 0..1, linear light as the renderer wants it. */
-function ramp(value: number, out: Float32Array, i: number): void {
-  const x = Math.max(0, Math.min(1, value)) * (RAMP.length - 1);
-  const low = Math.min(Math.floor(x), RAMP.length - 2);
-  for (let k = 0; k < 3; k++) {
-    const c = RAMP[low][k] + (x - low) * (RAMP[low + 1][k] - RAMP[low][k]);
-    out[i + k] = c ** 2.2;
+/** Paints an organ. */
+export class Painter {
+  colouring: Colouring = "plain";
+  private readonly felt: Felt;
+  private readonly values: Float32Array;
+  private strain: Strain | null = null; // made when first asked for
+
+  constructor(private readonly organ: Organ, private readonly skin: Uint32Array) {
+    this.felt = new Felt(organ);
+    this.values = new Float32Array(organ.scene.nodes);
+  }
+
+  /** The first tool presses: what it feels is kept. */
+  feel(frame: Frame): void {
+    this.felt.add(frame);
+  }
+
+  /** Colours of all nodes of a shape; gives the ends of the scale. */
+  paint(positions: Float32Array, out: Uint8Array<ArrayBuffer>): Scale {
+    const { colouring, values } = this;
+    if (colouring === "felt") {
+      const range = this.felt.range;
+      fill(this.felt.stiffness, ...(range ?? [0, 1]), out);
+      return range;
+    }
+    if (colouring === "plain") return bare(out);
+    let most: number;
+    if (colouring === "moved") most = moved(this.organ.rest, positions, values);
+    else most = (this.strain ??= new Strain(this.organ.rest, this.skin)).at(positions, values);
+    if (most < NOTHING[colouring]) return bare(out);
+    fill(values, 0, most, out);
+    return [0, colouring === "strain" ? 100 * most : most];
   }
 }
 
-/** What the tool has felt so far: N/mm at each node it pressed, NaN elsewhere. */
-export class Felt {
-  private stiffness: Float32Array;
-  private weight: Float32Array;
+const BARE = new Uint32Array(Uint8Array.from(FLESH).buffer)[0];
+const LADDER = new Uint32Array(RAMP.buffer);
 
-  constructor(private readonly organ: Organ) {
-    this.stiffness = new Float32Array(organ.scene.nodes).fill(NaN);
-    this.weight = new Float32Array(organ.scene.nodes);
-  }
+function bare(out: Uint8Array<ArrayBuffer>): null {
+  new Uint32Array(out.buffer).fill(BARE);
+  return null;
+}
 
-  /** Takes one frame in: a node near the contact's middle believes it more. */
-  add(frame: Frame): void {
-    const depth = length(frame.displacement);
-    if (frame.grip !== 1 || depth < 0.5) return;
-    const here = length(frame.force) / depth;
-    const { rest, scene } = this.organ;
-    const reach = 0.6 * scene.radius;
-    for (let i = 0; i < scene.nodes; i++) {
-      const far = Math.hypot(rest[3 * i] - frame.point[0], rest[3 * i + 1] - frame.point[1], rest[3 * i + 2] - frame.point[2]);
-      if (far > reach) continue;
-      const believe = (1 - far / reach) ** 2;
-      const old = this.weight[i];
-      this.stiffness[i] = old ? (old * this.stiffness[i] + believe * here) / (old + believe) : here;
-      this.weight[i] = Math.min(old + believe, 4);
-    }
-  }
-
-  /** Colours of all nodes; gives the lowest and highest stiffness, or null if nothing was felt. */
-  colours(bare: Vector, out: Float32Array): [number, number] | null {
-    let low = Infinity, high = -Infinity;
-    for (const s of this.stiffness) if (s === s) (low = Math.min(low, s)), (high = Math.max(high, s));
-    for (let i = 0; i < this.stiffness.length; i++) {
-      if (this.weight[i]) ramp(high > low ? (this.stiffness[i] - low) / (high - low) : 0, out, 3 * i);
-      else out.set(bare, 3 * i);
-    }
-    return low <= high ? [low, high] : null;
+/** Values from low to high along the ramp; NaN stays bare. */
+function fill(values: Float32Array, low: number, high: number, out: Uint8Array<ArrayBuffer>): void {
+  const gain = high > low ? 255 / (high - low) : 0, colours = new Uint32Array(out.buffer);
+  for (let i = 0; i < values.length; i++) {
+    const value = values[i];
+    colours[i] = value === value ? LADDER[Math.max(0, Math.min(255, Math.round((value - low) * gain)))] : BARE;
   }
 }
 
-/** Colours of all nodes by displacement; gives the biggest, mm. */
-export function moved(rest: Float32Array, positions: Float32Array, bare: Vector, out: Float32Array): number {
+/** Displacement of all nodes, mm; gives the biggest. */
+function moved(rest: Float32Array, positions: Float32Array, out: Float32Array): number {
   let most = 0;
-  for (let i = 0; i < rest.length; i += 3)
-    most = Math.max(most, Math.hypot(positions[i] - rest[i], positions[i + 1] - rest[i + 1], positions[i + 2] - rest[i + 2]));
-  for (let i = 0; i < rest.length; i += 3) {
-    const here = Math.hypot(positions[i] - rest[i], positions[i + 1] - rest[i + 1], positions[i + 2] - rest[i + 2]);
-    if (most < 1e-3) out.set(bare, i);
-    else ramp(here / most, out, i);
+  for (let i = 0, j = 0; i < out.length; i++, j += 3) {
+    const x = positions[j] - rest[j], y = positions[j + 1] - rest[j + 1], z = positions[j + 2] - rest[j + 2];
+    const far = Math.sqrt(x * x + y * y + z * z);
+    out[i] = far;
+    if (far > most) most = far;
   }
   return most;
 }

@@ -48,7 +48,7 @@ export function at(hit: Hit, values: Float32Array, triangles: Uint32Array): Vect
   return out;
 }
 
-/** Unit normals of nodes, each the mean of the triangles around weighted by area. */
+/** Normals of nodes, each the sum of the triangles around weighted by area; not of unit length. */
 export function normals(positions: Float32Array, triangles: Uint32Array, out: Float32Array): void {
   out.fill(0);
   for (let t = 0; t < triangles.length; t += 3) {
@@ -60,14 +60,28 @@ export function normals(positions: Float32Array, triangles: Uint32Array, out: Fl
     out[b] += nx; out[b + 1] += ny; out[b + 2] += nz;
     out[c] += nx; out[c + 1] += ny; out[c + 2] += nz;
   }
-  for (let i = 0; i < out.length; i += 3) {
-    const length = Math.hypot(out[i], out[i + 1], out[i + 2]) || 1;
-    out[i] /= length; out[i + 1] /= length; out[i + 2] /= length;
+}
+
+/** Vectors, three numbers each, brought to length 1. */
+export function normalised(vectors: Float32Array): void {
+  for (let i = 0; i < vectors.length; i += 3) {
+    const x = vectors[i], y = vectors[i + 1], z = vectors[i + 2];
+    const scale = 1 / (Math.sqrt(x * x + y * y + z * z) || 1);
+    vectors[i] = x * scale; vectors[i + 1] = y * scale; vectors[i + 2] = z * scale;
+  }
+}
+
+/** Vectors of any length as unit vectors of four 16-bit numbers, 32767 is 1: a third less to hand to the graphics card. */
+export function packed(vectors: Float32Array, out: Int16Array): void {
+  for (let i = 0, j = 0; i < vectors.length; i += 3, j += 4) {
+    const x = vectors[i], y = vectors[i + 1], z = vectors[i + 2];
+    const scale = 32767 / (Math.sqrt(x * x + y * y + z * z) || 1);
+    out[j] = x * scale; out[j + 1] = y * scale; out[j + 2] = z * scale;
   }
 }
 
 /** Pairs of nodes joined by an edge, each once. */
-export function edges(triangles: Uint32Array, first: number, count: number): Uint32Array {
+export function edges(triangles: Uint32Array, first: number, count: number): Uint32Array<ArrayBuffer> {
   const seen = new Set<number>();
   const pairs: number[] = [];
   for (let t = first; t < first + count; t++)
@@ -89,3 +103,8 @@ export const dot = (a: Vector, b: Vector): number => a[0] * b[0] + a[1] * b[1] +
 export const length = (a: Vector): number => Math.hypot(a[0], a[1], a[2]);
 /** `a`, shortened to `most` if it is longer. */
 export const atMost = (a: Vector, most: number): Vector => (length(a) > most ? times(a, most / length(a)) : a);
+export const cross = (a: Vector, b: Vector): Vector => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+/** `a` at length 1. */
+export const unit = (a: Vector): Vector => times(a, 1 / (length(a) || 1));
+/** Three numbers of one tool out of those of all. */
+export const slot = (values: number[], tool: number): Vector => [values[3 * tool], values[3 * tool + 1], values[3 * tool + 2]];

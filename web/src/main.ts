@@ -1,209 +1,239 @@
-// The page: wires the worker, the view, the tools and the panel together.
-import type { Colouring } from "./colour";
-import { length } from "./geometry";
-import type { FromWorker, Shape, ToWorker } from "./link";
-import type { Frame, Scene, Vector } from "./messages";
-import { Plot } from "./plot";
-import { Tools, type Kind } from "./tools";
+// The page: wires the worker, the view, the hand and the panel together.
+import { Beside } from "./beside";
+import { UNITS, type Colouring } from "./colour";
+import { Commands } from "./commands";
+import { choice, element, Options, toggle, write } from "./controls";
+import { Cursor } from "./cursor";
+import { Gamepads } from "./gamepad";
+import { Hand, KINDS, SLOTS, type Kind } from "./hand";
+import { Headset } from "./headset";
+import { NEEDLE } from "./instruments";
+import { HELP, listen } from "./keyboard";
+import type { FromWorker, Scale, Shape, ToWorker } from "./link";
+import type { Frame, Scene } from "./messages";
+import { Pointer } from "./pointer";
+import { Ranges } from "./ranges";
+import { felt, Readout } from "./readout";
+import { exposed } from "./seen";
 import { View } from "./view";
-
-const element = <T extends HTMLElement = HTMLElement>(id: string): T => document.getElementById(id) as T;
-const write = (id: string, text: string) => (element(id).textContent = text);
 
 const worker = new Worker("static/worker.js", { type: "module" });
 const post = (message: ToWorker, transfer: Transferable[] = []) => worker.postMessage(message, transfer);
+const here = new URL(location.href);
+const token = `token=${encodeURIComponent(here.searchParams.get("token") ?? "")}`;
 
 const canvas = element<HTMLCanvasElement>("view");
 const view = new View(canvas);
-const plot = new Plot(element<HTMLCanvasElement>("plot"));
-const slider = element<HTMLInputElement>("set-depth");
-const tools = new Tools(canvas, view, (tool) => post({ kind: "tool", tool }), setDepth);
+const commands = new Commands((tool) => post({ kind: "say", tool }));
+const hand = new Hand(view, commands);
+const cursor = new Cursor(canvas, view, hand);
+const ranges = new Ranges(hand);
+const readout = new Readout(commands);
+const beside = new Beside(token);
+const headset = new Headset(view, commands, () => newest);
 
 let scene: Scene | null = null;
 let newest: Frame | null = null;
-let handed: { frame: Frame; shape: Shape } | null = null; // arrived, not drawn yet
-let delay = NaN;
+let handed: { frame: Frame; shape: Shape | null } | null = null; // arrived, not drawn yet
+let colouring: Colouring = "plain";
 
-function setDepth(mm: number): void {
-  const depth = Math.max(Number(slider.min), Math.min(Number(slider.max), mm));
-  slider.value = String(depth);
-  write("depth-set", `${depth.toFixed(1)} mm`);
-  tools.depth = depth;
-}
+const models = new Options("model", (index) => post({ kind: "choose", choose: { what: 0, index } }));
+const organs = new Options("organ", (index) => post({ kind: "choose", choose: { what: 1, index } }));
+const drive = (notches: number) => ranges.drive(notches);
+const hovers = (x: number, y: number): boolean => {
+  const hit = hand.under(x, y);
+  if (hit && !hand.pierced) beside.at(hand.drawnAt(hit).place);
+  return hit !== null;
+};
+const pointer = new Pointer(canvas, view, hand, hovers, drive);
+const pads = new Gamepads(canvas, view, hand, cursor, {
+  drive,
+  choose: (by) => chooseTool(KINDS[(KINDS.indexOf(hand.kind) + by + KINDS.length) % KINDS.length]),
+  mark: (button) => [found, letGo, sample][button](),
+});
 
 worker.onmessage = ({ data }: MessageEvent<FromWorker>) => {
-  if (data.kind === "organ") {
-    const first = scene === null;
-    scene = data.organ.scene;
-    view.show(data.organ);
-    tools.show(data.organ);
-    write("title", scene.title);
-    const inside = scene.parts.filter((part) => part.inside).map((part) => part.name);
-    const about = [`${scene.elements.toLocaleString("en")} tetrahedra`, `model ${scene.model}`];
-    if (inside.length) about.push(`inside: ${inside.join(", ")}`);
-    if (scene.replay) about.push("replay");
-    write("about", about.join(" · "));
-    document.title = `${scene.title} – palpate`;
-    slider.max = String(0.3 * view.thin); // beyond, no linear model is right
-    if (first) setDepth(0.1 * view.thin);
-    handed = null;
-    post({ kind: "next", shape: null });
-  } else if (data.kind === "frame") {
+  if (data.kind === "frame") {
     handed = data;
-    if (data.delay === data.delay) delay = delay === delay ? 0.9 * delay + 0.1 * data.delay : data.delay;
-  } else {
+    legend(data.scale);
+  } else if (data.kind === "status") {
     element("status").classList.toggle("good", data.good);
     write("status", data.text);
-    if (!data.good) tools.release();
+    if (!data.good) letGo();
+  } else {
+    scene = data.organ.scene;
+    view.show(data.organ);
+    hand.show(data.organ);
+    cursor.forget();
+    commands.forget();
+    ranges.show(scene, view);
+    beside.frame(view.centre, view.size);
+    describe(scene);
+    handed = null;
+    post({ kind: "next", shape: null, pressing: false });
   }
 };
 
+function describe(scene: Scene): void {
+  write("title", scene.title);
+  const inside = scene.parts.filter((part) => part.inside).map((part) => part.name);
+  const about = [`${scene.elements.toLocaleString("en")} tetrahedra`];
+  if (scene.models.length < 2) about.push(`model ${scene.model}`);
+  if (inside.length) about.push(`inside: ${inside.join(", ")}`);
+  if (scene.replay) about.push("replay");
+  write("about", about.join(" · "));
+  document.title = `${scene.title} – palpate`;
+  models.offer(scene.models);
+  organs.offer(scene.organs);
+  organs.show(scene.organ);
+  element("choices").hidden = scene.models.length < 2 && scene.organs.length < 2;
+  element("slices-toggle").hidden = !scene.images;
+  element("task").hidden = element("found").hidden = !scene.task;
+  write("task", scene.task);
+  hint();
+}
+
 // One turn of the display: take the newest frame, draw, ask for the next.
-let drawn = 0;
-function turn(): void {
-  requestAnimationFrame(turn);
-  if (handed) {
-    const { frame, shape } = handed;
-    handed = null;
-    newest = frame;
-    const old = view.move(frame, shape, tools.pressing || scene?.replay === true);
-    post({ kind: "next", shape: old }, [old.positions.buffer, old.normals.buffer]);
-    feel(frame);
-    tools.drawn();
-  }
-  if (view.draw()) drawn++;
+function turn(now: number): void {
+  const began = performance.now();
+  pads.poll(now);
+  const frame = handed && received(handed);
+  handed = null;
+  cursor.draw();
+  if (headset.on) headset.turn();
+  else if (view.draw()) readout.drawn++;
+  const done = performance.now();
+  if (frame) commands.drawn(frame.serial, done);
+  beside.draw(now);
+  if (frame) seen.work(performance.now() - began);
 }
 
-function feel(frame: Frame): void {
-  const force = length(frame.force), depth = length(frame.displacement), holding = frame.grip === 1;
-  plot.add(frame.seconds, force);
-  plot.draw();
-  write("force", force.toFixed(2));
-  write("depth-name", tools.kind === "pull" ? "Pulled by" : "Depth");
-  write("depth", holding ? `${depth.toFixed(1)} mm` : "–");
-  write("stiffness", holding && depth > 0.5 ? `${(force / depth).toFixed(3)} N/mm` : "–");
-  const bar = element("bar");
-  bar.classList.toggle("most", scene !== null && force > scene.limit);
-  bar.setAttribute("aria-valuenow", force.toFixed(2));
-  bar.setAttribute("aria-valuemax", String(plot.top));
-  (bar.firstElementChild as HTMLElement).style.transform = `scaleX(${Math.min(1, force / plot.top)})`;
-  if (frame.grip === 2) write("hint", "Held still here: take the tissue somewhere else.");
-  else hint();
+function received({ frame, shape }: { frame: Frame; shape: Shape | null }): Frame {
+  newest = frame;
+  const old = view.move(frame, shape);
+  const pressing = hand.pressing || scene?.replay === true;
+  post({ kind: "next", shape: old, pressing }, old ? [old.positions.buffer, old.normals.buffer, old.colours.buffer] : []);
+  readout.feel(frame, hand.kind, scene!, performance.now());
+  models.show(frame.model);
+  const at = felt(frame, hand.kind);
+  if (at) beside.at(view.instruments.ends[at.tool]);
+  hand.drawn();
+  ranges.draw();
+  hint();
+  return frame;
 }
 
+function legend(scale: Scale): void {
+  element("legend").hidden = !scale;
+  if (!scale) return;
+  write("low", scale[0].toPrecision(2));
+  write("high", `${scale[1].toPrecision(2)} ${UNITS[colouring]}`);
+}
+
+const HINTS: Record<Kind, string> = {
+  press: "Hold on the organ to press, stroke to feel along; the wheel presses deeper.",
+  pull: "Take hold of the organ and drag; the wheel lifts it.",
+  grasp: "Two jaws take hold left and right; drag to move them, the wheel pinches.",
+  needle: "Click where the needle goes in; the wheel or the slider drives it.",
+};
+let toldUntil = 0;
+function tell(text: string): void {
+  toldUntil = performance.now() + 3000;
+  write("hint", text);
+}
 function hint(): void {
-  const tool = tools.kind === "press"
-    ? "Hold on the organ to press, stroke to feel along; the wheel presses deeper."
-    : "Take hold of the organ and drag; the wheel pushes it away.";
-  write("hint", scene?.replay ? "A recorded session." : `${tool} Drag beside it to turn.`);
+  if (performance.now() < toldUntil) return;
+  const refused = newest && SLOTS[hand.kind].some((tool) => newest!.grip[tool] === 2);
+  if (refused) write("hint", "Held still here: take the tissue somewhere else.");
+  else write("hint", scene?.replay ? "A recorded session." : `${HINTS[hand.kind]} Drag beside it to turn.`);
 }
 
-let figuresAt = performance.now();
-let before: Frame | null = null;
-setInterval(() => {
-  const now = performance.now();
-  const rate = (1000 * drawn) / (now - figuresAt);
-  write("fps", drawn ? `${rate.toFixed(0)} /s` : "still");
-  if (newest && before && newest.seconds > before.seconds)
-    write("hz", `${((newest.tick - before.tick) / (newest.seconds - before.seconds)).toFixed(0)} /s`);
-  if (newest) {
-    write("late", `${newest.late.toLocaleString("en")} (${((100 * newest.late) / Math.max(1, newest.tick)).toFixed(1)} %)`);
-    write("busy", `${(1e3 * newest.busy).toFixed(2)} ms`);
-  }
-  write("delay", delay === delay ? `${delay.toFixed(0)} ms` : "–");
-  before = newest;
-  figuresAt = now;
-  drawn = 0;
-}, 1000);
-
-/** A row of buttons of which one is down. */
-function choice<T extends string>(id: string, chosen: (value: T) => void): (value: T) => void {
-  const buttons = [...element(id).querySelectorAll("button")];
-  const choose = (value: T) => {
-    for (const button of buttons) button.setAttribute("aria-pressed", String(button.dataset.value === value));
-    chosen(value);
-  };
-  for (const button of buttons) button.addEventListener("click", () => choose(button.dataset.value as T));
-  return choose;
+function letGo(): void {
+  pointer.release();
+  cursor.release();
+  hand.letGoOfAll();
+}
+function found(): void {
+  if (!scene?.task) return;
+  const at = newest && felt(newest, hand.kind);
+  post({ kind: "mark", mark: { what: 0, tool: at?.tool ?? 0 } });
+  tell(at ? "Noted: found, here under the tool." : "Noted, but no tool touches the organ: press where the lump is.");
+}
+function sample(): void {
+  if (!newest || !(newest.inside[NEEDLE] > 0)) return tell("The needle is not in the tissue: drive it deeper.");
+  post({ kind: "mark", mark: { what: 1, tool: NEEDLE } });
+  tell(`Sample taken ${newest.inside[NEEDLE].toFixed(1)} mm deep.`);
 }
 
 const chooseTool = choice<Kind>("tool", (kind) => {
-  tools.release();
-  tools.kind = kind;
-  element("depth-row").classList.toggle("off", kind !== "press");
+  pointer.release();
+  cursor.release();
+  hand.kind = kind;
+  element("needle-row").hidden = kind !== "needle";
+  ranges.draw(true);
   hint();
 });
+const chooseWay = choice<string>("way", (value) => hand.point(value === "inward"));
 let drawing = "smooth";
 const chooseDrawing = choice<string>("draw", (value) => {
   drawing = value;
   view.drawing = value === "wire";
 });
-choice<Colouring>("colour", (value) => {
-  element("legend").hidden = true;
-  view.colours = value;
+const COLOURINGS: Colouring[] = ["plain", "moved", "strain", "felt"];
+const chooseColour = choice<Colouring>("colour", (value) => {
+  colouring = value;
+  post({ kind: "colour", colouring });
 });
-view.scale = (low, high, unit) => {
-  element("legend").hidden = high === undefined;
-  write("low", `${(low ?? 0).toPrecision(2)}`);
-  write("high", `${(high ?? 0).toPrecision(2)} ${unit}`);
-};
-
-const inside = element("inside");
-inside.addEventListener("click", () => {
-  const on = inside.getAttribute("aria-pressed") !== "true";
-  inside.setAttribute("aria-pressed", String(on));
-  view.seeInside = on;
+const inside = toggle("inside", (on) => (view.seeInside = on));
+const slices = toggle("slices-toggle", (on) => {
+  document.body.classList.toggle("with-slices", on);
+  beside.shown = on;
+});
+const more = toggle("more", (on) => {
+  more.setAttribute("aria-expanded", String(on));
+  document.body.classList.toggle("with-more", on);
 });
 const reset = () => {
   view.turntable.reset();
   view.touched();
 };
-element("reset").addEventListener("click", reset);
-slider.addEventListener("input", () => setDepth(Number(slider.value)));
-
-addEventListener("keydown", (event) => {
-  if (event.ctrlKey || event.metaKey || event.altKey) return;
-  const keys: Record<string, () => void> = {
-    "1": () => chooseTool("press"),
-    "2": () => chooseTool("pull"),
-    w: () => chooseDrawing(drawing === "wire" ? "smooth" : "wire"),
-    i: () => inside.click(),
-    r: reset,
-    Escape: () => tools.release(),
-  };
-  keys[event.key]?.();
-});
-
-// What tests look at; nothing in the page uses it.
-declare global {
-  interface Window {
-    palpate: {
-      readonly frame: Frame | null;
-      readonly scene: Scene | null;
-      /** Pixel at which a shown node is drawn. */
-      pixel(node: number): [number, number];
-      /** Pixel at which the material point that is held is drawn. */
-      held(): [number, number] | null;
-      /** Is the organ under this pixel? */
-      under(x: number, y: number): boolean;
-    };
-  }
-}
-window.palpate = {
-  get frame() {
-    return newest;
-  },
-  get scene() {
-    return scene;
-  },
-  pixel: (node) => view.toPixel([...view.positions.subarray(3 * node, 3 * node + 3)] as Vector),
-  held: () => (tools.held ? view.toPixel(tools.held) : null),
-  under: (x, y) => tools.under(x, y) !== null,
+const help = element<HTMLDialogElement>("help");
+const clicks: Record<string, () => void> = {
+  reset, found, sample, out: () => hand.withdraw(), "help-open": () => help.showModal(),
+  headset: () => void headset.enter(scene?.reach ?? 1).catch((problem: unknown) => tell(String(problem))),
 };
+for (const [id, click] of Object.entries(clicks)) element(id).addEventListener("click", click);
+element("help-keys").replaceChildren(...HELP.map(([key, what]) => {
+  const row = document.createElement("tr"), head = document.createElement("th"), cell = document.createElement("td");
+  head.scope = "row";
+  head.textContent = key;
+  cell.textContent = what;
+  row.append(head, cell);
+  return row;
+}));
 
-const here = new URL(location.href);
-const token = `token=${encodeURIComponent(here.searchParams.get("token") ?? "")}`;
+listen(canvas, view, cursor, {
+  ...Object.fromEntries(KINDS.map((kind, i) => [String(i + 1), () => chooseTool(kind)])),
+  w: () => chooseDrawing(drawing === "wire" ? "smooth" : "wire"),
+  c: () => chooseColour(COLOURINGS[(COLOURINGS.indexOf(colouring) + 1) % COLOURINGS.length]),
+  n: () => chooseWay(hand.inward ? "along" : "inward"),
+  i: () => inside.click(),
+  s: () => scene?.images && slices.click(),
+  o: () => hand.withdraw(),
+  f: found,
+  r: reset,
+  Enter: sample,
+  Escape: letGo,
+  "?": () => help.showModal(),
+}, drive);
+
+const seen = exposed({
+  view, hand, cursor, commands, beside, readout,
+  frame: () => newest,
+  scene: () => scene,
+});
+void Headset.offered().then((there) => (element("headset").hidden = !there));
 const secure = here.protocol === "https:" ? "wss" : "ws";
 post({ kind: "open", scene: `${here.origin}/scene?${token}`, socket: `${secure}://${here.host}/socket?${token}` });
 hint();
-requestAnimationFrame(turn);
+view.renderer.setAnimationLoop(turn);

@@ -1,54 +1,75 @@
-// Force over the last ten seconds, drawn by hand: one line needs no library.
+// A value over the last ten seconds, drawn by hand: one line needs no library.
 const SECONDS = 10;
-const STEPS = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100];
+const STEPS = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200];
+const KEPT = 1024; // more than ten seconds of frames
 
 export class Plot {
-  private readonly times: number[] = [];
-  private readonly values: number[] = [];
+  private readonly times = new Float64Array(KEPT);
+  private readonly values = new Float32Array(KEPT);
+  private newest = -1; // ever counting; its place is the remainder
+  private count = 0;
   private width = 0;
   private height = 0;
+  private readonly pen: CanvasRenderingContext2D;
+  private ink = { quiet: "", line: "", accent: "" };
 
-  constructor(private readonly canvas: HTMLCanvasElement) {
-    new ResizeObserver(() => {
-      const scale = devicePixelRatio;
-      this.width = canvas.clientWidth;
-      this.height = canvas.clientHeight;
-      canvas.width = this.width * scale;
-      canvas.height = this.height * scale;
-      canvas.getContext("2d")!.scale(scale, scale);
-      this.draw();
-    }).observe(canvas);
+  /** least: the shortest scale. words: what is drawn, in which unit. */
+  constructor(private readonly canvas: HTMLCanvasElement, private readonly words: string, private readonly least: number) {
+    this.pen = canvas.getContext("2d")!;
+    new ResizeObserver(() => this.resize()).observe(canvas);
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.resize());
   }
 
-  /** One more value, N, at a time in seconds. A clock that runs backwards is a new session. */
+  private resize(): void {
+    const scale = devicePixelRatio, style = getComputedStyle(this.canvas);
+    const colour = (name: string) => style.getPropertyValue(name);
+    this.ink = { quiet: colour("--quiet"), line: colour("--line"), accent: colour("--accent") };
+    this.width = this.canvas.clientWidth;
+    this.height = this.canvas.clientHeight;
+    this.canvas.width = this.width * scale;
+    this.canvas.height = this.height * scale;
+    this.pen.scale(scale, scale);
+    this.draw();
+  }
+
+  /** One more value at a time in seconds. A clock that runs backwards is a new session. */
   add(time: number, value: number): void {
-    if (this.times.length && time < this.times[this.times.length - 1]) this.times.length = this.values.length = 0;
-    this.times.push(time);
-    this.values.push(value);
-    while (this.times[0] < time - SECONDS) this.times.shift(), this.values.shift();
+    if (this.count && time < this.times[this.newest % KEPT]) this.count = 0;
+    this.newest++;
+    this.times[this.newest % KEPT] = time;
+    this.values[this.newest % KEPT] = value;
+    this.count = Math.min(this.count + 1, KEPT);
   }
 
-  /** The end of the force scale, N. */
+  /** The end of the scale. */
   get top(): number {
-    const most = Math.max(0.1, ...this.values);
+    let most = this.least;
+    this.each((_, value) => (most = Math.max(most, value)));
     return STEPS.find((step) => step >= most) ?? most;
   }
 
+  /** All that is shown, newest first. */
+  private each(told: (age: number, value: number) => void): void {
+    const now = this.times[this.newest % KEPT];
+    for (let i = 0; i < this.count; i++) {
+      const at = (this.newest - i) % KEPT, age = now - this.times[at];
+      if (age > SECONDS) return;
+      told(age, this.values[at]);
+    }
+  }
+
   draw(): void {
-    const pen = this.canvas.getContext("2d")!;
-    const style = getComputedStyle(this.canvas);
-    const colour = (name: string) => style.getPropertyValue(name);
-    const { width, height, top } = this;
-    const left = 30, bottom = height - 16, now = this.times.at(-1) ?? 0;
-    const x = (t: number) => left + (width - left) * (1 - (now - t) / SECONDS);
-    const y = (v: number) => bottom - (bottom - 8) * (v / top);
+    const { pen, width, height, top, ink } = this;
+    if (!width) return;
+    const left = 30, bottom = height - 4, above = 18;
+    const y = (v: number) => bottom - (bottom - above) * (v / top);
     pen.clearRect(0, 0, width, height);
     pen.font = "11px system-ui, sans-serif";
-    pen.fillStyle = colour("--quiet");
-    pen.strokeStyle = colour("--line");
+    pen.fillStyle = ink.quiet;
+    pen.strokeStyle = ink.line;
     pen.lineWidth = 1;
     pen.textAlign = "right";
-    for (const v of [0, top / 2, top]) {
+    for (const v of [0, top]) {
       pen.beginPath();
       pen.moveTo(left, Math.round(y(v)) + 0.5);
       pen.lineTo(width, Math.round(y(v)) + 0.5);
@@ -56,12 +77,18 @@ export class Plot {
       pen.fillText(String(+v.toPrecision(2)), left - 5, y(v) + 4);
     }
     pen.textAlign = "left";
-    pen.fillText(`N, last ${SECONDS} s`, left, height - 2);
-    pen.strokeStyle = colour("--accent");
+    pen.fillText(this.words, left, 10);
+    pen.strokeStyle = ink.accent;
     pen.lineWidth = 1.75;
     pen.lineJoin = "round";
     pen.beginPath();
-    this.times.forEach((t, i) => (i ? pen.lineTo(x(t), y(this.values[i])) : pen.moveTo(x(t), y(this.values[i]))));
+    let first = true;
+    this.each((age, value) => {
+      const x = left + (width - left) * (1 - age / SECONDS);
+      if (first) pen.moveTo(x, y(value));
+      else pen.lineTo(x, y(value));
+      first = false;
+    });
     pen.stroke();
   }
 }

@@ -1,19 +1,27 @@
 // Owns the socket. Of the frames that arrive only the newest is kept, and decoded when the page asks for one.
-import { normals } from "./geometry";
-import type { FromWorker, Organ, Shape, ToWorker } from "./link";
-import { FRAME_BYTES, decodeFrame, encodeTool, type Scene } from "./messages";
+import { Painter, type Colouring } from "./colour";
+import { edges, normalised, normals, packed } from "./geometry";
+import type { FromWorker, Organ, Scale, Shape, ToWorker } from "./link";
+import { FRAME_BYTES, decodeFrame, encodeChoose, encodeMark, encodeTool, type Scene } from "./messages";
 
 const page = self as unknown as {
   postMessage(message: FromWorker, transfer?: Transferable[]): void;
   onmessage: (event: MessageEvent<ToWorker>) => void;
 };
 
+const ANOTHER = 4001; // the server closes with this when it serves another organ from now on
+
 let organ: Organ | null = null;
+let painter: Painter | null = null;
+let sums: Float32Array<ArrayBuffer>; // of normals
 let socket: WebSocket | null = null;
 let newest: ArrayBuffer | null = null;
+let last: ArrayBuffer | null = null; // shown last
+let home = false; // what was shown last is the organ at rest
+let colouring: Colouring = "plain";
 let waiting = false; // the page has asked for a frame
+let pressing = false; // and says that the first tool feels
 const spare: Shape[] = []; // arrays that the page has done with
-const sent = new Map<number, number>(); // ms at which a command left, by serial
 
 async function load(address: string): Promise<void> {
   const answer = await fetch(address);
@@ -23,16 +31,21 @@ async function load(address: string): Promise<void> {
   const scene = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, header))) as Scene;
   const rest = new Float32Array(data.slice(4 + header, 4 + header + 12 * scene.nodes));
   const triangles = new Uint32Array(data.slice(4 + header + 12 * scene.nodes));
+  const skin = scene.parts.find((p) => !p.inside) ?? scene.parts[0];
+  const outer = triangles.subarray(3 * skin.first, 3 * (skin.first + skin.count));
   const normal = new Float32Array(rest.length);
-  normals(rest, outer(scene, triangles), normal);
-  organ = { scene, rest, triangles, normals: normal };
-  page.postMessage({ kind: "organ", organ });
-}
-
-/** The organ's own surface; what lies inside has normals of its own, which need not be right to be felt. */
-function outer(scene: Scene, triangles: Uint32Array): Uint32Array {
-  const part = scene.parts.find((p) => !p.inside) ?? scene.parts[0];
-  return triangles.subarray(3 * part.first, 3 * (part.first + part.count));
+  // Of the organ's own surface; what lies inside has normals of its own, which need not be right to be felt.
+  normals(rest, outer, normal);
+  normalised(normal);
+  const all: Organ = { scene, rest, triangles, normals: normal, edges: edges(triangles, skin.first, skin.count) };
+  organ = all;
+  painter = new Painter(all, outer);
+  painter.colouring = colouring;
+  sums = new Float32Array(rest.length);
+  spare.length = 0;
+  last = newest = null;
+  home = false;
+  page.postMessage({ kind: "organ", organ: all });
 }
 
 function connect(address: string): void {
@@ -52,7 +65,11 @@ async function keep(scene: string, address: string): Promise<void> {
       await load(scene);
       connect(address);
       pause = 250;
-      await new Promise<void>((closed) => (socket!.onclose = () => closed()));
+      const code = await new Promise<number>((closed) => (socket!.onclose = (event) => closed(event.code)));
+      if (code === ANOTHER) {
+        page.postMessage({ kind: "status", good: false, text: "Another mesh is coming…" });
+        continue;
+      }
       page.postMessage({ kind: "status", good: false, text: "Connection lost. Trying again…" });
     } catch (problem) {
       const refused = problem instanceof Error && problem.message === "refused";
@@ -65,34 +82,60 @@ async function keep(scene: string, address: string): Promise<void> {
 }
 
 function show(): void {
-  if (!newest || !organ) return;
+  if (!newest || !organ || !painter) return;
+  const began = performance.now();
   const frame = decodeFrame(new DataView(newest));
-  const { rest, triangles, scene } = organ;
-  if (frame.count !== 0 && frame.count !== scene.nodes) return; // of another scene
-  const shape = spare.pop() ?? { positions: new Float32Array(rest.length), normals: new Float32Array(rest.length) };
-  const { positions } = shape;
-  if (frame.count) {
-    const moved = new Int16Array(newest, FRAME_BYTES, 3 * frame.count);
-    for (let i = 0; i < positions.length; i++) positions[i] = rest[i] + frame.step * moved[i];
-  } else positions.set(rest);
-  normals(positions, triangles, shape.normals);
+  if (frame.count !== 0 && frame.count !== organ.scene.nodes) return; // of another scene
+  if (pressing) painter.feel(frame);
+  const still = frame.count === 0 && home && !(pressing && colouring === "felt");
+  const [shape, scale] = still ? [null, null] : shaped(newest, frame.count, frame.step);
+  home = frame.count === 0;
+  last = newest;
   newest = null;
   waiting = false;
-  const left = sent.get(frame.serial);
-  for (const serial of sent.keys()) if (serial <= frame.serial) sent.delete(serial);
-  const delay = left === undefined ? NaN : performance.now() - left;
-  page.postMessage({ kind: "frame", frame, shape, delay }, [shape.positions.buffer, shape.normals.buffer]);
+  const transfer = shape ? [shape.positions.buffer, shape.normals.buffer, shape.colours.buffer] : [];
+  page.postMessage({ kind: "frame", frame, shape, scale, work: performance.now() - began }, transfer);
+}
+
+function shaped(data: ArrayBuffer, count: number, step: number): [Shape, Scale] {
+  const { rest, triangles } = organ!;
+  const shape = spare.pop() ?? fresh(rest.length / 3);
+  const { positions } = shape;
+  if (count) {
+    const moved = new Int16Array(data, FRAME_BYTES, 3 * count);
+    for (let i = 0; i < positions.length; i++) positions[i] = rest[i] + step * moved[i];
+  } else positions.set(rest);
+  normals(positions, triangles, sums);
+  packed(sums, shape.normals);
+  return [shape, painter!.paint(positions, shape.colours)];
+}
+
+const fresh = (nodes: number): Shape => ({
+  positions: new Float32Array(3 * nodes),
+  normals: new Int16Array(4 * nodes),
+  colours: new Uint8Array(4 * nodes),
+});
+
+/** Paints what is shown anew. */
+function again(): void {
+  home = false;
+  newest ??= last;
+  if (waiting) show();
 }
 
 page.onmessage = ({ data }) => {
   if (data.kind === "open") void keep(data.scene, data.socket);
-  else if (data.kind === "tool") {
-    if (socket?.readyState !== WebSocket.OPEN) return;
-    sent.set(data.tool.serial, performance.now());
-    socket.send(encodeTool(data.tool));
-  } else {
+  else if (data.kind === "next") {
     if (data.shape && data.shape.positions.length === organ?.rest.length) spare.push(data.shape);
     waiting = true;
+    pressing = data.pressing;
     show();
-  }
+  } else if (data.kind === "colour") {
+    colouring = data.colouring;
+    if (painter) painter.colouring = colouring;
+    again();
+  } else if (socket?.readyState !== WebSocket.OPEN) return;
+  else if (data.kind === "say") socket.send(encodeTool(data.tool));
+  else if (data.kind === "choose") socket.send(encodeChoose(data.choose));
+  else socket.send(encodeMark(data.mark));
 };

@@ -1,0 +1,150 @@
+"""The page in a headless Chromium that draws by software: frames a second, work of its thread, delay from hand to picture.
+
+Two organs: 100,000 triangles streamed 60 times a second (made up: the page's work, no model's), and a small organ under
+the real loop, stroked with real pointer events. The page's own clock ends when it has handed the picture to the browser;
+rasterising goes on in the GPU process, whose time is given apart. A monitor's own delay is not in any of it.
+"""
+
+import contextlib
+import json
+import os
+import shutil
+import statistics
+import time
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import palpate as pp
+from benchmarks.stream import stream, streaming
+from palpate.samples import sample
+from palpate.server.listen import loopback_socket
+from palpate.server.serve import serving
+
+SECONDS = 8
+ARGUMENTS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
+HARDWARE = "PALPATE_BENCH_GPU"  # set: draw with the graphics card, if Chromium finds one
+WIDE = {"width": 1280, "height": 800}
+
+
+@dataclass(frozen=True)
+class Seen:
+    """One organ's figures. sent, drawn: a second. work: ms of the page's thread for a frame, by its clock: median, 99 %.
+
+    main, worker: CPU ms of those threads for a picture, all tasks, from a trace. raster: wall ms of the GPU process's
+    main thread for a picture. delay: ms from a pointer event to the end of drawing what obeys it: median, 99 %, count.
+    """
+
+    name: str
+    triangles: int
+    sent: float
+    drawn: float
+    work: tuple[float, float]
+    main: float
+    worker: float
+    raster: float
+    delay: tuple[float, float, int]
+    renderer: str
+
+
+def lines() -> Iterator[str]:
+    """The table."""
+    from playwright.sync_api import sync_playwright
+
+    found = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    if found is None:
+        yield "no Chromium on the PATH: apt-get install chromium"
+        return
+    with sync_playwright() as playwright:
+        hardware = bool(os.environ.get(HARDWARE))
+        arguments = ARGUMENTS[:1] if hardware else ARGUMENTS
+        chromium = playwright.chromium.launch(executable_path=found, args=arguments)
+        yield "| organ | triangles | sent /s | drawn /s | work of a frame, ms (99 %) | main thread, CPU ms | worker, CPU ms | GPU process, ms | hand to picture, ms (99 %, events) |"
+        yield "|---|---|---|---|---|---|---|---|---|"
+        made_up = stream(71)
+        with streaming([made_up], loopback_socket(None)) as address:
+            seen = measured(chromium, address, f"made up, {made_up.scene.triangles:,} triangles", lambda: made_up.sent)
+            yield row(seen)
+        with small() as (address, name):
+            yield row(measured(chromium, address, name, None))
+        chromium.close()
+    yield f"\nDrawn by {seen.renderer}. Work: decoding, normals and colours are in the worker."
+
+
+def row(seen: Seen) -> str:
+    """Of the table."""
+    return (
+        f"| {seen.name} | {seen.triangles:,} | {"–" if seen.sent != seen.sent else f"{seen.sent:.0f}"} | {seen.drawn:.0f} | {seen.work[0]:.1f} ({seen.work[1]:.1f}) "
+        f"| {seen.main:.1f} | {seen.worker:.1f} | {seen.raster:.1f} "
+        f"| {seen.delay[0]:.0f} ({seen.delay[1]:.0f}, {seen.delay[2]}) |"
+    )
+
+
+@contextlib.contextmanager
+def small() -> Iterator[tuple[str, str]]:
+    """The sample CT's left kidney with edges of 6 mm, under the real loop."""
+    labels = pp.read_labels(sample("abdomen") / "labels.nii.gz")
+    mesh = pp.tetrahedralize(labels, label="kidney_left", edge=6.0)
+    tissue = pp.Tissue(mesh, 15.0, 0.45, pp.resting_on(mesh, (0, 1, 0), depth=12.0))
+    session = pp.Session(pp.model(tissue, "compliance"))
+    with serving(session, loopback_socket(None), title="kidney") as address:
+        yield address, f"kidney, {len(mesh.nodes):,} nodes, real loop"
+
+
+def measured(chromium: Any, address: str, name: str, sent: Any) -> Seen:
+    """Strokes the organ for some seconds while the browser is traced."""
+    page = chromium.new_context(viewport=WIDE).new_page()
+    page.goto(address)
+    while not page.evaluate("Boolean(window.palpate && palpate.frame)"):
+        page.wait_for_timeout(100)
+    box = page.locator("#view").bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + 0.45 * box["height"]
+    page.mouse.move(x, y)
+    page.mouse.down()
+    stroke(page, x, y, 2.0)  # shaders are compiled, code is warm
+    chromium.start_tracing(page=page, categories=["toplevel", "devtools.timeline"])
+    pictures, before = page.evaluate("palpate.pictures"), sent() if sent else 0
+    page.evaluate("palpate.work.length = 0")
+    began = time.perf_counter()
+    events = stroke(page, x, y, SECONDS)
+    took = time.perf_counter() - began
+    drawn = page.evaluate("palpate.pictures") - pictures
+    came = (sent() - before) if sent else float("nan")
+    work = sorted(page.evaluate("palpate.work.slice()"))
+    delay = page.evaluate(f"palpate.latency({events})")
+    trace = threads(json.loads(chromium.stop_tracing()))
+    page.mouse.up()
+    renderer = page.evaluate(
+        "(() => { const gl = document.createElement('canvas').getContext('webgl2');"
+        " return gl.getParameter(gl.getExtension('WEBGL_debug_renderer_info').UNMASKED_RENDERER_WEBGL); })()"
+    )
+    triangles = page.evaluate("palpate.scene.triangles")
+    page.context.close()
+    return Seen(
+        name, triangles, came / took, drawn / took, (statistics.median(work), work[int(0.99 * (len(work) - 1))]),
+        trace["main"] / drawn, trace["worker"] / drawn, trace["raster"] / drawn,
+        (delay["median"], delay["p99"], delay["count"]), renderer,
+    )  # fmt: skip
+
+
+def stroke(page: Any, x: float, y: float, seconds: float) -> int:
+    """A finger that goes to and fro; gives the number of events."""
+    end, events = time.perf_counter() + seconds, 0
+    while time.perf_counter() < end:
+        page.mouse.move(x + abs(events % 80 - 40), y + events % 7)
+        page.wait_for_timeout(15)
+        events += 1
+    return events
+
+
+def threads(trace: Any) -> Counter[str]:
+    """ms of the page's main thread and worker (CPU) and of the GPU process's main thread (wall), from a trace."""
+    names = {(e["pid"], e["tid"]): e["args"]["name"] for e in trace["traceEvents"] if e["name"] == "thread_name"}
+    wanted = {"CrRendererMain": "main", "DedicatedWorker thread": "worker", "CrGpuMain": "raster"}
+    total: Counter[str] = Counter()
+    for event in trace["traceEvents"]:
+        part = wanted.get(names.get((event["pid"], event["tid"]), ""))
+        if part and event.get("ph") == "X" and event["name"] in ("RunTask", "ThreadControllerImpl::RunTask"):
+            total[part] += event["dur" if part == "raster" else "tdur"] / 1000
+    return total

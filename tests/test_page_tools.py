@@ -1,0 +1,292 @@
+"""The page's other tools and choices in a real Chromium: grasp, needle, keys, gamepad, models, meshes, slices."""
+
+import numpy as np
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+from chromium import LAPTOP, PHONE
+from organs import organ
+from touched import Touched, agrees_with_push
+
+import palpate as pp
+from palpate.server.listen import loopback_socket
+from palpate.server.room import Room
+from palpate.server.serve import opened
+from palpate.server.viewing import images
+from palpate.simulation.devices.pointer import Pointer
+
+pytestmark = pytest.mark.browser
+PAD = """navigator.getGamepads = () => [window.pad];
+window.pad = {connected: true, mapping: "standard", axes: [0, 0, 0, 0],
+              buttons: [...Array(17)].map(() => ({pressed: false, value: 0}))};"""
+
+
+@pytest.fixture(scope="module")
+def organs():
+    return {"coarse": organ(9), "fine": organ(11)}
+
+
+@pytest.fixture(scope="module")
+def ct():
+    """A volume around the organ whose voxels hold their own x, mm."""
+    grid = pp.Grid(shape=(30, 40, 50), spacing=(2.0, 2.0, 2.0), origin=(-49.0, -39.0, -29.0))
+    return pp.Volume(np.broadcast_to(grid.origin[0] + 2.0 * np.arange(50.0, dtype=np.float32), grid.shape), grid, "HU")
+
+
+@pytest.fixture
+def opened_page(browser, organs, ct):
+    """Gives a page that shows a room; options of the context may differ."""
+    closing = []
+
+    def start(viewport=LAPTOP, script="", **options):
+        session = pp.Session(pp.model(organs["coarse"], "blocks"), radius=8.0, sweeps=8)
+        room = Room(session, Pointer(), "Test organ", organs, images([ct], ["CT"]), "Find the lump.")
+        serving = opened(room, loopback_socket(None))
+        context = browser.new_context(viewport=viewport, color_scheme=options.pop("scheme", "light"), **options)
+        touched = Touched(session, context.new_page())
+        touched.room = room
+        closing.extend([serving, context])
+        if script:
+            touched.page.add_init_script(script)
+        touched.open(serving.__enter__())
+        return touched
+
+    yield start
+    serving, context = closing
+    context.close()
+    serving.__exit__(None, None, None)
+
+
+@pytest.fixture
+def touched(opened_page):
+    touched = opened_page()
+    yield touched
+    assert touched.problems == []
+
+
+def key(touched, *names):
+    for name in names:
+        touched.page.keyboard.press(name)
+
+
+def test_grasp_takes_hold_with_two_jaws_and_moves_them_together(touched, album):
+    touched.page.click("text=Grasp")
+    start, way = touched.place(), np.array((20, -40))
+    touched.page.mouse.move(*start)
+    touched.page.mouse.down()
+    touched.wait("palpate.frame.grip[0] === 1 && palpate.frame.grip[1] === 1")
+    touched.settle()
+    (left, one, pushed, _), (right, other, back, _) = touched.tool(0), touched.tool(1)
+    across = (right - left) / np.linalg.norm(right - left)
+    radius = touched.session.settings.radius
+    assert np.linalg.norm(right - left) >= 2 * radius  # patches apart
+    np.testing.assert_allclose(one, -other, atol=0.05)  # pinched from both sides
+    assert np.dot(one, across) == pytest.approx(radius / 4, rel=0.05)  # half of the pinch, which is half a radius
+    assert np.dot(pushed, across) < -0.01 < 0.01 < np.dot(back, across)  # the tissue pushes the jaws apart
+    for i in range(1, 9):
+        touched.page.mouse.move(*(start + way * i / 8))
+        touched.page.wait_for_timeout(15)
+    touched.settle()
+    held = np.array(touched.see("palpate.held()"))
+    assert np.linalg.norm(held - (start + way)) <= 12  # pixels
+    assert np.dot(touched.tool(1)[0] + touched.tool(1)[1] - touched.tool(0)[0] - touched.tool(0)[1], across) > 0
+    touched.page.screenshot(path=album / "grasp.png")
+    touched.page.mouse.up()
+    touched.until_home()
+
+
+def test_needle_enters_stays_goes_deeper_and_takes_a_sample(touched, album):
+    touched.page.click("text=Needle")
+    touched.page.click("text=See inside")
+    touched.page.mouse.move(*touched.place())
+    touched.page.mouse.down()
+    touched.page.mouse.up()
+    touched.wait("palpate.frame.grip[3] === 1")  # stays without a hand
+    touched.page.click("text=Take sample")
+    touched.wait("document.getElementById('hint').textContent.includes('not in the tissue')")
+    slider = touched.page.locator("#amount")
+    slider.focus()
+    key(touched, *["+"] * 20)
+    touched.wait("palpate.frame.inside[3] > 4")
+    touched.settle()
+    point, displacement, force, _ = touched.tool(3)
+    surface = touched.session.model.tissue.surface
+    inward = -np.array(surface.normal(surface.closest(point)))
+    assert np.dot(force, inward) < 0  # the tissue resists
+    assert np.linalg.norm(np.cross(displacement, inward)) <= 0.05 * np.linalg.norm(displacement) + 1e-3
+    inside = touched.see("palpate.frame.inside[3]")
+    asked = float(slider.input_value())
+    assert inside + np.dot(displacement, inward) == pytest.approx(asked, rel=0.02)  # the tip is where it was driven
+    touched.wait(f"document.getElementById('depth').textContent === '{inside:.1f} mm'")
+    tip = point + displacement + inside * inward
+    touched.page.screenshot(path=album / "needle.png")
+    touched.page.click("text=Slices")
+    touched.wait("palpate.cross() !== null")
+    touched.wait(f"palpate.cross().every((x, i) => Math.abs(x - {tip.tolist()}[i]) <= 1.01)")  # half a voxel
+    touched.page.click("text=Take sample")
+    touched.page.click("text=Found it")
+    touched.wait("document.getElementById('hint').textContent.includes('Noted')")
+    touched.page.click("text=Needle out")
+    touched.until_home()
+    touched.session.stop()
+    assert [mark[1:] for mark in touched.session.record().marks] == [(1, 3), (0, 3)]
+
+
+def test_needle_on_a_phone_is_driven_by_the_slider(opened_page):
+    touched = opened_page(PHONE, has_touch=True, is_mobile=True)
+    page = touched.page
+    page.tap("#tool >> text=Needle")
+    page.touchscreen.tap(*touched.place())
+    touched.wait("palpate.frame.grip[3] === 1")
+    page.locator("#amount").fill("15")
+    touched.wait("palpate.frame.inside[3] > 5")
+    for button in page.locator("button:visible").all():
+        box = button.bounding_box()
+        assert box["y"] + box["height"] <= PHONE["height"]
+        assert box["height"] >= 32
+    page.tap("text=Take sample")
+    page.tap("text=Needle out")
+    touched.until_home()
+    touched.session.stop()
+    assert [mark[1:] for mark in touched.session.record().marks] == [(1, 3)]
+    assert touched.problems == []
+
+
+def test_another_model_comes_into_force_under_the_hand(touched):
+    touched.drag(touched.place(), np.array((5, 0)))
+    touched.settle()
+    before = touched.tool()[2]
+    names = touched.see("palpate.scene.models")
+    touched.page.select_option("#model", "compliance")
+    touched.wait(f"palpate.frame.model === {names.index('compliance')}")
+    touched.page.wait_for_timeout(400)
+    touched.settle()
+    agrees_with_push(touched)
+    assert np.linalg.norm(touched.tool()[2] - before) <= 0.05 * np.linalg.norm(before)  # both are linear FEM
+    assert touched.page.locator("#model").input_value() == "compliance"
+    touched.page.mouse.up()
+    touched.until_home()
+
+
+def test_another_mesh_is_fetched_at_once_and_seen_from_the_same_place(touched):
+    touched.drag(touched.place(0.04, 0.9), np.array((120, 0)))  # turn the view
+    touched.page.mouse.up()
+    coarse, top = touched.see("palpate.scene.nodes"), (0.0, 0.0, 25.0)
+
+    def seen_at(tissue):
+        nodes = tissue.mesh.nodes[touched.room.session.shown]
+        return np.array(touched.see(f"palpate.pixel({int(np.argmin(np.linalg.norm(nodes - top, axis=1)))})"))
+
+    before = seen_at(touched.room.organs["coarse"])
+    touched.page.select_option("#organ", "fine")
+    touched.wait(f"palpate.scene.nodes > {coarse} && palpate.scene.organ === 1")
+    touched.wait("palpate.pixel(0).every(Number.isFinite)")
+    assert np.linalg.norm(seen_at(touched.room.organs["fine"]) - before) < 8
+    touched.wait("document.getElementById('status').classList.contains('good')")
+    touched.drag(touched.place(), np.array((5, 0)))
+    touched.wait("palpate.frame.grip[0] === 1")
+    touched.page.mouse.up()
+    touched.until_home()
+
+
+def test_keyboard_alone_reaches_every_tool(touched):
+    """No pointer at all: every control has the focus in turn, and each tool works from the cursor."""
+    reached, page = set(), touched.page
+    for _ in range(60):
+        key(touched, "Tab")
+        name = touched.see("document.activeElement.id || document.activeElement.dataset.value || ''")
+        reached.add(name)
+        if name == "view":
+            assert touched.see("getComputedStyle(document.getElementById('stage'), '::after').borderTopWidth") == "2px"
+    visible = page.locator("button:visible, select:visible, input:visible, #view")
+    assert reached >= {each.get_attribute("id") or each.get_attribute("data-value") for each in visible.all()}
+    page.locator("#view").focus()
+    start = np.array(touched.see("palpate.cursor()"))
+    key(touched, "ArrowRight", "ArrowRight")
+    assert np.array(touched.see("palpate.cursor()"))[0] > start[0] + 15
+    key(touched, " ")
+    touched.wait("palpate.frame.grip[0] === 1")
+    touched.settle()
+    shallow = np.linalg.norm(touched.tool()[1])
+    key(touched, "+", "+", "+")
+    touched.wait(f"Math.hypot(...palpate.frame.displacement.slice(0, 3)) > {1.1 * shallow}")
+    at = touched.tool()[0]
+    key(touched, "ArrowLeft", "ArrowLeft", "ArrowLeft")
+    touched.wait(f"Math.hypot(palpate.frame.point[0] - {at[0]}, palpate.frame.point[1] - {at[1]}) > 1")  # strokes
+    key(touched, " ")
+    touched.until_home()
+    key(touched, "3", " ")
+    touched.wait("palpate.frame.grip[0] === 1 && palpate.frame.grip[1] === 1")
+    key(touched, "Escape", "4", " ", "+", "+")
+    touched.wait("palpate.frame.grip[3] === 1 && palpate.frame.grip[0] === 0")
+    key(touched, "o")
+    touched.until_home()
+    before = np.array(touched.see("palpate.pixel(0)"))
+    key(touched, "Shift+ArrowLeft", "PageUp")
+    assert np.linalg.norm(touched.see("palpate.pixel(0)") - before) > 5
+
+
+def test_gamepad_presses_as_deep_as_its_trigger_is_pulled(opened_page):
+    touched = opened_page(script=PAD)
+    touched.see("window.pad.axes[0] = 0.8")
+    touched.wait("palpate.cursor() !== null")
+    touched.see("window.pad.axes[0] = 0")
+    depths = []
+    for value in (0.5, 1.0):
+        touched.see(f"window.pad.buttons[7].value = {value}")
+        touched.wait("palpate.frame.grip[0] === 1")
+        touched.settle()
+        depths.append(np.linalg.norm(touched.tool()[1]))
+    assert depths[0] == pytest.approx(depths[1] / 2, rel=0.02)
+    agrees_with_push(touched)
+    touched.see("window.pad.connected = false")  # unplugged in contact
+    touched.until_home()
+    assert touched.problems == []
+
+
+def test_strain_is_the_largest_stretch_of_the_surface(touched):
+    """The end of the legend, against the same number from the session's own nodes."""
+    touched.page.click("text=Strain")
+    touched.page.click("text=Pull")
+    touched.drag(touched.place(), np.array((30, -50)))
+    touched.settle()
+    touched.wait("!document.getElementById('legend').hidden")
+    shown = float(touched.see("document.getElementById('high').textContent").split()[0])
+    session = touched.session
+    mesh, moved = session.mesh, np.zeros_like(session.mesh.nodes)
+    moved[session.shown] = np.array(session.frame().shown)
+    stretch = largest_stretch(mesh.nodes, mesh.nodes + moved, mesh.surface)
+    assert shown == pytest.approx(100 * stretch.max(), rel=0.06)
+    assert shown > 1
+    touched.page.mouse.up()
+    touched.wait("document.getElementById('legend').hidden")
+
+
+def largest_stretch(rest, now, faces):
+    """At each node, by singular values of each triangle's deformation, weighted by area at rest."""
+    edges = [nodes[faces[:, 1:]] - nodes[faces[:, :1]] for nodes in (rest, now)]
+    plane = np.linalg.qr(edges[0].transpose(0, 2, 1))
+    gradient = edges[1].transpose(0, 2, 1) @ np.linalg.inv(plane.R)
+    stretch = np.linalg.svd(gradient, compute_uv=False)[:, 0] - 1
+    area = np.abs(np.linalg.det(plane.R))
+    total, weight = np.zeros(len(rest)), np.zeros(len(rest))
+    np.add.at(total, faces, (area * stretch)[:, None])
+    np.add.at(weight, faces, area[:, None])
+    return np.divide(total, weight, out=np.zeros_like(total), where=weight > 0)
+
+
+@pytest.mark.parametrize(("scheme", "size"), [("light", LAPTOP), ("dark", LAPTOP), ("light", PHONE), ("dark", PHONE)])
+def test_axe_finds_nothing_to_object_to(opened_page, album, scheme, size):
+    phone = size is PHONE
+    touched = opened_page(size, scheme=scheme, has_touch=phone, is_mobile=phone)
+    page = touched.page
+    if phone:
+        page.click("#more")
+    page.click("text=Slices")
+    touched.wait("palpate.cross() !== null")
+    page.click("#tool >> text=Needle")
+    found = Axe().run(page)
+    assert found.violations_count == 0, found.generate_report()
+    assert len(found.response["passes"]) > 10
+    page.screenshot(path=album / f"all-{scheme}-{size['width']}.png")
+    page.click("text=Keys")
+    assert Axe().run(page).violations_count == 0
