@@ -138,8 +138,8 @@ def _conclusions(folds: Sequence[Fold], null: Float64, lists: Mapping[str, Seque
     gained = np.mean([np.subtract(f["corrections"]["shifts"], f["corrections"]["none"]) for f in folds], axis=0)
     ends = {name: last for name, (_, last) in at_the_end(folds, lists).items()}
     text = [
-        f"On every view and in both bands M-MAP predicts better than: {', '.join(beaten) or 'none'}. "
-        f"Not on every view: {', '.join(open_) or 'none'}.",
+        f"On every one of the {len(folds)} views, full band and high-passed, M-MAP predicts better than: "
+        f"{', '.join(beaten) or 'none'}. Not on every view better than: {', '.join(open_) or 'none'}.",
         f"The neighbours' mean comes nearest on view {closest}: {null[closest, 0]:.5f} against {ours[closest, 0]:.5f}, "
         "full band.",
         f"Correcting shifts changes the scores on the coarse grid by {gained[0]:+.5f} (full band) and {gained[1]:+.4f} "
@@ -164,7 +164,8 @@ def _judging(folds: Sequence[Fold], voxel: str) -> Section:
             "offset of the view that is judged. High-passed: without what is coarser than about 8 pixels.",
             "Nothing was chosen with the view that is judged: each method's strength, iterations or cut-off is the one that "
             "best predicted one or two other views, from fits that saw neither them nor this one; gains and shifts were "
-            "estimated from the others alone, and the panel of the left-out view was put where its neighbours' shifts say.",
+            "estimated from the others alone, and the panel of the left-out view was put where its neighbours' shifts say. "
+            "The grid and the lists of candidates were set beforehand, by people who had seen scores of earlier versions.",
             "The null model is the mean of the two neighbouring views; the first and the last view have but one neighbour, "
             "which then stands for the mean, and every method must extrapolate there.",
             "RTK's SART is another code's, from the same images."
@@ -183,6 +184,7 @@ def _scores(folds: Sequence[Fold], null: Float64, band: int) -> Section:
     table.append(("mean", *(f"{v:.5f}" for v in values.mean(axis=0))))
     errors = {name: 1 - line for name, line in lines.items()}
     figure = curves(np.arange(len(folds)), errors, "view left out", "1 - correlation", log=True)
+    figure.axes[0].set_xticks(range(len(folds)))
     return Section(f"Scores, {BANDS[band]}", table=table, pictures=[(figure, f"Error of each view, {BANDS[band]}.")])
 
 
@@ -213,6 +215,7 @@ def _corrections(folds: Sequence[Fold], found: Refinement, angles: Float64) -> S
         for i, name in enumerate(names[1:], 1):
             axes.plot(values[:, i, band] - values[:, 0, band], "o-", ms=3.5, lw=1.5, label=f"{name} corrected")
         axes.axhline(0, color="#5b6775", lw=0.8)
+        axes.set_xticks(range(len(folds)))
         finish(axes, BANDS[band], "view left out", "change of the correlation")
     panels[0].legend(frameon=False, fontsize=8)
     return Section(
