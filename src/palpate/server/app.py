@@ -67,8 +67,7 @@ async def socket(page: WebSocket) -> None:
     if len(room.pages) >= MOST_PAGES:
         await page.close(FULL, f"{MOST_PAGES} pages are open already; close one")
         return
-    fresh = asyncio.Event()
-    room.pages[page] = fresh
+    fresh = room.enter(page)
     sender = asyncio.create_task(send_newest(page, room, fresh))
     try:
         await listen(page, room)

@@ -13,6 +13,7 @@ from palpate.server.images import Shown
 from palpate.server.messages import Choose, Mark, Tool
 from palpate.server.scene import reach, scene_bytes
 from palpate.simulation.devices.pointer import KINDS, TOOLS, Command, Kind, Pointer, within
+from palpate.simulation.devices.replay import Replay
 from palpate.simulation.session import Device, Session
 from palpate.tissue.base import TissueModel
 from palpate.tissue.models import model as build
@@ -61,7 +62,7 @@ class Room:
     @property
     def replayed(self) -> bool:
         """Is this the replay of a record, to be looked at only?"""
-        return not isinstance(self.device, Pointer)
+        return isinstance(self.device, Replay)
 
     @property
     def model(self) -> int:
@@ -85,6 +86,13 @@ class Room:
         if self.holders.get(tool) is page and isinstance(self.device, Pointer):
             del self.holders[tool]
             self.device.send(Command(), serial, tool)
+
+    def enter(self, page: WebSocket) -> asyncio.Event:
+        """A page that looks on; the event is set when there is a new frame for it. The first one starts a replay."""
+        if self.replayed and not self.session.loop.running and self.session.loop.frame().tick == 0:
+            self.session.start(self.device)
+        self.pages[page] = asyncio.Event()
+        return self.pages[page]
 
     def leave(self, page: WebSocket) -> None:
         """A page that goes lets go of all it holds."""
@@ -119,9 +127,9 @@ class Room:
         model = await self.make(tissue, name_of(self.session.model))
         after = await asyncio.to_thread(Session, model)
         self.holders.clear()
-        for tool in range(TOOLS):
-            assert isinstance(self.device, Pointer)
-            self.device.send(Command(), None, tool)
+        if isinstance(self.device, Pointer):
+            for tool in range(TOOLS):
+                self.device.send(Command(), None, tool)
         await asyncio.to_thread(self.session.stop)
         self.past.append(self.session)
         self.session = after

@@ -100,7 +100,8 @@ def serving(
 def opened(room: Room, listener: socket.socket) -> Iterator[str]:
     """Runs a room's session and its server while the block lasts. Gives the address of the page."""
     app = application(room, new_token())
-    room.session.start(room.device)
+    if not room.replayed:
+        room.session.start(room.device)  # a replay begins when somebody looks
     try:
         with running(app, listener, MESSAGE_BYTES) as address:
             yield address
