@@ -23,6 +23,7 @@ def touch_command(
     browser: Annotated[bool, typer.Option(help="Open the page here, or only print its address.")] = True,
     record: Annotated[Path | None, typer.Option(help="Write the session here when it ends (.h5).")] = None,
     replay: Annotated[Path | None, typer.Option(help="Look at a recorded session (.h5) instead of touching.")] = None,
+    task: Annotated[str, typer.Option(help="Set a trainee a task: lump or biopsy; scored if recorded.")] = "touch",
 ) -> None:
     """Example: [bold]palpate touch tissue.vtu --record session.h5[/bold]
 
@@ -33,9 +34,14 @@ def touch_command(
     machine only; the printed ssh line reaches it from another one. Ctrl-C
     ends the session.
     """
+    from palpate.commands.score import scored
+    from palpate.simulation.task import target_of
+
     recorded = None if replay is None else pp.read_record(replay)
+    asked, solid = pp.Task(task), pp.read_tissue(tissue)
+    target_of(asked, solid)  # a task that this tissue cannot set is refused before anyone tries
     pp.touch(
-        pp.read_tissue(tissue),
+        solid,
         model,
         radius=radius,
         port=port,
@@ -43,4 +49,8 @@ def touch_command(
         record=record,
         replay=recorded,
         title=tissue.stem,
+        task=asked.text,
     )
+    if record is not None and task != "touch":
+        typer.echo(scored(pp.read_record(record), solid, asked).text())
+        typer.echo(f"report: palpate score {record} {tissue} --task {task} -o report.html")
