@@ -26,7 +26,7 @@ PARTS = (
     "deformation",
 )
 PACKAGES = ("palpate", "numpy", "scipy", "itk-rtk", "mbirjax", "jax", "pyPBD", "newton", "warp-lang", "mujoco")
-LONG = ("clinical", "calculix", "strain", "page")  # only if asked for
+LONG = ("clinical", "calculix", "strain", "page", "soak")  # only if asked for
 HERE = Path(__file__).parent
 
 

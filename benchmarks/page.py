@@ -75,7 +75,7 @@ def lines() -> Iterator[str]:
 def row(seen: Seen) -> str:
     """Of the table."""
     return (
-        f"| {seen.name} | {seen.triangles:,} | {"–" if seen.sent != seen.sent else f"{seen.sent:.0f}"} | {seen.drawn:.0f} | {seen.work[0]:.1f} ({seen.work[1]:.1f}) "
+        f"| {seen.name} | {seen.triangles:,} | {'–' if seen.sent != seen.sent else f'{seen.sent:.0f}'} | {seen.drawn:.0f} | {seen.work[0]:.1f} ({seen.work[1]:.1f}) "
         f"| {seen.main:.1f} | {seen.worker:.1f} | {seen.raster:.1f} "
         f"| {seen.delay[0]:.0f} ({seen.delay[1]:.0f}, {seen.delay[2]}) |"
     )

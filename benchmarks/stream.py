@@ -76,7 +76,9 @@ class Stream:
         step = most / STEPS if most > 1e-4 else 0.0
         held = [tool.kind > 0 for tool in self.tools]
         asked = np.array([tool.displacement for tool in self.tools]) * np.array(held)[:, None]
-        inside = [max(0.0, float(np.linalg.norm(w)) - PIERCED) * (t.kind == 2) for t, w in zip(self.tools, asked, strict=True)]
+        inside = [
+            max(0.0, float(np.linalg.norm(w)) - PIERCED) * (t.kind == 2) for t, w in zip(self.tools, asked, strict=True)
+        ]
         way = asked * [[1 - i / max(float(np.linalg.norm(w)), PIERCED)] for i, w in zip(inside, asked, strict=True)]
         message = Frame(
             model=self.model,
@@ -101,7 +103,12 @@ class Stream:
         """The scene as `messages.Scene` says."""
         text = json.dumps(asdict(self.scene)).encode()
         text += b" " * (-len(text) % 4)
-        return struct.pack("<I", len(text)) + text + self.nodes.astype("<f4").tobytes() + self.triangles.astype("<u4").tobytes()
+        return (
+            struct.pack("<I", len(text))
+            + text
+            + self.nodes.astype("<f4").tobytes()
+            + self.triangles.astype("<u4").tobytes()
+        )
 
 
 def stream(frequency: int, **more: Any) -> Stream:
@@ -129,7 +136,9 @@ def stream(frequency: int, **more: Any) -> Stream:
         task="",
         images=False,
     )
-    return Stream(np.concatenate([shell, lump]), np.concatenate([triangles, inside + len(shell)]), replace(scene, **more))
+    return Stream(
+        np.concatenate([shell, lump]), np.concatenate([triangles, inside + len(shell)]), replace(scene, **more)
+    )
 
 
 def geodesic(frequency: int) -> tuple[Float64, AnyArray]:
@@ -138,7 +147,9 @@ def geodesic(frequency: int) -> tuple[Float64, AnyArray]:
     corners = np.array([(0, a, b * golden) for a in (-1, 1) for b in (-1, 1)], dtype=float)
     corners = np.concatenate([np.roll(corners, k, axis=1) for k in range(3)])
     near = np.linalg.norm(corners[:, None] - corners[None], axis=2) < 2.1
-    faces = [(i, j, k) for i in range(12) for j in range(i) for k in range(j) if near[i, j] and near[j, k] and near[i, k]]
+    faces = [
+        (i, j, k) for i in range(12) for j in range(i) for k in range(j) if near[i, j] and near[j, k] and near[i, k]
+    ]
     points, triangles = [], []
     f = frequency
     for i, j, k in faces:
@@ -204,5 +215,3 @@ def streaming(organs: list[Stream], listener: socket.socket) -> Iterator[str]:
     """Serves made-up organs while the block lasts. Gives the page's address."""
     with running(application(organs, new_token()), listener) as address:
         yield address
-
-

@@ -1,4 +1,5 @@
 #include "bind.h"
+#include "empty.h"
 #include "handed.h"
 #include "loop.h"
 #include "slide.h"
@@ -89,13 +90,14 @@ std::vector<uint8_t> tool_numbers(In<uint8_t, 1> tools, size_t count) {
 nb::tuple drain(Driven& driven) {
     std::vector<Obeyed> obeyed;
     std::vector<Digest> digests;
-    std::vector<int64_t> switches;
+    std::vector<Switch> switches;
     driven.loop.switches.drain(switches);
     driven.loop.obeyed.drain(obeyed);
     driven.loop.digests.drain(digests);
     std::vector<int64_t> ticks, digest_ticks;
     std::vector<uint64_t> values;
-    std::vector<uint8_t> tools, kinds;
+    std::vector<uint8_t> tools, kinds, lacking;
+    std::vector<int64_t> switch_ticks;
     std::vector<double> points, displacements;
     for (const auto& [tick, tool, command] : obeyed) {
         ticks.push_back(tick);
@@ -108,9 +110,14 @@ nb::tuple drain(Driven& driven) {
         digest_ticks.push_back(digest.ticks);
         values.push_back(digest.value);
     }
+    for (const auto& change : switches) {
+        switch_ticks.push_back(change.tick);
+        lacking.push_back(uint8_t(change.lacking));
+    }
     return nb::make_tuple(Column<int64_t>::from(ticks), Column<uint8_t>::from(tools), Column<uint8_t>::from(kinds),
                           rows(points), rows(displacements), Column<int64_t>::from(digest_ticks),
-                          Column<uint64_t>::from(values), Column<int64_t>::from(switches));
+                          Column<uint64_t>::from(values), Column<int64_t>::from(switch_ticks),
+                          Column<uint8_t>::from(lacking));
 }
 
 nb::list drain_changes(Driven& driven) { // (tick, model)
@@ -158,12 +165,14 @@ void bind_devices(nb::module_& m) {
         .def(
             "__init__",
             [](Replay* self, In<int64_t, 1> ticks, In<uint8_t, 1> tools, In<uint8_t, 1> kinds, In<double, 2> points,
-               In<double, 2> displacements, In<int64_t, 1> switches) {
+               In<double, 2> displacements, In<int64_t, 1> switches, In<uint8_t, 1> lacking) {
+                if (lacking.shape(0) != switches.shape(0)) throw std::invalid_argument("lacking: one for each switch");
+                std::vector<Switch> all;
+                for (size_t i = 0; i < switches.shape(0); i++) all.push_back({switches(i), lacking(i)});
                 new (self) Replay({ticks.data(), ticks.data() + ticks.shape(0)}, tool_numbers(tools, ticks.shape(0)),
-                                  commands(kinds, points, displacements),
-                                  {switches.data(), switches.data() + switches.shape(0)});
+                                  commands(kinds, points, displacements), std::move(all));
             },
-            "ticks"_a, "tools"_a, "kinds"_a, "points"_a, "displacements"_a, "switches"_a);
+            "ticks"_a, "tools"_a, "kinds"_a, "points"_a, "displacements"_a, "switches"_a, "lacking"_a);
 }
 
 void bind_frame(nb::module_& m) {
@@ -181,6 +190,7 @@ void bind_frame(nb::module_& m) {
         .def_prop_ro("force", [](const Frame& f) { return vectors(f.force); })
         .def_prop_ro("pushed", [](const Frame& f) { return vectors(f.pushed); })
         .def_prop_ro("tip", [](const Frame& f) { return vectors(f.tip); })
+        .def_prop_ro("axis", [](const Frame& f) { return vectors(f.axis); })
         .def_prop_ro("inside", [](const Frame& f) { return std::vector<double>(f.inside, f.inside + most_tools); })
         .def_prop_ro("shown", [](const Frame& f) { return rows(f.shown); }, nb::rv_policy::automatic);
 }
@@ -236,6 +246,15 @@ void bind_simulation(nb::module_& m) {
                 return rows(std::move(u));
             },
             "(N, 3) mm; not while it runs")
+        .def(
+            "tallies",
+            [](const Driven& d) {
+                auto column = [](const Tally& tally) { return Column<int64_t>::from(tally.counts()); };
+                return nb::make_tuple(column(d.loop.worked), column(d.loop.computed), column(d.loop.woken));
+            },
+            nb::sig("def tallies(self) -> tuple[typing.Any, ...]"),
+            "By the clock, counts in steps of 10 us, the last of all that was longer: a tick's time, its processor "
+            "time, and how late it began.")
         .def("drain", &drain, nb::sig("def drain(self) -> tuple[typing.Any, ...]"),
              "Commands obeyed, digests and switches of tables since the last call.")
         .def("dropped", [](const Driven& d) {
@@ -264,6 +283,20 @@ void bind_simulation(nb::module_& m) {
                 "displacement: object, ramp: int, sweeps: int) -> tuple[typing.Any, ...]"),
         "Ticks by the clock under a patch at (ticks, 3) points: seconds to find each patch and to answer it, forces "
         "(ticks, 3) N, and which answers lacked tables. For benchmarks.");
+    m.def(
+        "empty_beat",
+        [](int ticks, int rate) {
+            Empty out;
+            {
+                nb::gil_scoped_release away;
+                out = empty_beat(ticks, rate);
+            }
+            return nb::make_tuple(Column<double>::from(out.woken), out.late);
+        },
+        "ticks"_a, "rate"_a = int(Loop::rate),
+        nb::sig("def empty_beat(ticks: int, rate: int = ...) -> tuple[typing.Any, int]"),
+        "A thread that does nothing, by the loop's clock: s that each tick began after its deadline, and the number "
+        "that missed the next one. The machine's own jitter.");
     m.attr("TOOLS") = int(most_tools);
     m.attr("RATE") = int(Loop::rate);
     m.attr("DIGEST_TICKS") = int(Loop::digest_ticks);

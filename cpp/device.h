@@ -19,6 +19,12 @@ struct Command {
     double displacement[3] = {0, 0, 0}; // mm
 };
 
+// From a tick on answers lack tables (State::cold): bit 0 of the model at work, bit 1 of the one that comes.
+struct Switch {
+    int64_t tick = 0;
+    int lacking = 0;
+};
+
 struct Commands {
     int64_t serial = 0; // the device's own count, handed back with the frame that first obeys it
     Command tool[most_tools];
@@ -39,8 +45,8 @@ class Device {
 public:
     virtual ~Device() = default;
     virtual const Commands& probe(int64_t tick) = 0;
-    virtual void push(const Felt* felt) = 0;     // of all most_tools
-    virtual bool cold(int64_t) { return false; } // a record's tick that was answered without tables (State::cold)
+    virtual void push(const Felt* felt) = 0;   // of all most_tools
+    virtual int lacking(int64_t) { return 0; } // tables of a record's tick: Switch::lacking
 };
 
 // Pointers in a page: another thread writes commands, the newest wins. They feel nothing; the page draws the force.
@@ -64,18 +70,18 @@ class Replay : public Device {
     const std::vector<int64_t> ticks; // not falling
     const std::vector<uint8_t> tools;
     const std::vector<Command> commands;
-    const std::vector<int64_t> switches; // ticks from which answers are cold, then not, then cold, ...
+    const std::vector<Switch> switches; // rising
     Commands now;
     size_t next = 0, switched = 0;
 
 public:
     Replay(std::vector<int64_t> ticks, std::vector<uint8_t> tools, std::vector<Command> commands,
-           std::vector<int64_t> switches = {})
+           std::vector<Switch> switches = {})
         : ticks(std::move(ticks)), tools(std::move(tools)), commands(std::move(commands)),
           switches(std::move(switches)) {}
-    bool cold(int64_t tick) override {
-        while (switched < switches.size() && switches[switched] <= tick) switched++;
-        return switched % 2 == 1;
+    int lacking(int64_t tick) override {
+        while (switched < switches.size() && switches[switched].tick <= tick) switched++;
+        return switched ? switches[switched - 1].lacking : 0;
     }
     const Commands& probe(int64_t tick) override {
         for (; next < ticks.size() && ticks[next] <= tick; next++) now.tool[tools[next]] = commands[next];

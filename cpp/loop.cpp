@@ -1,6 +1,7 @@
 #include "loop.h"
 #include <algorithm>
 #include <chrono>
+#include <ctime>
 #include <stdexcept>
 #ifdef __linux__
 #include <sys/prctl.h>
@@ -13,6 +14,12 @@ using clock = std::chrono::steady_clock;
 constexpr auto period = std::chrono::nanoseconds(1000000000 / Loop::rate);
 
 double seconds(clock::duration d) { return std::chrono::duration<double>(d).count(); }
+
+std::chrono::nanoseconds processor() { // time of this thread alone: what preempts it does not count
+    timespec t;
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
+    return std::chrono::seconds(t.tv_sec) + std::chrono::nanoseconds(t.tv_nsec);
+}
 
 bool same(const Command& a, const Command& b) {
     if (a.kind != b.kind) return false;
@@ -84,10 +91,13 @@ void Loop::run(Device& device) {
     const auto began = clock::now();
     auto due = began;
     while (!stopping.load(std::memory_order_relaxed)) {
-        auto woken = clock::now();
-        tick(device);
-        auto done = clock::now();
-        busy += 0.01 * (seconds(done - woken) - busy);
+        const auto started = clock::now();
+        const auto before = processor();
+        tick(device, true);
+        computed.add(processor() - before);
+        const auto done = clock::now();
+        worked.add(done - started), woken.add(started - due);
+        busy += 0.01 * (seconds(done - started) - busy);
         if (simulation.ticks % frame_ticks == 0) publish(seconds(done - began));
         due += period;
         if (auto now = clock::now(); now > due) { // late: slip and count, never run two ticks in one
@@ -97,21 +107,22 @@ void Loop::run(Device& device) {
         std::this_thread::sleep_until(due);
     }
     Replay idle({}, {}, {});
-    tick(idle); // let go, so that the device is left without force
+    tick(idle, true); // let go, so that the device is left without force
     device.push(simulation.felt);
     simulation.follow_clock(false);
     publish(seconds(clock::now() - began));
 }
 
-void Loop::tick(Device& device) {
+void Loop::tick(Device& device, bool by_clock) {
     const Commands& commands = device.probe(simulation.ticks);
     for (int t = 0; t < most_tools; t++)
         if (!same(commands.tool[t], last.tool[t])) obeyed.put({simulation.ticks, t, commands.tool[t]});
     last = commands;
     take_change();
+    if (!by_clock) simulation.lack_tables(device.lacking(simulation.ticks)); // of the model that just came, too
     simulation.tick(commands);
-    if (simulation.cold() != cold) switches.put(simulation.ticks - 1);
-    cold = simulation.cold();
+    if (simulation.lacking != lacking) switches.put({simulation.ticks - 1, simulation.lacking});
+    lacking = simulation.lacking;
     device.push(simulation.felt);
     if (simulation.ticks % digest_ticks == 0) digests.put({simulation.ticks, simulation.digest()});
 }
@@ -166,6 +177,7 @@ void Loop::publish(double now) {
             frame.force[3 * t + k] = p.total(k);
             frame.pushed[3 * t + k] = simulation.felt[t].force[k];
             frame.tip[3 * t + k] = p.tip[k];
+            frame.axis[3 * t + k] = p.axis[k];
         }
     }
     simulation.show(shown.data(), int(shown.size()), frame.shown.data());
@@ -175,8 +187,7 @@ void Loop::publish(double now) {
 void Loop::step(Device& device, int64_t ticks, double* forces) {
     if (thread.joinable()) throw std::logic_error("the loop runs by the clock; stop it before stepping");
     for (int64_t i = 0; i < ticks; i++) {
-        simulation.lack_tables(device.cold(simulation.ticks));
-        tick(device);
+        tick(device, false);
         for (int t = 0; t < most_tools; t++)
             for (int k = 0; k < 3; k++) forces[3 * (most_tools * i + t) + k] = simulation.proxy[t].total(k);
     }

@@ -2,6 +2,7 @@
 #include "latest.h"
 #include "ring.h"
 #include "simulation.h"
+#include "tally.h"
 #include <atomic>
 #include <exception>
 #include <thread>
@@ -17,7 +18,7 @@ struct Frame {
     int grip[most_tools] = {};
     double point[3 * most_tools] = {}, displacement[3 * most_tools] = {}; // tool by tool
     double force[3 * most_tools] = {}, pushed[3 * most_tools] = {};
-    double tip[3 * most_tools] = {}, inside[most_tools] = {};
+    double tip[3 * most_tools] = {}, inside[most_tools] = {}, axis[3 * most_tools] = {};
     std::vector<float> shown; // (shown nodes, 3) mm, displacement
 };
 
@@ -68,7 +69,8 @@ public:
     Ring<Obeyed> obeyed;
     Ring<Digest> digests;
     Ring<Changed> changes;
-    Ring<int64_t> switches; // ticks from which answers lack tables, then no longer, then again, ...
+    Tally worked, computed, woken; // by the clock: a tick's time, its thread's processor time, and how late it began
+    Ring<Switch> switches;
 
 private:
     Simulation simulation;
@@ -77,13 +79,13 @@ private:
     std::atomic<Running*> coming{nullptr}, gone{nullptr};
     int64_t late = 0;
     double busy = 0;
-    bool cold = false;
+    int lacking = 0;
     std::atomic<bool> stopping{false};
     std::thread thread;
     void run(Device& device);
     Running* changed = nullptr; // the loop's: the shell of a change that is under way
     bool pending = false;       // the changer's
-    void tick(Device& device);
+    void tick(Device& device, bool by_clock);
     void take_change();
     void publish(double seconds);
 };

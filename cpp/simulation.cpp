@@ -70,6 +70,7 @@ bool Simulation::answer() {
         gather();
         std::fill_n(force, 3 * most_tools, 0.0);
     }
+    lacking = now.state->cold;
     if (next.model) bring_in();
     for (int t = 0; t < most_tools; t++) std::fill_n(proxy[t].force, 3, 0.0);
     for (int c = 0; c < closed + open; c++) {
@@ -96,6 +97,7 @@ void Simulation::bring_in() {
     double same[3 * most_tools];
     std::copy_n(moved, 3 * most_tools, same);
     const bool good = next.model->advance(*next.state, patch, closed, open, same, next.sweeps, other_force);
+    lacking |= next.state->cold << 1;
     since++;
     const double share = std::clamp(double(since - settle) / blend, 0.0, 1.0);
     if (good)
@@ -239,9 +241,9 @@ void Simulation::follow_clock(bool on) {
         if (r->model) on ? r->model->accompany(*r->state) : r->model->leave(*r->state);
 }
 
-void Simulation::lack_tables(bool on) {
-    for (Running* r : {&now, &next})
-        if (r->state) r->state->tables = on ? Tables::without : Tables::at_once;
+void Simulation::lack_tables(int wanted) {
+    now.state->tables = wanted & 1 ? Tables::without : Tables::at_once;
+    if (next.state) next.state->tables = wanted & 2 ? Tables::without : Tables::at_once;
 }
 
 uint64_t Simulation::digest() const {

@@ -48,8 +48,8 @@ public:
     int nodes() const { return now.model->nodes(); }
     const Model* model() const { return shown().model; }
     void follow_clock(bool on);
-    void lack_tables(bool on); // in lockstep
-    bool cold() const { return now.state->cold || (next.state && next.state->cold); }
+    void lack_tables(int wanted); // in lockstep, as Switch says
+    int lacking = 0;              // tables in the last answers
 
 private:
     const Surface& surface;

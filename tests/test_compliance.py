@@ -184,6 +184,7 @@ def lateness(session, switches, ticks=300):
         np.array([c.point for c in commands]),
         np.array([c.displacement for c in commands]),
         np.array(switches, dtype=np.int64),
+        (np.arange(len(switches)) % 2 == 0).astype(np.uint8),
     )
     return session.loop.step(device, ticks)[:, 0]
 
@@ -232,7 +233,7 @@ def test_a_record_remembers_when_tables_were_late(tmp_path):
     session = pp.Session(model, radius=10.0)
     lateness(session, [50, 90])
     record = session.record()
-    assert record.switches.tolist() == [50, 90]
+    assert (record.switches.tolist(), record.lacking.tolist()) == ([50, 90], [1, 0])
     pp.write_record(tmp_path / "late.h5", record)
     again = pp.Session(model, radius=10.0)
     assert again.replay(pp.read_record(tmp_path / "late.h5")) is None

@@ -10,6 +10,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import fuzz
 import httpx
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from websockets.sync.client import connect
 
 import palpate as pp
 from palpate.server import messages
+from palpate.server.app import MOST_PAGES
 from palpate.server.listen import loopback_socket
 from palpate.server.serve import serving
 
@@ -147,6 +149,35 @@ def test_press_moves_the_surface_and_release_ends_the_force(served):
     np.testing.assert_allclose(settled["u"], expected.displacement[session.shown], atol=0.05)
     assert loose["grip"] == 0
     assert loose["force"] == (0, 0, 0)
+
+
+def test_random_messages_harm_nothing():
+    """More of them: python tests/fuzz.py 100000."""
+    told, (early, late), wrong = fuzz.run(2500, seed=5)
+    assert wrong == []
+    assert told["taken"] > 1500
+    assert told["refused with 1008"] > 300
+    assert told["refused with 1009"] > 10
+    assert late < early + 16  # MB
+
+
+def test_no_more_pages_than_the_limit(address):
+    with contextlib.ExitStack() as pages:
+        held = [pages.enter_context(socket_of(address)) for _ in range(MOST_PAGES)]
+        for page in held:
+            next(frames(page))  # it is in
+        with socket_of(address) as page:
+            with pytest.raises(ConnectionClosed):
+                next(frames(page))
+            assert page.close_code == 1013
+            assert f"{MOST_PAGES} pages" in page.close_reason
+        held[0].close()
+        for _ in range(100):  # the server hears of it a moment later
+            with socket_of(address) as page, contextlib.suppress(ConnectionClosed):
+                next(frames(page))
+                break
+        else:
+            pytest.fail("a page that has gone still counts")
 
 
 def test_closing_the_page_lets_go(address):

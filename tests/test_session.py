@@ -135,7 +135,7 @@ def test_missing_record(tmp_path):
 def test_file_of_another_kind_is_no_record(tmp_path):
     with h5py.File(tmp_path / "other.h5", "w") as file:
         file.attrs["format"] = "palpate scan"
-    with pytest.raises(pp.errors.FileError, match=r"other\.h5.*'palpate scan'.*'palpate session', 3.*--record"):
+    with pytest.raises(pp.errors.FileError, match=r"other\.h5.*'palpate scan'.*'palpate session', 4.*--record"):
         pp.read_record(tmp_path / "other.h5")
 
 

@@ -78,10 +78,15 @@ if TYPE_CHECKING:
     from palpate.simulation.record import Record as Record
     from palpate.simulation.record import read_record as read_record
     from palpate.simulation.record import write_record as write_record
+    from palpate.simulation.score import Score as Score
+    from palpate.simulation.score import score as score
     from palpate.simulation.session import Session as Session
+    from palpate.simulation.task import Task as Task
     from palpate.studies.deformation.study import deformation_study as deformation_study
     from palpate.studies.demo import demonstrate as demonstrate
     from palpate.studies.head_study import head_study as head_study
+    from palpate.studies.realtime.study import realtime_study as realtime_study
+    from palpate.studies.scores import score_report as score_report
     from palpate.studies.tomosynthesis.study import tomosynthesis_study as tomosynthesis_study
     from palpate.tissue.files import read_tissue as read_tissue
     from palpate.tissue.files import write_tissue as write_tissue
@@ -211,11 +216,16 @@ _HOME = {
     "Record": "simulation.record",
     "read_record": "simulation.record",
     "write_record": "simulation.record",
+    "Score": "simulation.score",
+    "Task": "simulation.task",
+    "score": "simulation.score",
     "touch": "server.serve",
     "view": "server.viewing",
     "demonstrate": "studies.demo",
     "deformation_study": "studies.deformation.study",
     "head_study": "studies.head_study",
+    "realtime_study": "studies.realtime.study",
+    "score_report": "studies.scores",
     "tomosynthesis_study": "studies.tomosynthesis.study",
 }
 __all__ = sorted(_HOME)

@@ -10,7 +10,7 @@ from typer.core import TyperGroup
 from palpate.errors import PalpateError
 
 # In the order of the data. A module adds its commands to the app it is given.
-COMMANDS = ("scan", "reconstruct", "view", "segment", "mesh", "fit", "touch", "demo", "study", "doctor")
+COMMANDS = ("scan", "reconstruct", "view", "segment", "mesh", "fit", "touch", "score", "demo", "study", "doctor")
 STOPPED = 130  # what a shell expects of a program that Ctrl-C ended
 
 

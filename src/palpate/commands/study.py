@@ -103,3 +103,25 @@ def deformation(
     with _resumable("deformation", quick, output) as say:
         report = pp.deformation_study(output, quick=quick, resume=resume, docs=docs, progress=say)
     typer.echo(f"report: {report.resolve()}")
+
+
+@study_app.command("realtime", short_help="Ticks, late ticks, frames, latency: the simulator on this machine.")
+def realtime(
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder for report.html, figures, tables.")] = Path(
+        "realtime"
+    ),
+    quick: Annotated[bool, typer.Option("--quick", help="One small kidney: for tests, not for reading.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on from what an earlier run left in -o.")] = False,
+    docs: Annotated[Path | None, typer.Option(help="Write the page realtime.md and its pictures there too.")] = None,
+) -> None:
+    """Example: [bold]palpate study realtime -o study[/bold]
+
+    A kidney at several resolutions under a sliding finger: how long each
+    model takes, whether the loop keeps 1000 ticks a second, how smooth the
+    force is, how many pictures Chromium draws and how late they are.
+
+    On an otherwise idle machine. Ctrl-C stops it, and --resume goes on.
+    """
+    with _resumable("realtime", quick, output) as say:
+        report = pp.realtime_study(output, quick=quick, resume=resume, docs=docs, progress=say)
+    typer.echo(f"report: {report.resolve()}")

@@ -27,6 +27,7 @@ def touch_command(
     replay: Annotated[Path | None, typer.Option(help="Look at a recorded session (.h5) instead of touching.")] = None,
     image: Annotated[list[Path] | None, typer.Option(help="A volume whose slices are shown beside; up to two.")] = None,
     device: Annotated[str | None, typer.Option(help="open-haptics, force-dimension or haply; see: doctor.")] = None,
+    task: Annotated[str, typer.Option(help="Set a trainee a task: lump or biopsy; scored if recorded.")] = "touch",
 ) -> None:
     """Example: [bold]palpate touch tissue.vtu --record session.h5[/bold]
 
@@ -37,12 +38,16 @@ def touch_command(
     machine only; the printed ssh line reaches it from another one. Ctrl-C
     ends the session.
     """
+    from palpate.commands.score import scored
+    from palpate.simulation.task import target_of
+
     recorded = None if replay is None else pp.read_record(replay)
+    names = [path.stem if len({p.stem for p in tissue}) == len(tissue) else str(path) for path in tissue]
+    organs = {name: pp.read_tissue(path) for name, path in zip(names, tissue, strict=True)}
+    asked, solid = pp.Task(task), organs[names[0]]
+    target_of(asked, solid)  # a task that this tissue cannot set is refused before anyone tries
     pp.touch(
-        {
-            path.stem if len({p.stem for p in tissue}) == len(tissue) else str(path): pp.read_tissue(path)
-            for path in tissue
-        },
+        organs,
         model,
         radius=radius,
         port=port,
@@ -52,4 +57,8 @@ def touch_command(
         title=tissue[0].stem,
         images=[pp.read_volume(path) for path in image or ()],
         device=device,
+        task=asked.text,
     )
+    if record is not None and task != "touch":
+        typer.echo(scored(pp.read_record(record), solid, asked).text())
+        typer.echo(f"report: palpate score {record} {tissue[0]} --task {task} -o report.html")

@@ -16,7 +16,8 @@ from palpate.simulation.devices.find import open_device
 from palpate.simulation.devices.pointer import Pointer
 from palpate.simulation.devices.replay import Replay
 from palpate.simulation.record import Record, write_record
-from palpate.simulation.session import RATE, Session, agrees, model_settings, recorded_settings
+from palpate.simulation.replaying import like
+from palpate.simulation.session import RATE, Session
 from palpate.tissue.models import model as build
 from palpate.tissue.tissue import Tissue
 from palpate.volumes.volume import Volume
@@ -79,14 +80,6 @@ def check_ready(port: int | None) -> None:
     """Is there a page to serve and a port for it? Asked before long work. Raises `FileError`, `PortError`."""
     loopback_socket(port).close()
     check_page()
-
-
-def like(record: Record, tissue: Tissue) -> Session:
-    """A fresh session that can replay the record. Raises `DataError` if it was made on another tissue."""
-    model = build(tissue, record.model, **model_settings(record))
-    session = Session(model, **recorded_settings(record))
-    agrees(record, session)
-    return session
 
 
 def serving(

@@ -14,7 +14,7 @@ from palpate.errors import FileError
 from palpate.simulation.devices.pointer import KINDS, TOOLS
 from palpate.volumes.hdf5 import refuse_endless_heap
 
-FORMAT, VERSION = "palpate session", 3
+FORMAT, VERSION = "palpate session", 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,8 +23,8 @@ class Record:
 
     ticks: (n,) not falling, the tick that first obeyed each command. tools: (n,) which of the four tools. kinds: (n,)
     0 lets go, 1 holds, 2 a needle, 3 in space. points, displacements: (n, 3) mm, as `Command` says. length: ticks in
-    all. switches: (k,) rising, the ticks from which the model answered without tables that were not made in time, then
-    with them, then without again, ... digest_ticks, digests: (m,) hash of the state after so many ticks. model, tissue:
+    all. switches: (k,) rising, ticks from which models answered with or without tables that were not made in time;
+    lacking: (k,) without: 1 the model at work, 2 the one that was coming, 3 both, 0 none. digest_ticks, digests: (m,) hash of the state after so many ticks. model, tissue:
     name of the first model and fingerprint of the tissue. changes: (tick, model, sweeps) of each model that came later.
     marks: (tick, what, tool) of what the hand claimed: 0 a lump under the tool, 1 a sample at the needle's tip.
     settings: what a tick does besides the model.
@@ -40,6 +40,7 @@ class Record:
     digest_ticks: Int64
     digests: NDArray[np.uint64]
     switches: Int64
+    lacking: UInt8
     model: str
     tissue: str
     settings: dict[str, float]
@@ -57,6 +58,7 @@ _ARRAYS: dict[str, tuple[Any, str]] = {
     "digest_ticks": (np.int64, "1"),
     "digests": (np.uint64, "1"),
     "switches": (np.int64, "1"),
+    "lacking": (np.uint8, "1"),
 }
 
 
@@ -116,7 +118,8 @@ def read_record(path: str | Path) -> Record:
 def _check(path: Path, record: Record) -> None:
     n, m, again = len(record.ticks), len(record.digest_ticks), "record the session again"
     shapes = {"tools": (n,), "kinds": (n,), "points": (n, 3), "displacements": (n, 3), "digests": (m,)}
-    for name, shape in {**shapes, "switches": (record.switches.size,)}.items():
+    k = record.switches.size
+    for name, shape in {**shapes, "switches": (k,), "lacking": (k,)}.items():
         found = getattr(record, name).shape
         if found != shape:
             raise FileError(f"{path}: {name} has shape {found}, expected {shape}; {again}")

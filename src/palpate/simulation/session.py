@@ -14,6 +14,7 @@ from palpate.meshes.mesh import TetMesh
 from palpate.meshes.shown import shown_nodes
 from palpate.simulation.devices.pointer import TOOLS, Command
 from palpate.simulation.devices.replay import Replay
+from palpate.simulation.journal import Journal
 from palpate.simulation.record import Record
 from palpate.tissue.base import TissueModel
 from palpate.tissue.models import model as build
@@ -69,7 +70,7 @@ class Session:
         except ValueError as problem:
             raise DataError(f"{problem}; choose a smaller radius") from None
         self._ticks = 0
-        self._kept: list[tuple[Any, ...]] = []
+        self._kept = Journal()
         self._came: list[tuple[TissueModel, int]] = []  # models and their sweeps, in the order of `change`
         self._changes: list[int] = []  # ticks from which they ran
         self._marks: list[tuple[int, int, int]] = []
@@ -103,6 +104,7 @@ class Session:
             np.array([c.point for _, _, c in given], dtype=np.float64).reshape(-1, 3),
             np.array([c.displacement for _, _, c in given], dtype=np.float64).reshape(-1, 3),
             np.empty(0, dtype=np.int64),
+            np.empty(0, dtype=np.uint8),
         )
         force = self._advance(device, len(commands))
         return force[:, 0] if alone else force
@@ -157,7 +159,10 @@ class Session:
         return int(record.digest_ticks[wrong[0]]) if len(wrong) else None
 
     def replayed(self, record: Record, every: int) -> Iterator[tuple[int, Float64]]:
-        """Obeys a record in lockstep, `every` ticks at a time: the ticks done and (those, 4, 3) N. For scores."""
+        """Obeys a record in lockstep, `every` ticks at a time: the ticks done and (those, 4, 3) N. For scores.
+
+        It also stops where a model changed or something was marked.
+        """
         device = Replay(record).core
         made = {name: self.first if name == record.model else build(self.first.tissue, name) for name in _named(record)}
         changes = list(record.changes)
@@ -165,7 +170,8 @@ class Session:
             if changes and changes[0][0] == self._ticks:
                 _, name, sweeps = changes.pop(0)
                 self.change(made[name], sweeps)
-            stop = min([record.length, self._ticks - self._ticks % every + every, *[c[0] for c in changes[:1]]])
+            stop = min(record.length, self._ticks - self._ticks % every + every)
+            stop = min([stop, *(at for at, *_ in (*changes, *record.marks) if at > self._ticks)])
             force = self._advance(device, stop - self._ticks)
             yield self._ticks, force
 
@@ -200,8 +206,8 @@ class Session:
             raise DataError("record: the session runs by the clock; call stop() first")
         if lost := self.loop.dropped():
             raise DataError(f"record: {lost} entries were lost since nobody read frames for minutes; record again")
-        columns = [np.concatenate(parts) for parts in zip(*self._kept, self.loop.drain(), strict=True)]
-        ticks, tools, kinds, points, displacements, digest_ticks, digests, switches = columns
+        self._kept.add(self.loop.drain())
+        ticks, tools, kinds, points, displacements, digest_ticks, digests, switches, lacking = self._kept.columns()
         return Record(
             ticks=ticks,
             tools=tools,
@@ -212,6 +218,7 @@ class Session:
             digest_ticks=digest_ticks,
             digests=digests,
             switches=switches,
+            lacking=lacking,
             model=name_of(self.first),
             tissue=fingerprint(self.first),
             settings=settings_of(self),
@@ -221,7 +228,7 @@ class Session:
         )
 
     def _keep(self) -> None:
-        self._kept.append(self.loop.drain())
+        self._kept.add(self.loop.drain())
         self._changes += [tick for tick, _ in self.loop.changes()]
         self.loop.tidy()
         if not self.loop.running:

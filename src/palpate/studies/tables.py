@@ -13,11 +13,16 @@ Row = dict[str, Any]
 def write_tables(folder: Path, tables: Mapping[str, Sequence[Row]]) -> None:
     """One CSV file a table. Raises `FileError`."""
     for name, rows in tables.items():
-        heads = list(dict.fromkeys(head for row in rows for head in row))
-        with replacing(folder / f"{name}.csv") as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, heads)
-            writer.writeheader()
-            writer.writerows(rows)
+        write_table(folder / f"{name}.csv", rows)
+
+
+def write_table(path: Path, rows: Sequence[Row]) -> None:
+    """One CSV file; its columns are those of all rows. Raises `FileError`."""
+    heads = list(dict.fromkeys(head for row in rows for head in row))
+    with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, heads)
+        writer.writeheader()
+        writer.writerows(rows)
 
 
 def where(rows: Iterable[Row], **wanted: object) -> list[Row]:

@@ -1,0 +1,140 @@
+"""Random hands for a long time, through the real server, with a client that takes the whole stream; does anything wear?
+
+    python -m benchmarks.soak --minutes 60 --seed 2
+
+Beside the loop, in the same minutes, a thread that does nothing by the same clock: what it is late, the machine is.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+import palpate as pp
+from benchmarks.multigrid import ORGAN_EDGE
+from palpate import _core
+from palpate.server.listen import loopback_socket
+from palpate.server.serve import serving
+from palpate.studies.deformation.organs import kidney
+
+MINUTES = 10.0
+SETTLING = 10.0  # s before counting begins
+STEP = 1e-5  # s, of the loop's tallies
+CHUNK = 5000  # ticks of the empty thread at a time
+
+
+def lines(
+    minutes: float = MINUTES, model: str = "compliance", seed: int = 1, edge: float = ORGAN_EDGE
+) -> Iterator[str]:
+    """One soak, told as it goes."""
+    tissue = kidney(edge)
+    session = pp.Session(pp.model(tissue, model))
+    yield f"model {model}, {len(tissue.mesh.nodes)} nodes, {len(session.shown)} shown, seed {seed}, {minutes:g} min"
+    with serving(session, loopback_socket(None)) as address:
+        told: list[dict[str, float]] = []
+        client = subprocess.Popen(
+            [
+                sys.executable,
+                str(Path(__file__).with_name("hands.py")),
+                address,
+                str(60 * minutes + SETTLING),
+                str(seed),
+            ],
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        assert client.stdout is not None
+        threading.Thread(target=lambda: told.extend(map(json.loads, client.stdout or [])), daemon=True).start()
+        time.sleep(SETTLING)
+        empty = Beside()
+        before, late, ticks = session.loop.tallies(), *_state(session)
+        memory: list[tuple[float, float]] = []
+        began = time.monotonic()
+        while client.poll() is None:
+            time.sleep(5)
+            memory.append((time.monotonic() - began, resident()))
+            if len(memory) % 60 == 0:
+                yield f"  {memory[-1][0] / 60:.0f} min, {memory[-1][1]:.0f} MB, {told[-1] if told else 'nothing heard'}"
+        after, late_now, ticks_now = session.loop.tallies(), *_state(session)
+        empty.stop()
+        faults = session.frame().faults
+    done = ticks_now - ticks
+    yield f"\n{done} ticks by the clock in {memory[-1][0]:.0f} s: {done / memory[-1][0]:.1f} a second"
+    for name, a, b in zip(("a tick's work", "its processor time", "woken late by"), before, after, strict=True):
+        yield f"{name}: {quantiles(b - a)}"
+    yield f"an empty thread woken late by: {quantiles(empty.count)}"
+    share, other = (late_now - late) / done, empty.late / max(1, int(empty.count.sum()))
+    yield f"late ticks: {share:.3%}; of the empty thread {other:.3%}; beyond it {share - other:.3%}"
+    yield flatness(memory, session.record())
+    yield f"faults (no number): {faults}; client (exit {client.returncode}): {told[-1] if told else None}"
+
+
+def _state(session: pp.Session) -> tuple[int, int]:
+    frame = session.loop.frame() if not session.loop.running else session.frame()
+    return int(frame.late), int(frame.tick)
+
+
+class Beside:
+    """Counts how late an empty thread wakes, until it is stopped."""
+
+    def __init__(self) -> None:
+        self.count, self.late, self._ended = np.zeros(1001, dtype=np.int64), 0, False
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def _run(self) -> None:
+        while not self._ended:
+            woken, late = _core.empty_beat(CHUNK)
+            self.late += late
+            self.count += np.bincount(np.minimum(woken / STEP, 1000).astype(np.int64), minlength=1001)
+
+    def stop(self) -> None:
+        """Waits for the last chunk."""
+        self._ended = True
+        self._thread.join()
+
+
+def quantiles(count: np.ndarray) -> str:
+    """Of a tally, in ms, to its step."""
+    share = np.cumsum(count) / max(1, count.sum())
+    at: Callable[[float], str] = lambda q: (  # noqa: E731
+        f"{1e3 * STEP * (k + 1):.2f}" if (k := int(np.searchsorted(share, q))) < 1000 else "over 10"
+    )
+    return f"p50 {at(0.5)}, p99 {at(0.99)}, p99.9 {at(0.999)}, p99.99 {at(0.9999)} ms"
+
+
+def resident() -> float:
+    """MB of this process."""
+    words = Path("/proc/self/status").read_text().split()
+    return int(words[words.index("VmRSS:") + 1]) / 1024
+
+
+def flatness(memory: list[tuple[float, float]], record: pp.Record) -> str:
+    """Growth after the first fifth, beside what the record of the commands holds."""
+    time_, used = np.array(memory[len(memory) // 5 :]).T
+    slope = float(np.polyfit(time_, used, 1)[0]) * 3600 if len(used) > 2 else float("nan")
+    held = sum(a.nbytes for a in vars(record).values() if isinstance(a, np.ndarray)) / 2**20
+    return (
+        f"memory: {used[0]:.0f} MB at {time_[0]:.0f} s, {used[-1]:.0f} MB at {time_[-1]:.0f} s, most {used.max():.0f}; "
+        f"{slope:+.1f} MB an hour; the record of {len(record.ticks)} commands holds {held:.1f} MB"
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.soak", description=__doc__.split("\n")[0])
+    parser.add_argument("--minutes", type=float, default=MINUTES)
+    parser.add_argument("--model", default="compliance")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--edge", type=float, default=ORGAN_EDGE, help="mm, of the kidney's elements")
+    for line in lines(**vars(parser.parse_args())):
+        print(line, flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,54 @@
+"""`palpate score`."""
+
+import shlex
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+import palpate as pp
+from palpate.commands.progress import progress
+
+
+def add(app: typer.Typer) -> None:
+    """Adds the command to `app`."""
+    app.command("score", short_help="Scores a recorded session, for a teacher.")(score_command)
+
+
+def score_command(
+    session: Annotated[Path, typer.Argument(help="What `palpate touch --record` wrote (.h5).", show_default=False)],
+    tissue: Annotated[Path, typer.Argument(help="The tissue that was touched (.vtu).", show_default=False)],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Report to write; .json and .csv beside it.")] = Path(
+        "report.html"
+    ),
+    reference: Annotated[Path | None, typer.Option(help="Another session (.h5) on this tissue, put beside it.")] = None,
+    task: Annotated[str, typer.Option(help="What was asked: touch, lump or biopsy.")] = "touch",
+    target: Annotated[str, typer.Option(help="Region that is sought. Default: the stiffest inside.")] = "",
+    within: Annotated[float, typer.Option(help="How far beside a lump a mark may be, mm.")] = 5.0,
+    force: Annotated[float, typer.Option(help="Force not to be exceeded, N.")] = 5.0,
+    strain: Annotated[float, typer.Option(help="Stretch of the tissue not to be exceeded, as a share.")] = 0.3,
+) -> None:
+    """Example: [bold]palpate score session.h5 tissue.vtu --task lump -o report.html[/bold]
+
+    Replays a recorded session and reports what a teacher asks of it:
+    time, way, force, strain of the tissue, and what was found.
+
+    The limits are yours to choose; the defaults are no clinical ones.
+    """
+    from palpate.atomic import writable
+
+    writable(output)
+    solid, asked = pp.read_tissue(tissue), pp.Task(task, target, within, force, strain)
+    score = scored(pp.read_record(session), solid, asked)
+    other = None if reference is None else scored(pp.read_record(reference), solid, asked)
+    words = ["palpate", "score", str(session), str(tissue), *([] if task == "touch" else ["--task", task])]
+    words += [] if reference is None else ["--reference", str(reference)]
+    made = pp.score_report(output, score, other, command=shlex.join([*words, "-o", str(output)]))
+    typer.echo(score.text())
+    typer.echo(f"report: {made[0].resolve()}")
+
+
+def scored(record: pp.Record, tissue: pp.Tissue, task: pp.Task) -> pp.Score:
+    """The score, with a line of progress: a replay takes some of the session's own time."""
+    with progress() as say:
+        return pp.score(record, tissue, task, progress=lambda share: say("replaying the session", share))
