@@ -60,7 +60,10 @@ def lines() -> Iterator[str]:
         hardware = bool(os.environ.get(HARDWARE))
         arguments = ARGUMENTS[:1] if hardware else ARGUMENTS
         chromium = playwright.chromium.launch(executable_path=found, args=arguments)
-        yield "| organ | triangles | sent /s | drawn /s | work of a frame, ms (99 %) | main thread, CPU ms | worker, CPU ms | GPU process, ms | hand to picture, ms (99 %, events) |"
+        yield (
+            "| organ | triangles | sent /s | drawn /s | work of a frame, ms (99 %) | main thread, CPU ms | worker, CPU ms "
+            "| GPU process, ms | hand to picture, ms (99 %, events) |"
+        )
         yield "|---|---|---|---|---|---|---|---|---|"
         made_up = stream(71)
         with streaming([made_up], loopback_socket(None)) as address:
@@ -75,7 +78,8 @@ def lines() -> Iterator[str]:
 def row(seen: Seen) -> str:
     """Of the table."""
     return (
-        f"| {seen.name} | {seen.triangles:,} | {'–' if seen.sent != seen.sent else f'{seen.sent:.0f}'} | {seen.drawn:.0f} | {seen.work[0]:.1f} ({seen.work[1]:.1f}) "
+        f"| {seen.name} | {seen.triangles:,} | {'–' if seen.sent != seen.sent else f'{seen.sent:.0f}'} "
+        f"| {seen.drawn:.0f} | {seen.work[0]:.1f} ({seen.work[1]:.1f}) "
         f"| {seen.main:.1f} | {seen.worker:.1f} | {seen.raster:.1f} "
         f"| {seen.delay[0]:.0f} ({seen.delay[1]:.0f}, {seen.delay[2]}) |"
     )

@@ -148,7 +148,8 @@ def _pages(tables: Tables, command: str) -> Section:
     drawn = ", ".join(dict.fromkeys(row["renderer"] for row in tables["pages"]))
     text = [
         f"Chromium without a screen, 1280 x 800 pixels, drawn by {drawn}; the loop runs `compliance` on the same machine. "
-        f"Hand to picture: from a pointer event to the first picture of a frame that obeys it; a monitor's delay is not in it."
+        f"Hand to picture: from a pointer event to the first picture of a frame that obeys it; "
+        "a monitor's delay is not in it."
     ]
     hardware = any(row["rendering"] == "hardware" for row in tables["pages"])
     text += [] if hardware else ["No graphics card was found here, so drawing by hardware is not measured."]
