@@ -12,7 +12,7 @@ namespace {
 constexpr int capacity = Patch::capacity;
 // Of what a stiffness from older tables was off by, this much is left after a tick; but it never changes the force by
 // more than this part of it a tick (a hand feels steps of some per cent).
-constexpr double fading = 0.95, most_step = 0.02;
+constexpr double fading = 0.95, most_step = 0.015;
 
 constexpr int most = 3 * most_tools;
 enum At {

@@ -9,7 +9,8 @@ namespace {
 using Grip = Proxy::Grip;
 constexpr double nearly_home = 1e-6; // mm: what is left of a displacement when the tissue counts as at rest
 constexpr double tolling = 0.1;      // of the way to what is due, a tick
-constexpr double least_slide = 0.01; // mm a tick: slower, a slope is learnt over several ticks
+constexpr double brake_step = 0.1, gentle_step = 5e-3; // of the force, a tick; gentle: while tables come in
+constexpr double least_slide = 0.01;                   // mm a tick: slower, a slope is learnt over several ticks
 
 double dot(const double a[3], const double b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 double length(const double v[3]) { return std::sqrt(dot(v, v)); }
@@ -186,7 +187,10 @@ void Simulation::brake(const double moved[most_tools][3]) {
         Proxy& p = proxy[t];
         const double wanted = per * length(moved[t]), most = 0.1 * length(p.force);
         const double part = wanted > most ? most / wanted : 1;
-        for (int k = 0; k < 3; k++) p.brake[k] = -part * per * moved[t][k];
+        double change[3];
+        for (int k = 0; k < 3; k++) change[k] = -part * per * moved[t][k] - p.brake[k];
+        const double jump = length(change), smooth = (now.state->fading ? gentle_step : brake_step) * length(p.force);
+        for (int k = 0; k < 3; k++) p.brake[k] += jump > smooth ? change[k] * (smooth / jump) : change[k];
     }
 }
 
