@@ -1,6 +1,6 @@
 """Four random hands at a page's end of the socket: what they feel must be numbers, and what they let go of must be loose.
 
-Run by soak.py: hands.py ADDRESS SECONDS SEED. Prints a JSON line every half minute, exits with 1 at the first wrong.
+Run by soak.py: hands.py ADDRESS SECONDS SEED. Prints a JSON line every few seconds, exits with 1 at the first wrong.
 """
 
 import json
@@ -18,6 +18,7 @@ from websockets.sync.client import connect
 from palpate.server import messages
 
 RATE = 60.0  # commands a second
+TELLS = 4.0  # s between lines
 ROUND, LOOSE = 27.0, 3.0  # s: all hands play, then all let go
 AWAY, HOLD, NEEDLE, FREE = range(4)
 LAYOUT = messages.code(messages.Frame)
@@ -62,7 +63,7 @@ def main() -> int:
     nodes, reach, models, model = scene(address)
     hands = [Hand(tool, np.random.default_rng([seed, tool]), nodes, reach) for tool in range(4)]
     base, token = address.split("/?")
-    seen, delays, gaps, wrong = 0, [], [], ""
+    seen, serial, delays, gaps, wrong = 0, -1.0, [], [], ""
     began = last = told = time.monotonic()
     sent = rounds = 0.0
     with connect(f"{base.replace('http', 'ws')}/socket?{token}", origin=base, max_size=None) as page:
@@ -85,12 +86,14 @@ def main() -> int:
             gaps.append(time.monotonic() - last)
             last = time.monotonic()
             frame = decoded(data)
-            delays.append(1e3 * (last - began) + 1 - frame["serial"][0])
+            if frame["serial"][0] != serial:  # the first that obeys this command
+                serial = frame["serial"][0]
+                delays.append(1e3 * (last - began) + 1 - serial)
             wrong = judged(data, frame, now % (ROUND + LOOSE) - ROUND)
-            if time.monotonic() - told > 30 or wrong:
+            if time.monotonic() - told > TELLS or wrong:
                 told = time.monotonic()
-                print(json.dumps(state(now, seen, delays, gaps, wrong)), flush=True)
-    print(json.dumps(state(time.monotonic() - began, seen, delays, gaps, wrong)), flush=True)
+                print(json.dumps(state(now, seen, delays, gaps, wrong) | heard(frame)), flush=True)
+    print(json.dumps(state(time.monotonic() - began, seen, delays, gaps, wrong) | heard(frame)), flush=True)
     return 1 if wrong else 0
 
 
@@ -103,6 +106,11 @@ def decoded(data: bytes) -> dict[str, tuple[float, ...]]:
         out[field.name] = values[at : at + count]
         at += count
     return out
+
+
+def heard(frame: dict[str, tuple[float, ...]]) -> dict[str, float]:
+    """Of the loop."""
+    return {name: frame[name][0] for name in ("tick", "late", "faults", "energy")}
 
 
 def judged(data: bytes, frame: dict[str, tuple[float, ...]], loose: float) -> str:

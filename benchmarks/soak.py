@@ -12,6 +12,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -26,18 +27,19 @@ from palpate.studies.deformation.organs import kidney
 MINUTES = 10.0
 SETTLING = 10.0  # s before counting begins
 STEP = 1e-5  # s, of the loop's tallies
+TOLD = 120  # of the looks every 5 s: ten minutes
 CHUNK = 5000  # ticks of the empty thread at a time
 
 
 def lines(
     minutes: float = MINUTES, model: str = "compliance", seed: int = 1, edge: float = ORGAN_EDGE
 ) -> Iterator[str]:
-    """One soak, told as it goes."""
+    """One soak, told as it goes: what was so far, every ten minutes and at the end."""
     tissue = kidney(edge)
     session = pp.Session(pp.model(tissue, model))
     yield f"model {model}, {len(tissue.mesh.nodes)} nodes, {len(session.shown)} shown, seed {seed}, {minutes:g} min"
     with serving(session, loopback_socket(None)) as address:
-        told: list[dict[str, float]] = []
+        told: list[str] = []
         client = subprocess.Popen(
             [
                 sys.executable,
@@ -50,34 +52,52 @@ def lines(
             text=True,
         )
         assert client.stdout is not None
-        threading.Thread(target=lambda: told.extend(map(json.loads, client.stdout or [])), daemon=True).start()
+        threading.Thread(target=lambda: told.extend(client.stdout or []), daemon=True).start()
         time.sleep(SETTLING)
-        empty = Beside()
-        before, late, ticks = session.loop.tallies(), *_state(session)
+        empty, first, began = Beside(), state(session, told), time.monotonic()
         memory: list[tuple[float, float]] = []
-        began = time.monotonic()
         while client.poll() is None:
             time.sleep(5)
             memory.append((time.monotonic() - began, resident()))
-            if len(memory) % 60 == 0:
-                yield f"  {memory[-1][0] / 60:.0f} min, {memory[-1][1]:.0f} MB, {told[-1] if told else 'nothing heard'}"
-        after, late_now, ticks_now = session.loop.tallies(), *_state(session)
+            if len(memory) % TOLD == 0:
+                yield from summary(first, state(session, told), empty, memory)
+                yield f"client: {told[-1].strip() if told else 'not heard'}"
+        last = state(session, told)
         empty.stop()
-        faults = session.frame().faults
-    done = ticks_now - ticks
-    yield f"\n{done} ticks by the clock in {memory[-1][0]:.0f} s: {done / memory[-1][0]:.1f} a second"
-    for name, a, b in zip(("a tick's work", "its processor time", "woken late by"), before, after, strict=True):
+    yield from summary(first, last, empty, memory)
+    record = session.record()
+    held = sum(a.nbytes for a in vars(record).values() if isinstance(a, np.ndarray)) / 2**20
+    yield f"the record of {len(record.ticks)} commands and {len(record.changes)} changes holds {held:.1f} MB"
+    yield f"client (exit {client.returncode}): {told[-1].strip() if told else 'not heard'}"
+
+
+@dataclass(frozen=True)
+class State:
+    """Of the loop, since it began: what the client heard, and the loop's own tallies."""
+
+    tick: int
+    late: int
+    tallies: tuple[np.ndarray, ...]
+
+
+def state(session: pp.Session, told: list[str]) -> State:
+    """Now. Frames are the server's to read, one thread alone; tallies are anyone's."""
+    heard = json.loads(told[-1]) if told else {"tick": 0, "late": 0}
+    return State(int(heard["tick"]), int(heard["late"]), session.loop.tallies())
+
+
+def summary(first: State, last: State, empty: "Beside", memory: list[tuple[float, float]]) -> Iterator[str]:
+    """From one state to another."""
+    seconds, done, heard = memory[-1][0], int((last.tallies[0] - first.tallies[0]).sum()), last.tick - first.tick
+    yield f"\nafter {seconds / 60:.1f} min: {done} ticks, {done / seconds:.1f} a second"
+    for name, a, b in zip(
+        ("a tick's work", "its processor time", "woken late by"), first.tallies, last.tallies, strict=True
+    ):
         yield f"{name}: {quantiles(b - a)}"
     yield f"an empty thread woken late by: {quantiles(empty.count)}"
-    share, other = (late_now - late) / done, empty.late / max(1, int(empty.count.sum()))
-    yield f"late ticks: {share:.3%}; of the empty thread {other:.3%}; beyond it {share - other:.3%}"
-    yield flatness(memory, session.record())
-    yield f"faults (no number): {faults}; client (exit {client.returncode}): {told[-1] if told else None}"
-
-
-def _state(session: pp.Session) -> tuple[int, int]:
-    frame = session.loop.frame() if not session.loop.running else session.frame()
-    return int(frame.late), int(frame.tick)
+    share, other = (last.late - first.late) / max(1, heard), empty.late / max(1, int(empty.count.sum()))
+    yield f"late ticks: {share:.3%}; of the empty thread {other:.3%}; beyond it {share - other:+.3%}"
+    yield flatness(memory)
 
 
 class Beside:
@@ -115,14 +135,13 @@ def resident() -> float:
     return int(words[words.index("VmRSS:") + 1]) / 1024
 
 
-def flatness(memory: list[tuple[float, float]], record: pp.Record) -> str:
-    """Growth after the first fifth, beside what the record of the commands holds."""
+def flatness(memory: list[tuple[float, float]]) -> str:
+    """Growth after the first fifth."""
     time_, used = np.array(memory[len(memory) // 5 :]).T
     slope = float(np.polyfit(time_, used, 1)[0]) * 3600 if len(used) > 2 else float("nan")
-    held = sum(a.nbytes for a in vars(record).values() if isinstance(a, np.ndarray)) / 2**20
     return (
-        f"memory: {used[0]:.0f} MB at {time_[0]:.0f} s, {used[-1]:.0f} MB at {time_[-1]:.0f} s, most {used.max():.0f}; "
-        f"{slope:+.1f} MB an hour; the record of {len(record.ticks)} commands holds {held:.1f} MB"
+        f"memory: {used[0]:.0f} MB at {time_[0]:.0f} s, {used[-1]:.0f} MB at {time_[-1]:.0f} s, "
+        f"most {used.max():.0f}; {slope:+.1f} MB an hour"
     )
 
 
