@@ -43,6 +43,7 @@ class Stream:
     model: int = 0
     said: list[Choose | Mark] = field(default_factory=list)
     sent: int = 0  # frames
+    swings: bool = False  # the tools go in and out by themselves
     bumps: dict[int, tuple[tuple[float, ...], Float64]] = field(default_factory=dict)
 
     def obey(self, said: Tool | Choose | Mark) -> None:
@@ -55,7 +56,7 @@ class Stream:
         if isinstance(said, Choose) and said.what == 0:
             self.model = said.index
 
-    def displacement(self) -> Float64:
+    def displacement(self, share_of_way: float = 1.0) -> Float64:
         """(nodes, 3) mm: a bump around each tool."""
         moved = np.zeros_like(self.nodes)
         for tool in self.tools:
@@ -65,19 +66,21 @@ class Stream:
             if known is None or known[0] != tool.point:
                 far = np.linalg.norm(self.nodes - tool.point, axis=1) / (3 * self.scene.radius)
                 known = self.bumps[tool.tool] = tool.point, np.maximum(0, 1 - far**2) ** 2
-            share = 0.1 if tool.kind == 2 else 1.0
+            share = share_of_way * (0.1 if tool.kind == 2 else 1.0)
             moved += share * known[1][:, None] * np.array(tool.displacement)
         return moved
 
     def frame(self, seconds: float) -> bytes:
         """The newest state as a message."""
-        moved = self.displacement()
+        share = 0.6 + 0.4 * float(np.sin(6 * seconds)) if self.swings else 1.0
+        moved = self.displacement(share)
         most = float(np.abs(moved).max())
         step = most / STEPS if most > 1e-4 else 0.0
         held = [tool.kind > 0 for tool in self.tools]
-        asked = np.array([tool.displacement for tool in self.tools]) * np.array(held)[:, None]
-        inside = [max(0.0, float(np.linalg.norm(w)) - PIERCED) * (t.kind == 2) for t, w in zip(self.tools, asked, strict=True)]
-        way = asked * [[1 - i / max(float(np.linalg.norm(w)), PIERCED)] for i, w in zip(inside, asked, strict=True)]
+        asked = share * np.array([tool.displacement for tool in self.tools]) * np.array(held)[:, None]
+        far = np.linalg.norm(asked, axis=1)
+        inside = np.maximum(0, far - PIERCED) * [tool.kind == 2 for tool in self.tools]
+        way = asked * (1 - inside / np.maximum(far, PIERCED))[:, None]
         message = Frame(
             model=self.model,
             tick=float(round(1000 * seconds)),
@@ -91,7 +94,7 @@ class Stream:
             point=tuple(x for tool in self.tools for x in tool.point),
             displacement=tuple(way.ravel()),
             force=tuple((-STIFF * way).ravel()),
-            inside=tuple(inside),
+            inside=tuple(inside.tolist()),
             step=step,
             count=len(moved) if step else 0,
         )
@@ -101,7 +104,12 @@ class Stream:
         """The scene as `messages.Scene` says."""
         text = json.dumps(asdict(self.scene)).encode()
         text += b" " * (-len(text) % 4)
-        return struct.pack("<I", len(text)) + text + self.nodes.astype("<f4").tobytes() + self.triangles.astype("<u4").tobytes()
+        return (
+            struct.pack("<I", len(text))
+            + text
+            + self.nodes.astype("<f4").tobytes()
+            + self.triangles.astype("<u4").tobytes()
+        )
 
 
 def stream(frequency: int, **more: Any) -> Stream:
@@ -129,7 +137,9 @@ def stream(frequency: int, **more: Any) -> Stream:
         task="",
         images=False,
     )
-    return Stream(np.concatenate([shell, lump]), np.concatenate([triangles, inside + len(shell)]), replace(scene, **more))
+    return Stream(
+        np.concatenate([shell, lump]), np.concatenate([triangles, inside + len(shell)]), replace(scene, **more)
+    )
 
 
 def geodesic(frequency: int) -> tuple[Float64, AnyArray]:
@@ -138,7 +148,9 @@ def geodesic(frequency: int) -> tuple[Float64, AnyArray]:
     corners = np.array([(0, a, b * golden) for a in (-1, 1) for b in (-1, 1)], dtype=float)
     corners = np.concatenate([np.roll(corners, k, axis=1) for k in range(3)])
     near = np.linalg.norm(corners[:, None] - corners[None], axis=2) < 2.1
-    faces = [(i, j, k) for i in range(12) for j in range(i) for k in range(j) if near[i, j] and near[j, k] and near[i, k]]
+    faces = [
+        (i, j, k) for i in range(12) for j in range(i) for k in range(j) if near[i, j] and near[j, k] and near[i, k]
+    ]
     points, triangles = [], []
     f = frequency
     for i, j, k in faces:
@@ -204,5 +216,3 @@ def streaming(organs: list[Stream], listener: socket.socket) -> Iterator[str]:
     """Serves made-up organs while the block lasts. Gives the page's address."""
     with running(application(organs, new_token()), listener) as address:
         yield address
-
-
