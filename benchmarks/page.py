@@ -20,6 +20,7 @@ import palpate as pp
 from benchmarks.stream import stream, streaming
 from palpate.samples import sample
 from palpate.server.listen import loopback_socket
+from palpate.server.messages import Tool
 from palpate.server.serve import serving
 
 SECONDS = 8
@@ -44,7 +45,7 @@ class Seen:
     main: float
     worker: float
     raster: float
-    delay: tuple[float, float, int]
+    delay: tuple[float, float, int] | None
     renderer: str
 
 
@@ -61,13 +62,15 @@ def lines() -> Iterator[str]:
         arguments = ARGUMENTS[:1] if hardware else ARGUMENTS
         chromium = playwright.chromium.launch(executable_path=found, args=arguments)
         yield (
-            "| organ | triangles | sent /s | drawn /s | work of a frame, ms (99 %) | main thread, CPU ms | worker, CPU ms "
-            "| GPU process, ms | hand to picture, ms (99 %, events) |"
+            "| organ | triangles | sent /s | drawn /s | work of a frame, ms (99 %) | main thread, CPU ms "
+            "| worker, CPU ms | GPU process, ms | hand to picture, ms (99 %, events) |"
         )
         yield "|---|---|---|---|---|---|---|---|---|"
         made_up = stream(71)
+        made_up.obey(Tool(0, 1, 1, (0.0, 0.0, 25.0), (0.0, 0.0, -6.0)))
+        made_up.swings = True
         with streaming([made_up], loopback_socket(None)) as address:
-            seen = measured(chromium, address, f"made up, {made_up.scene.triangles:,} triangles", lambda: made_up.sent)
+            seen = measured(chromium, address, "made up", lambda: made_up.sent)
             yield row(seen)
         with small() as (address, name):
             yield row(measured(chromium, address, name, None))
@@ -77,11 +80,12 @@ def lines() -> Iterator[str]:
 
 def row(seen: Seen) -> str:
     """Of the table."""
+    sent = "–" if seen.sent != seen.sent else f"{seen.sent:.0f}"
+    delay = f"{seen.delay[0]:.0f} ({seen.delay[1]:.0f}, {seen.delay[2]})" if seen.delay else "–"
     return (
-        f"| {seen.name} | {seen.triangles:,} | {'–' if seen.sent != seen.sent else f'{seen.sent:.0f}'} "
-        f"| {seen.drawn:.0f} | {seen.work[0]:.1f} ({seen.work[1]:.1f}) "
+        f"| {seen.name} | {seen.triangles:,} | {sent} | {seen.drawn:.0f} | {seen.work[0]:.1f} ({seen.work[1]:.1f}) "
         f"| {seen.main:.1f} | {seen.worker:.1f} | {seen.raster:.1f} "
-        f"| {seen.delay[0]:.0f} ({seen.delay[1]:.0f}, {seen.delay[2]}) |"
+        f"| {delay} |"
     )
 
 
@@ -93,7 +97,7 @@ def small() -> Iterator[tuple[str, str]]:
     tissue = pp.Tissue(mesh, 15.0, 0.45, pp.resting_on(mesh, (0, 1, 0), depth=12.0))
     session = pp.Session(pp.model(tissue, "compliance"))
     with serving(session, loopback_socket(None), title="kidney") as address:
-        yield address, f"kidney, {len(mesh.nodes):,} nodes, real loop"
+        yield address, "kidney, real loop"
 
 
 def measured(chromium: Any, address: str, name: str, sent: Any) -> Seen:
@@ -104,21 +108,21 @@ def measured(chromium: Any, address: str, name: str, sent: Any) -> Seen:
         page.wait_for_timeout(100)
     box = page.locator("#view").bounding_box()
     x, y = box["x"] + box["width"] / 2, box["y"] + 0.45 * box["height"]
-    page.mouse.move(x, y)
-    page.mouse.down()
-    stroke(page, x, y, 2.0)  # shaders are compiled, code is warm
+    if sent is None:
+        page.mouse.move(x, y)
+        page.mouse.down()
+    stroke(page, x, y, 2.0, sent is None)  # shaders are compiled, code is warm
     chromium.start_tracing(page=page, categories=["toplevel", "devtools.timeline"])
     pictures, before = page.evaluate("palpate.pictures"), sent() if sent else 0
     page.evaluate("palpate.work.length = 0")
     began = time.perf_counter()
-    events = stroke(page, x, y, SECONDS)
+    events = stroke(page, x, y, SECONDS, sent is None)
     took = time.perf_counter() - began
     drawn = page.evaluate("palpate.pictures") - pictures
     came = (sent() - before) if sent else float("nan")
     work = sorted(page.evaluate("palpate.work.slice()"))
-    delay = page.evaluate(f"palpate.latency({events})")
+    delay = page.evaluate(f"palpate.latency({events or 1})")
     trace = threads(json.loads(chromium.stop_tracing()))
-    page.mouse.up()
     renderer = page.evaluate(
         "(() => { const gl = document.createElement('canvas').getContext('webgl2');"
         " return gl.getParameter(gl.getExtension('WEBGL_debug_renderer_info').UNMASKED_RENDERER_WEBGL); })()"
@@ -128,12 +132,15 @@ def measured(chromium: Any, address: str, name: str, sent: Any) -> Seen:
     return Seen(
         name, triangles, came / took, drawn / took, (statistics.median(work), work[int(0.99 * (len(work) - 1))]),
         trace["main"] / drawn, trace["worker"] / drawn, trace["raster"] / drawn,
-        (delay["median"], delay["p99"], delay["count"]), renderer,
+        (delay["median"], delay["p99"], delay["count"]) if events else None, renderer,
     )  # fmt: skip
 
 
-def stroke(page: Any, x: float, y: float, seconds: float) -> int:
-    """A finger that goes to and fro; gives the number of events."""
+def stroke(page: Any, x: float, y: float, seconds: float, hand: bool) -> int:
+    """A finger that goes to and fro; gives the number of events. Without a hand only time goes by."""
+    if not hand:
+        page.wait_for_timeout(1000 * seconds)
+        return 0
     end, events = time.perf_counter() + seconds, 0
     while time.perf_counter() < end:
         page.mouse.move(x + abs(events % 80 - 40), y + events % 7)

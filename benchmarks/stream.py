@@ -43,6 +43,7 @@ class Stream:
     model: int = 0
     said: list[Choose | Mark] = field(default_factory=list)
     sent: int = 0  # frames
+    swings: bool = False  # the tools go in and out by themselves
     bumps: dict[int, tuple[tuple[float, ...], Float64]] = field(default_factory=dict)
 
     def obey(self, said: Tool | Choose | Mark) -> None:
@@ -55,7 +56,7 @@ class Stream:
         if isinstance(said, Choose) and said.what == 0:
             self.model = said.index
 
-    def displacement(self) -> Float64:
+    def displacement(self, share_of_way: float = 1.0) -> Float64:
         """(nodes, 3) mm: a bump around each tool."""
         moved = np.zeros_like(self.nodes)
         for tool in self.tools:
@@ -65,21 +66,21 @@ class Stream:
             if known is None or known[0] != tool.point:
                 far = np.linalg.norm(self.nodes - tool.point, axis=1) / (3 * self.scene.radius)
                 known = self.bumps[tool.tool] = tool.point, np.maximum(0, 1 - far**2) ** 2
-            share = 0.1 if tool.kind == 2 else 1.0
+            share = share_of_way * (0.1 if tool.kind == 2 else 1.0)
             moved += share * known[1][:, None] * np.array(tool.displacement)
         return moved
 
     def frame(self, seconds: float) -> bytes:
         """The newest state as a message."""
-        moved = self.displacement()
+        share = 0.6 + 0.4 * float(np.sin(6 * seconds)) if self.swings else 1.0
+        moved = self.displacement(share)
         most = float(np.abs(moved).max())
         step = most / STEPS if most > 1e-4 else 0.0
         held = [tool.kind > 0 for tool in self.tools]
-        asked = np.array([tool.displacement for tool in self.tools]) * np.array(held)[:, None]
-        inside = [
-            max(0.0, float(np.linalg.norm(w)) - PIERCED) * (t.kind == 2) for t, w in zip(self.tools, asked, strict=True)
-        ]
-        way = asked * [[1 - i / max(float(np.linalg.norm(w)), PIERCED)] for i, w in zip(inside, asked, strict=True)]
+        asked = share * np.array([tool.displacement for tool in self.tools]) * np.array(held)[:, None]
+        far = np.linalg.norm(asked, axis=1)
+        inside = np.maximum(0, far - PIERCED) * [tool.kind == 2 for tool in self.tools]
+        way = asked * (1 - inside / np.maximum(far, PIERCED))[:, None]
         message = Frame(
             model=self.model,
             tick=float(round(1000 * seconds)),
@@ -93,7 +94,7 @@ class Stream:
             point=tuple(x for tool in self.tools for x in tool.point),
             displacement=tuple(way.ravel()),
             force=tuple((-STIFF * way).ravel()),
-            inside=tuple(inside),
+            inside=tuple(inside.tolist()),
             step=step,
             count=len(moved) if step else 0,
         )

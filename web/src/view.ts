@@ -4,6 +4,7 @@ import {
   LineSegments, Mesh, MeshBasicMaterial, MeshPhongMaterial, Scene as World, WebGLRenderer, type Camera,
 } from "three";
 import { Turntable } from "./camera";
+import { Flesh } from "./gouraud";
 import { Instruments } from "./instruments";
 import type { Organ, Shape } from "./link";
 import type { Frame, Vector } from "./messages";
@@ -17,7 +18,7 @@ export class View {
   readonly world = new World();
   readonly instruments = new Instruments();
   private readonly geometry = new BufferGeometry();
-  private readonly flesh = new MeshPhongMaterial({ vertexColors: true, shininess: 26, specular: 0x332a2a });
+  private readonly flesh = new Flesh();
   private readonly lines = new LineBasicMaterial({ vertexColors: true });
   private skin = new Mesh(this.geometry, this.flesh);
   // Fills the depth buffer only: hides lines behind the organ, and lets one layer of translucent skin through.
@@ -132,9 +133,7 @@ export class View {
     this.skin.visible = !wireframe;
     this.veil.visible = wireframe !== translucent;
     this.veil.renderOrder = translucent ? 1 : -1; // behind the skin, but not behind what lies inside
-    this.flesh.transparent = translucent;
-    this.flesh.opacity = translucent ? 0.45 : 1;
-    this.flesh.needsUpdate = true;
+    this.flesh.translucent = translucent;
     for (const mesh of this.inner) mesh.visible = translucent;
     this.due = true;
   }
@@ -177,6 +176,7 @@ export class View {
   draw(camera: Camera = this.turntable.camera): boolean {
     if (!this.shown || (!this.due && camera === this.turntable.camera)) return false;
     this.due = false;
+    this.flesh.light(camera);
     this.renderer.render(this.world, camera);
     return true;
   }
