@@ -296,7 +296,9 @@ def test_scores_of_a_replay_are_those_of_the_session(models, tissue, tmp_path):
     equal(watch.score(), again)
     assert again.punctures == 1
     assert again.claims[1].right
-    assert again.max_force > 0.5 and again.over_strain > 0 and all(again.path[:3])
+    assert again.max_force > 0.5
+    assert again.over_strain > 0
+    assert all(again.path[:3])
     assert [name for _, name, _ in session.record().changes] == ["compliance"] * 2
 
 

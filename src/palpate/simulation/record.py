@@ -24,11 +24,11 @@ class Record:
     ticks: (n,) not falling, the tick that first obeyed each command. tools: (n,) which of the four tools. kinds: (n,)
     0 lets go, 1 holds, 2 a needle, 3 in space. points, displacements: (n, 3) mm, as `Command` says. length: ticks in
     all. switches: (k,) rising, ticks from which models answered with or without tables that were not made in time;
-    lacking: (k,) without: 1 the model at work, 2 the one that was coming, 3 both, 0 none. digest_ticks, digests: (m,) hash of the state after so many ticks. model, tissue:
-    name of the first model and fingerprint of the tissue. changes: (tick, model, sweeps) of each model that came later.
-    marks: (tick, what, tool) of what the hand claimed: 0 a lump under the tool, 1 a sample at the needle's tip.
-    settings: what a tick does besides the model.
-    instructions: instruction set of the machine; another one rounds otherwise, so digests compare only within one.
+    lacking: (k,) without: 1 the model at work, 2 the one that was coming, 3 both, 0 none. digest_ticks, digests: (m,)
+    hash of the state after so many ticks. model, tissue: name of the first model and fingerprint of the tissue.
+    changes: (tick, model, sweeps) of each model that came later. marks: (tick, what, tool) of what the hand claimed: 0 a
+    lump under the tool, 1 a sample at the needle's tip. settings: what a tick does besides the model. instructions: set
+    of the machine's; another one rounds otherwise, so digests compare only within one.
     """
 
     ticks: Int64

@@ -10,5 +10,11 @@ class Replay:
     def __init__(self, record: Record) -> None:
         self.record = record
         self.core = _core.Replay(
-            record.ticks, record.tools, record.kinds, record.points, record.displacements, record.switches, record.lacking
+            record.ticks,
+            record.tools,
+            record.kinds,
+            record.points,
+            record.displacements,
+            record.switches,
+            record.lacking,
         )
