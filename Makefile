@@ -9,11 +9,12 @@ export PIP_NO_INPUT := 1
 export PYTHONNOUSERSITE := 1
 unexport PYTHONPATH
 
-.PHONY: help demo test mutate lint bench wheel tools clean
+.PHONY: help demo test mutate fuzz lint bench wheel tools clean
 help:
 	@echo "make demo    set up, then X-ray counts to an organ in the browser"
 	@echo "make test    set up, then the tests against the built wheel"
 	@echo "make mutate  set up, then 5,000 damaged files, none of which may crash a reader (MUTANTS=\"9000 --seed 2\")"
+	@echo "make fuzz    set up, then 100,000 random messages to the server (MESSAGES=\"9000 --seed 2\")"
 	@echo "make lint    ruff, strict mypy and clang-format over the built wheel and the sources"
 	@echo "make bench   set up with the peers, then every benchmark; on an otherwise idle machine"
 	@echo "make wheel   the wheel alone, in dist/"
@@ -27,6 +28,9 @@ test: $(VENV)/tested-with
 
 mutate: $(VENV)/tested-with
 	$(BIN)/python tests/mutations.py $(MUTANTS)
+
+fuzz: $(VENV)/tested-with
+	$(BIN)/python tests/fuzz.py $(MESSAGES)
 
 lint: $(VENV)/linted-with
 	$(BIN)/ruff check .

@@ -153,11 +153,11 @@ def test_press_moves_the_surface_and_release_ends_the_force(served):
 
 def test_random_messages_harm_nothing():
     """More of them: python tests/fuzz.py 100000."""
-    told, (early, late), wrong = fuzz.run(2500, seed=5)
+    told, (early, late), wrong = fuzz.run(1200, seed=5)
     assert wrong == []
-    assert told["taken"] > 1500
-    assert told["refused with 1008"] > 300
-    assert told["refused with 1009"] > 10
+    assert told["taken"] > 700
+    assert told["refused with 1008"] > 100
+    assert told["refused with 1009"] > 5
     assert late < early + 16  # MB
 
 

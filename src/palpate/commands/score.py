@@ -48,7 +48,7 @@ def score_command(
     typer.echo(f"report: {made[0].resolve()}")
 
 
-def scored(record: pp.Record, tissue: pp.Tissue, task: pp.Task) -> pp.Score:
+def scored(record: "pp.Record", tissue: "pp.Tissue", task: "pp.Task") -> "pp.Score":
     """The score, with a line of progress: a replay takes some of the session's own time."""
     with progress() as say:
         return pp.score(record, tissue, task, progress=lambda share: say("replaying the session", share))

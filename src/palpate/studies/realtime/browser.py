@@ -16,7 +16,7 @@ from palpate.server.listen import loopback_socket
 from palpate.server.serve import serving
 from palpate.simulation.session import Session
 from palpate.studies.deformation.organs import kidney
-from palpate.studies.realtime.setting import MODES, Setting
+from palpate.studies.realtime.setting import Setting
 from palpate.studies.tables import Row
 from palpate.tissue.models import model
 
@@ -72,7 +72,7 @@ def pages(setting: Setting, resolution: str, edge: float) -> dict[str, list[Row]
             if (rendering == "hardware") == any(word in name for word in ("SwiftShader", "llvmpipe", "none")):
                 continue  # no card here
             with serving(Session(model(tissue, "compliance")), loopback_socket(None)) as address:
-                for mode in MODES:
+                for mode in setting.modes:
                     row = {"resolution": resolution, "triangles": len(tissue.mesh.surface), "mode": mode}
                     rows.append(
                         row | {"rendering": rendering, "renderer": name} | seen(setting, browser, address, mode)

@@ -10,14 +10,14 @@ from matplotlib.figure import Figure
 
 from palpate import _core
 from palpate.studies.axes import COLOURS, canvas, finish
-from palpate.studies.realtime.setting import DEPTH, HAND, MODES, SPEED, Setting
+from palpate.studies.realtime.setting import DEPTH, HAND, SPEED, Setting
 from palpate.studies.report import Section
 from palpate.studies.tables import Row, where
 
 Tables = Mapping[str, Sequence[Row]]
 BUDGET, FRAMES, MEDIAN, LATEST, LATE = 0.5, 30.0, 50.0, 100.0, 1e-3  # ms, a second, ms, ms, share
 NODES = 20_000
-NONE = "–"
+NONE, BEYOND = "–", "over 10"
 
 
 def sections(tables: Tables, setting: Setting, command: str) -> list[Section]:
@@ -39,7 +39,8 @@ def _promises(tables: Tables, setting: Setting) -> Section:
     rows = [["promise", "here", "verdict"]]
     for row in fine:
         work = row["work_p99.9_ms"]
-        here = f"{row['model']}, {row['nodes']} nodes: {_ms(work)} ms; {_ms(row['processor_p99.9_ms'])} ms of processor"
+        here = f"{row['model']}, {row['nodes']} nodes: {_ms(work, missing=BEYOND)} ms, of processor "
+        here += f"{_ms(row['processor_p99.9_ms'], missing=BEYOND)} ms"
         rows.append([f"p99.9 of the loop's work below {BUDGET} ms at 20k nodes", here, _met(_below(work, BUDGET))])
         beyond = row["late"] - row["empty_late"]
         rows.append(
@@ -148,13 +149,12 @@ def _pages(tables: Tables, command: str) -> Section:
     drawn = ", ".join(dict.fromkeys(row["renderer"] for row in tables["pages"]))
     text = [
         f"Chromium without a screen, 1280 x 800 pixels, drawn by {drawn}; the loop runs `compliance` on the same machine. "
-        f"Hand to picture: from a pointer event to the first picture of a frame that obeys it; "
-        "a monitor's delay is not in it."
+        "Hand to picture: from a pointer event to the first picture of a frame that obeys it, without a monitor's delay."
     ]
     hardware = any(row["rendering"] == "hardware" for row in tables["pages"])
     text += [] if hardware else ["No graphics card was found here, so drawing by hardware is not measured."]
     figure, (axes,) = canvas(1)
-    for k, mode in enumerate(MODES):
+    for k, mode in enumerate(dict.fromkeys(row["mode"] for row in tables["pages"])):
         mine = where(tables["pages"], mode=mode, rendering="software")
         at = [i + 0.25 * (k - 1) for i in range(len(mine))]
         axes.bar(at, [r["pictures_a_second"] for r in mine], 0.22, label=mode, color=COLOURS[k])
@@ -191,11 +191,11 @@ def _bars(rows: Sequence[Row], value: str, label: str) -> Figure:
 
 
 def _three(row: Row, what: str) -> str:
-    return ", ".join(_ms(row[f"{what}_p{q}_ms"]) for q in ("50", "99", "99.9"))
+    return ", ".join(_ms(row[f"{what}_p{q}_ms"], missing=BEYOND) for q in ("50", "99", "99.9"))
 
 
-def _ms(value: float | None, digits: int = 2) -> str:
-    return "over 10" if value is None else f"{value:.{digits}f}"
+def _ms(value: float | None, digits: int = 2, missing: str = NONE) -> str:
+    return missing if value is None else f"{value:.{digits}f}"
 
 
 def _below(value: float | None, most: float) -> bool:

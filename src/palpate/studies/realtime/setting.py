@@ -14,12 +14,11 @@ SWING = 15.0  # mm, to either side along the kidney
 SPEED = 0.05  # mm a tick: 50 mm/s
 RAMP = 300  # ticks in which the press comes on, not judged
 HAND = 16  # ticks between two commands of a hand, some 60 a second
-MODES = ("Smooth", "Wireframe", "See inside")
 
 
 @dataclass(frozen=True)
 class Setting:
-    """kidneys: name and edge length, mm. ticks: of a slide. seconds: of a loop; watched: of a page, for each mode."""
+    """kidneys: name and edge length, mm. ticks: of a slide. seconds: of a loop; watched: of a page, for each of modes."""
 
     quick: bool
     kidneys: tuple[tuple[str, float], ...]
@@ -27,6 +26,7 @@ class Setting:
     ticks: int
     seconds: float
     watched: float
+    modes: tuple[str, ...] = ("Smooth", "Wireframe", "See inside")
 
     @property
     def name(self) -> str:
@@ -35,7 +35,7 @@ class Setting:
 
 
 FULL = Setting(False, (("low", 8.0), ("medium", 5.0), ("high", 3.5), ("finest", 2.36)), names(), 10_000, 20.0, 6.0)
-QUICK = Setting(True, (("low", 12.0),), ("blocks", "compliance"), 600, 1.0, 1.5)
+QUICK = Setting(True, (("low", 12.0),), ("blocks", "compliance"), 600, 1.0, 1.0, ("Wireframe",))
 
 
 def path(tissue: Tissue, ticks: int) -> tuple[Float64, Float64]:
