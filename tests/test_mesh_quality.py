@@ -66,7 +66,9 @@ def pair(points):
 
 
 @pytest.mark.parametrize(
-    ("field", "parts", "skins", "handles"), [(torus, 1, 1, 1), (shell, 1, 2, 0), (pair, 2, 2, 0)], ids=lambda f: str(f)
+    ("field", "parts", "skins", "handles"),
+    [(torus, 1, 1, 1), (shell, 1, 2, 0), (pair, 2, 2, 0)],
+    ids=["torus", "shell", "pair"],
 )
 def test_parts_skins_and_handles(field, parts, skins, handles):
     quality = pp.mesh_quality(made(field))
