@@ -185,6 +185,10 @@ void Simulation::brake(const double moved[most_tools][3]) {
     const double lacking = energy - work, per = lacking > 0 && square > 0 ? lacking / (square + 1e-6) : 0;
     for (int t = 0; t < most_tools; t++) {
         Proxy& p = proxy[t];
+        if (p.grip != Grip::holding) {
+            std::fill_n(p.brake, 3, 0.0);
+            continue;
+        }
         const double wanted = per * length(moved[t]), most = 0.1 * length(p.force);
         const double part = wanted > most ? most / wanted : 1;
         double change[3];

@@ -116,6 +116,7 @@ def test_dragging_beside_the_organ_turns_the_view_and_touches_nothing(touched):
     touched.drag(touched.place(), np.array((0, 0)), steps=1)
     touched.wait("palpate.frame.grip[0] === 1")
     touched.page.mouse.up()
+    touched.wait("palpate.frame.grip[0] === 0 && palpate.frame.count === 0")  # the tissue is home again
     touched.page.click("text=Reset view")
     np.testing.assert_allclose(touched.see("palpate.pixel(0)"), before, atol=1)
 
