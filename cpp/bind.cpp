@@ -1,4 +1,5 @@
 #include "bind.h"
+#include "dispatch.h"
 #include "parallel.h"
 
 using namespace nb::literals;
@@ -10,7 +11,7 @@ NB_MODULE(_core, m) {
     m.def(
         "instruction_set",
         [] {
-#if defined(__x86_64__)
+#ifdef PALPATE_VERSIONS
             __builtin_cpu_init();
             if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw")) return "x86-64-v4 (AVX-512)";
             if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) return "x86-64-v3 (AVX2)";

@@ -151,18 +151,18 @@ def test_a_region_in_two_parts_is_two_lumps(tissue):
 def test_a_slow_press_and_its_scores(models, tissue):
     """Way, force, work and strain of a press, against the model's own answer to a push."""
     session = session_of(models["blocks"])
-    commands = press(4.0, 1500) + press(4.0, 200, 4.0)
+    commands = press(4.0, 1000) + press(4.0, 100, 4.0)
     force = stepped(session, commands)[:, 0]
     answer = models["blocks"].push(TOP, (0, 0, -4.0), RADIUS, tolerance=1e-4)
     found = pp.score(session.record(), tissue, pp.Task(strain=0.05))
-    assert found.path[0] == pytest.approx(4.0, rel=0.01)
+    assert found.path[0] == pytest.approx(4.0, rel=0.015)  # but for what it went before the first look
     assert found.path[1:] == (0, 0, 0)
     assert found.touches == 1
     assert found.max_force == pytest.approx(np.linalg.norm(answer.force), rel=0.02)
     assert found.max_force == np.linalg.norm(force, axis=1).max()
     assert found.mean_force == pytest.approx(np.linalg.norm(force, axis=1).mean(), rel=2e-3)
     assert found.work == pytest.approx(0.5 * 4.0 * answer.force[2], rel=0.03)  # half of force times way: it is linear
-    assert found.seconds == pytest.approx(1.69)
+    assert found.seconds == pytest.approx(1.09)
     gradients = []
     for tet in tissue.mesh.tets:
         rest, now = tissue.mesh.nodes[tet], (tissue.mesh.nodes + answer.displacement)[tet]
@@ -171,8 +171,8 @@ def test_a_slow_press_and_its_scores(models, tissue):
     assert found.max_strain == pytest.approx(stretch.max(), rel=0.02)
     assert found.strained == pytest.approx(tissue.mesh.volumes[stretch > 0.05].sum(), rel=0.05)
     first = found.strain_time[np.argmax(found.strain > 0.05)]
-    assert found.over_strain == pytest.approx(1.7 - first + 0.1)
-    assert len(found.time) == len(found.force) == 170
+    assert found.over_strain == pytest.approx(1.1 - first + 0.1)
+    assert len(found.time) == len(found.force) == 110
     assert found.force.max() == found.max_force
 
 
@@ -389,13 +389,16 @@ np.savez(sys.argv[4], forces=forces, displacement=session.displacement, instruct
 """
 
 
-def test_another_instruction_set_replays_within_a_micrometre(models, tissue, tmp_path):
-    """PALPATE_OTHER_CORE: a core built with -DPALPATE_BASELINE (CXXFLAGS), say; see docs/contributing.md."""
+@pytest.mark.parametrize(("name", "tools"), [("blocks", 3), ("compliance", 2)])
+def test_another_instruction_set_replays_within_a_micrometre(models, tissue, tmp_path, name, tools):
+    """Not with a third tool that meets the first on `compliance`: 7.5 µm and 0.4 mN were seen (docs/status.md).
+
+    PALPATE_OTHER_CORE: a core built with -DPALPATE_BASELINE (CXXFLAGS), say; see docs/contributing.md."""
     other = os.environ.get("PALPATE_OTHER_CORE")
     if not other:
         pytest.skip("no core of another instruction set: PALPATE_OTHER_CORE=path to its _core*.so")
-    session = session_of(models["blocks"])
-    forces = stepped(session, busy_commands(900))
+    session = session_of(models[name])
+    forces = stepped(session, [commands[:tools] for commands in busy_commands(900)])
     pp.write_record(tmp_path / "session.h5", session.record())
     pp.write_tissue(tmp_path / "tissue.vtu", tissue)
     words = [other, tmp_path / "session.h5", tmp_path / "tissue.vtu", tmp_path / "out.npz"]
