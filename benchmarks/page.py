@@ -106,8 +106,8 @@ def measured(chromium: Any, address: str, name: str, sent: Any) -> Seen:
     page.goto(address)
     while not page.evaluate("Boolean(window.palpate && palpate.frame)"):
         page.wait_for_timeout(100)
-    box = page.locator("#view").bounding_box()
-    x, y = box["x"] + box["width"] / 2, box["y"] + 0.45 * box["height"]
+    size = page.evaluate("[document.getElementById('view').clientWidth, document.getElementById('view').clientHeight]")
+    x, y = 0.5 * size[0], 0.45 * size[1]
     if sent is None:
         page.mouse.move(x, y)
         page.mouse.down()
