@@ -1,4 +1,5 @@
 #include "contact.h"
+#include "vector.h"
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -6,7 +7,6 @@
 namespace palpate {
 namespace {
 
-double dot(const double* a, const double* b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 void minus(const double* a, const double* b, double* out) {
     for (int k = 0; k < 3; k++) out[k] = a[k] - b[k];
 }

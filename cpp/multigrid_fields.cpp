@@ -192,6 +192,18 @@ PALPATE_KERNEL void round(int nodes, double factor, const double* from, float* o
     }
 }
 
+// Fields k .. k + group, those that there are not with coefficient 0.
+struct Group {
+    const float* field[group];
+    double coefficient[group];
+    Group(int k, int count, const float* const* narrow, const double* c) {
+        for (int j = 0; j < group; j++) {
+            field[j] = narrow[std::min(k + j, count - 1)];
+            coefficient[j] = k + j < count ? c[k + j] : 0;
+        }
+    }
+};
+
 } // namespace
 
 void dots(int nodes, const Column& v, const double* wide, int count, const float* const* narrow, double* out) {
@@ -208,26 +220,16 @@ void dots(int nodes, const Column& v, const double* wide, int count, const float
 void combine(int nodes, double factor, const double* wide, int count, const float* const* narrow, const double* c,
              double* out) {
     for (int k = 0; k == 0 || k < count; k += group) {
-        const float* some[group];
-        double coefficient[group];
-        for (int j = 0; j < group; j++) {
-            some[j] = narrow[std::min(k + j, count - 1)];
-            coefficient[j] = k + j < count ? c[k + j] : 0;
-        }
-        five_combined(nodes, k == 0 ? factor : 1, k == 0 ? wide : out, some, coefficient, out);
+        const Group next(k, count, narrow, c);
+        five_combined(nodes, k == 0 ? factor : 1, k == 0 ? wide : out, next.field, next.coefficient, out);
     }
 }
 
 void combine(int nodes, double factor, const double* wide, int count, const float* const* narrow, const double* c,
              float* out) {
     for (int k = 0; k == 0 || k < count; k += group) {
-        const float* some[group];
-        double coefficient[group];
-        for (int j = 0; j < group; j++) {
-            some[j] = narrow[std::min(k + j, count - 1)];
-            coefficient[j] = k + j < count ? c[k + j] : 0;
-        }
-        five_rounded(nodes, factor, wide, k == 0 ? nullptr : out, some, coefficient, out);
+        const Group next(k, count, narrow, c);
+        five_rounded(nodes, factor, wide, k == 0 ? nullptr : out, next.field, next.coefficient, out);
     }
 }
 

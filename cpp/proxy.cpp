@@ -1,4 +1,5 @@
 #include "proxy.h"
+#include "vector.h"
 #include <algorithm>
 #include <cmath>
 
@@ -14,8 +15,6 @@ bool finite(const Command& command) {
     return std::isfinite(sum);
 }
 
-double dot(const double a[3], const double b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-double length(const double a[3]) { return std::sqrt(dot(a, a)); }
 double apart(const double a[3], const double b[3]) {
     const double d[3] = {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
     return length(d);

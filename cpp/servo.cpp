@@ -1,4 +1,5 @@
 #include "servo.h"
+#include "vector.h"
 #include <algorithm>
 #include <cmath>
 #include <stdexcept>
@@ -10,8 +11,6 @@ constexpr double forgetting = 0.5; // s, in which energy given out is forgiven w
 constexpr double quantum = 0.5;    // mm, that a reading may jump whatever the time: encoders step
 constexpr double ns = 1e-9;
 
-double dot(const double a[3], const double b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-double length(const double a[3]) { return std::sqrt(dot(a, a)); }
 bool finite(const double* values, int count) {
     return std::all_of(values, values + count, [](double value) { return std::isfinite(value); });
 }

@@ -1,4 +1,5 @@
 #include "simulation.h"
+#include "vector.h"
 #include <algorithm>
 #include <cmath>
 #include <cstring>
@@ -11,9 +12,6 @@ constexpr double nearly_home = 1e-6; // mm: what is left of a displacement when 
 constexpr double tolling = 0.1;      // of the way to what is due, a tick
 constexpr double brake_step = 0.1, gentle_step = 5e-3; // of the force, a tick; gentle: while tables come in
 constexpr double least_slide = 0.01;                   // mm a tick: slower, a slope is learnt over several ticks
-
-double dot(const double a[3], const double b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-double length(const double v[3]) { return std::sqrt(dot(v, v)); }
 
 } // namespace
 
@@ -156,7 +154,7 @@ void Simulation::charge(Proxy& p, const double way[3]) const {
 }
 
 void Simulation::account() {
-    double moved[most_tools][3];
+    double way[most_tools][3];
     for (int t = 0; t < most_tools; t++) {
         const Proxy& p = proxy[t];
         Past& was = past[t];
@@ -164,8 +162,8 @@ void Simulation::account() {
         double total[3];
         for (int k = 0; k < 3; k++) {
             total[k] = p.total(k);
-            moved[t][k] = holds && was.held ? p.tip[k] - was.tip[k] : 0;
-            work -= 0.5 * (total[k] + was.total[k]) * moved[t][k];
+            way[t][k] = holds && was.held ? p.tip[k] - was.tip[k] : 0;
+            work -= 0.5 * (total[k] + was.total[k]) * way[t][k];
         }
         was.held = holds;
         std::copy_n(p.at.point, 3, was.point);
@@ -174,25 +172,27 @@ void Simulation::account() {
         std::copy_n(p.tip, 3, was.tip);
         std::copy_n(total, 3, was.total);
     }
-    brake(moved);
+    if (closed == 0) work_before = work - energy;
+    brake(way);
 }
 
-// What the tissue holds beyond what the hands have put in, the next tick takes back, as long as they move (B. Hannaford
-// & J.-H. Ryu, IEEE Trans. Robot. Autom. 18 (2002) 1). It is what learning slopes has missed: little.
-void Simulation::brake(const double moved[most_tools][3]) {
+// What the tissue holds beyond what the hands have put in since it was last untouched, the next tick takes back, as
+// long as they move (B. Hannaford & J.-H. Ryu, IEEE Trans. Robot. Autom. 18 (2002) 1). It is what learning slopes has
+// missed: little.
+void Simulation::brake(const double way[most_tools][3]) {
     double square = 0;
-    for (int t = 0; t < most_tools; t++) square += dot(moved[t], moved[t]);
-    const double lacking = energy - work, per = lacking > 0 && square > 0 ? lacking / (square + 1e-6) : 0;
+    for (int t = 0; t < most_tools; t++) square += dot(way[t], way[t]);
+    const double unpaid = energy - (work - work_before), per = unpaid > 0 && square > 0 ? unpaid / (square + 1e-6) : 0;
     for (int t = 0; t < most_tools; t++) {
         Proxy& p = proxy[t];
         if (p.grip != Grip::holding) {
             std::fill_n(p.brake, 3, 0.0);
             continue;
         }
-        const double wanted = per * length(moved[t]), most = 0.1 * length(p.force);
+        const double wanted = per * length(way[t]), most = 0.1 * length(p.force);
         const double part = wanted > most ? most / wanted : 1;
         double change[3];
-        for (int k = 0; k < 3; k++) change[k] = -part * per * moved[t][k] - p.brake[k];
+        for (int k = 0; k < 3; k++) change[k] = -part * per * way[t][k] - p.brake[k];
         const double jump = length(change), smooth = (now.state->fading ? gentle_step : brake_step) * length(p.force);
         for (int k = 0; k < 3; k++) p.brake[k] += jump > smooth ? change[k] * (smooth / jump) : change[k];
     }

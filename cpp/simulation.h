@@ -66,7 +66,8 @@ private:
         bool held = false;
         double point[3], displacement[3], force[3], tip[3], total[3];
     } past[most_tools];
-    double energy = 0; // N mm, held by the tissue a tick ago
+    double energy = 0;      // N mm, held by the tissue a tick ago
+    double work_before = 0; // N mm, of `work` what was done before the tissue was last touched
 
     const Running& shown() const { return next.model && since > settle ? next : now; }
     void gather();
@@ -76,7 +77,7 @@ private:
     void learn_slopes();
     void charge(Proxy& proxy, const double way[3]) const;
     void account();
-    void brake(const double moved[most_tools][3]);
+    void brake(const double way[most_tools][3]);
     void watch(); // for answers that are no numbers, and for the way home to end
     void push();
 };
