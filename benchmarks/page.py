@@ -8,8 +8,13 @@ rasterising goes on in the GPU process, whose time is given apart. A monitor's o
 import contextlib
 import json
 import os
+import re
 import shutil
+import signal
 import statistics
+import subprocess
+import sys
+import tempfile
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -21,10 +26,10 @@ from benchmarks.stream import stream, streaming
 from palpate.samples import sample
 from palpate.server.listen import loopback_socket
 from palpate.server.messages import Tool
-from palpate.server.serve import serving
+from palpate.studies.realtime.browser import SOFTWARE
 
-SECONDS = 8
-ARGUMENTS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
+SECONDS, TRACED = 8, 4
+ARGUMENTS = ["--no-sandbox", *SOFTWARE]
 HARDWARE = "PALPATE_BENCH_GPU"  # set: draw with the graphics card, if Chromium finds one
 WIDE = {"width": 1280, "height": 800}
 
@@ -91,17 +96,25 @@ def row(seen: Seen) -> str:
 
 @contextlib.contextmanager
 def small() -> Iterator[tuple[str, str]]:
-    """The sample CT's left kidney with edges of 6 mm, under the real loop."""
+    """The sample CT's left kidney with edges of 6 mm, under the real loop, served by a process of its own."""
     labels = pp.read_labels(sample("abdomen") / "labels.nii.gz")
     mesh = pp.tetrahedralize(labels, label="kidney_left", edge=6.0)
     tissue = pp.Tissue(mesh, 15.0, 0.45, pp.resting_on(mesh, (0, 1, 0), depth=12.0))
-    session = pp.Session(pp.model(tissue, "compliance"))
-    with serving(session, loopback_socket(None), title="kidney") as address:
-        yield address, "kidney, real loop"
+    with tempfile.TemporaryDirectory() as folder:
+        pp.write_tissue(f"{folder}/kidney.vtu", tissue)
+        touch = [sys.executable, "-m", "palpate", "touch", f"{folder}/kidney.vtu", "--model", "compliance", "--no-browser"]
+        served = subprocess.Popen(touch, stdout=subprocess.PIPE, text=True)
+        assert served.stdout is not None
+        try:
+            found = next(filter(None, (re.search(r"http://\S+", line) for line in served.stdout)))
+            yield found[0], "kidney, real loop"
+        finally:
+            served.send_signal(signal.SIGINT)
+            served.communicate(timeout=30)
 
 
 def measured(chromium: Any, address: str, name: str, sent: Any) -> Seen:
-    """Strokes the organ for some seconds while the browser is traced."""
+    """Strokes the organ for some seconds, and then for some more while the browser is traced."""
     page = chromium.new_context(viewport=WIDE).new_page()
     page.goto(address)
     while not page.evaluate("Boolean(window.palpate && palpate.frame)"):
@@ -112,7 +125,6 @@ def measured(chromium: Any, address: str, name: str, sent: Any) -> Seen:
         page.mouse.move(x, y)
         page.mouse.down()
     stroke(page, x, y, 2.0, sent is None)  # shaders are compiled, code is warm
-    chromium.start_tracing(page=page, categories=["toplevel", "devtools.timeline"])
     pictures, before = page.evaluate("palpate.pictures"), sent() if sent else 0
     page.evaluate("palpate.work.length = 0")
     began = time.perf_counter()
@@ -122,6 +134,10 @@ def measured(chromium: Any, address: str, name: str, sent: Any) -> Seen:
     came = (sent() - before) if sent else float("nan")
     work = sorted(page.evaluate("palpate.work.slice()"))
     delay = page.evaluate(f"palpate.latency({events or 1})")
+    pictures = page.evaluate("palpate.pictures")
+    chromium.start_tracing(page=page, categories=["toplevel", "devtools.timeline"])  # which slows it
+    stroke(page, x, y, TRACED, sent is None)
+    traced = page.evaluate("palpate.pictures") - pictures
     trace = threads(json.loads(chromium.stop_tracing()))
     renderer = page.evaluate(
         "(() => { const gl = document.createElement('canvas').getContext('webgl2');"
@@ -131,7 +147,7 @@ def measured(chromium: Any, address: str, name: str, sent: Any) -> Seen:
     page.context.close()
     return Seen(
         name, triangles, came / took, drawn / took, (statistics.median(work), work[int(0.99 * (len(work) - 1))]),
-        trace["main"] / drawn, trace["worker"] / drawn, trace["raster"] / drawn,
+        trace["main"] / traced, trace["worker"] / traced, trace["raster"] / traced,
         (delay["median"], delay["p99"], delay["count"]) if events else None, renderer,
     )  # fmt: skip
 
@@ -157,5 +173,5 @@ def threads(trace: Any) -> Counter[str]:
     for event in trace["traceEvents"]:
         part = wanted.get(names.get((event["pid"], event["tid"]), ""))
         if part and event.get("ph") == "X" and event["name"] in ("RunTask", "ThreadControllerImpl::RunTask"):
-            total[part] += event["dur" if part == "raster" else "tdur"] / 1000
+            total[part] += event.get("dur" if part == "raster" else "tdur", 0) / 1000
     return total

@@ -98,7 +98,8 @@ void Loop::run(Device& device) {
         const auto done = clock::now();
         worked.add(done - started), woken.add(started - due);
         busy += 0.01 * (seconds(done - started) - busy);
-        if (simulation.ticks % frame_ticks == 0) publish(seconds(done - began));
+        if (simulation.ticks - published >= (last.serial != answered ? answer_ticks : frame_ticks))
+            publish(seconds(done - began));
         due += period;
         if (auto now = clock::now(); now > due) { // late: slip and count, never run two ticks in one
             late++;
@@ -164,6 +165,7 @@ void Loop::publish(double now) {
     frame.late = late;
     frame.faults = simulation.faults;
     frame.serial = last.serial;
+    published = simulation.ticks, answered = last.serial;
     frame.seconds = now;
     frame.busy = busy;
     frame.work = simulation.work;

@@ -47,6 +47,7 @@ class Loop {
 public:
     static constexpr int rate = 1000;        // ticks a second
     static constexpr int frame_ticks = 10;   // a frame for display is published every so many ticks
+    static constexpr int answer_ticks = 3;   // and sooner, if it is the first to obey a command
     static constexpr int digest_ticks = 100; // and a digest kept
 
     Loop(const Model& model, const Surface& surface, const Settings& settings, std::vector<int> shown);
@@ -77,7 +78,7 @@ private:
     const std::vector<int> shown;
     Commands last;
     std::atomic<Running*> coming{nullptr}, gone{nullptr};
-    int64_t late = 0;
+    int64_t late = 0, published = 0, answered = 0; // ticks and serial of the last frame
     double busy = 0;
     int lacking = 0;
     std::atomic<bool> stopping{false};

@@ -19,6 +19,8 @@ export interface Shape {
   colours: Uint8Array<ArrayBuffer>;
 }
 
+export const buffers = ({ positions, normals, colours }: Shape): ArrayBuffer[] => [positions.buffer, normals.buffer, colours.buffer];
+
 /** The ends of a colour scale; null where there is nothing to show. */
 export type Scale = [low: number, high: number] | null;
 
@@ -33,4 +35,5 @@ export type ToWorker =
   | { kind: "choose"; choose: Choose }
   | { kind: "mark"; mark: Mark }
   | { kind: "colour"; colouring: Colouring }
+  | { kind: "back"; shape: Shape }
   | { kind: "next"; shape: Shape | null; pressing: boolean };

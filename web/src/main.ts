@@ -9,7 +9,7 @@ import { Hand, KINDS, SLOTS, type Kind } from "./hand";
 import { Headset } from "./headset";
 import { NEEDLE } from "./instruments";
 import { HELP, listen } from "./keyboard";
-import type { FromWorker, Scale, Shape, ToWorker } from "./link";
+import { buffers, type FromWorker, type Scale, type Shape, type ToWorker } from "./link";
 import type { Frame, Scene } from "./messages";
 import { Pointer } from "./pointer";
 import { Ranges } from "./ranges";
@@ -54,7 +54,9 @@ const pads = new Gamepads(canvas, view, hand, cursor, {
 
 worker.onmessage = ({ data }: MessageEvent<FromWorker>) => {
   if (data.kind === "frame") {
-    handed = data;
+    const undrawn = handed?.shape ?? null;
+    handed = { frame: data.frame, shape: data.shape ?? undrawn };
+    if (data.shape && undrawn) post({ kind: "back", shape: undrawn }, buffers(undrawn));
     legend(data.scale);
   } else if (data.kind === "status") {
     element("status").classList.toggle("good", data.good);
@@ -112,7 +114,7 @@ function received({ frame, shape }: { frame: Frame; shape: Shape | null }): Fram
   newest = frame;
   const old = view.move(frame, shape);
   const pressing = hand.pressing || scene?.replay === true;
-  post({ kind: "next", shape: old, pressing }, old ? [old.positions.buffer, old.normals.buffer, old.colours.buffer] : []);
+  post({ kind: "next", shape: old, pressing }, old ? buffers(old) : []);
   readout.feel(frame, hand.kind, scene!, performance.now());
   models.show(frame.model);
   const at = felt(frame, hand.kind);

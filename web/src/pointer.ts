@@ -3,9 +3,12 @@
 import type { Hand } from "./hand";
 import type { View } from "./view";
 
+const FOLLOWS_EVERY = 6; // ms
+
 export class Pointer {
   private touching: number | null = null; // the pointer that is the hand
   private last: [number, number] = [0, 0];
+  private followed = 0; // ms, when the hand last followed
   private readonly turning = new Map<number, [number, number]>();
 
   /** hovers: told of the pixel that nothing is done at; drive: by so many notches of the wheel. */
@@ -18,6 +21,11 @@ export class Pointer {
   ) {
     canvas.addEventListener("pointerdown", (event) => this.down(event));
     canvas.addEventListener("pointermove", (event) => this.move(event));
+    // Moves come once a picture; raw, as they happen: the tissue answers up to a picture sooner.
+    canvas.addEventListener("pointerrawupdate", (event) => {
+      const raw = event as PointerEvent;
+      if (raw.pointerId === this.touching && raw.timeStamp - this.followed > FOLLOWS_EVERY) this.follow(raw);
+    });
     for (const end of ["pointerup", "pointercancel", "lostpointercapture"] as const)
       canvas.addEventListener(end, (event) => this.up(event));
     canvas.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
@@ -32,6 +40,7 @@ export class Pointer {
     const free = event.button === 0 && !this.turning.size && this.touching === null && !this.hand.busy;
     if (free && this.hand.take(x, y, event.timeStamp, event.shiftKey)) {
       this.touching = event.pointerId;
+      this.followed = event.timeStamp;
       this.last = [x, y];
     } else {
       if (this.touching !== null && event.pointerType === "touch") {
@@ -46,11 +55,16 @@ export class Pointer {
   private move(event: PointerEvent): void {
     const { clientX: x, clientY: y } = event;
     if (event.pointerId === this.touching) {
-      this.last = [x, y];
-      const pressure = event.pointerType === "pen" && event.pressure > 0 ? Math.min(2 * event.pressure, 1.5) : 1;
-      this.hand.follow(x, y, event.timeStamp, pressure);
+      if (event.timeStamp > this.followed) this.follow(event);
     } else if (this.turning.has(event.pointerId)) this.turn(event);
     else if (!event.buttons) this.canvas.classList.toggle("over", this.hovers(x, y));
+  }
+
+  private follow(event: PointerEvent): void {
+    this.last = [event.clientX, event.clientY];
+    this.followed = event.timeStamp;
+    const pressure = event.pointerType === "pen" && event.pressure > 0 ? Math.min(2 * event.pressure, 1.5) : 1;
+    this.hand.follow(...this.last, event.timeStamp, pressure);
   }
 
   private up(event: PointerEvent): void {

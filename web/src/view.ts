@@ -10,6 +10,9 @@ import type { Organ, Shape } from "./link";
 import type { Frame, Vector } from "./messages";
 import { software } from "./software";
 
+// Drawn by the processor, the picture is coarser while it moves: half the pixels, and the hand's delay a fifth less.
+const MOVING = 0.7;
+const RESTED = 250; // ms without a new picture until it is drawn sharp
 const INSIDE = [0x5a3fc0, 0x0a7f6a, 0xb8860b];
 
 export class View {
@@ -30,15 +33,18 @@ export class View {
   private due = true;
   private still = true; // the last frame showed the organ at rest and untouched
   private shown = false; // a shape of this organ has come
+  private readonly slow = software();
+  private sharp = true;
+  private rested = true;
+  private timer = 0;
   private box = { left: 0, top: 0, width: 1, height: 1 };
   size = 0; // mm, radius of the organ
   thin = 1; // mm, its smallest side
   centre: Vector = [0, 0, 0];
 
   constructor(private readonly canvas: HTMLCanvasElement) {
-    const slow = software();
-    this.renderer = new WebGLRenderer({ canvas, antialias: !slow, alpha: !slow });
-    if (slow) this.backdrop();
+    this.renderer = new WebGLRenderer({ canvas, antialias: !this.slow, alpha: !this.slow });
+    if (this.slow) this.backdrop();
     const sun = new DirectionalLight(0xffffff, 2.3);
     sun.position.set(-0.5, 0.8, 1);
     this.turntable.camera.add(sun, sun.target); // a lamp over the left shoulder
@@ -162,10 +168,26 @@ export class View {
     this.measure();
     const { clientWidth: width, clientHeight: height } = this.canvas;
     if (!width || !height) return;
-    this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
+    this.renderer.setPixelRatio(this.ratio);
     this.renderer.setSize(width, height, false);
     this.turntable.resize(width, height);
     this.due = true;
+  }
+
+  private get ratio(): number {
+    return (this.sharp ? 1 : MOVING) * Math.min(devicePixelRatio, 2);
+  }
+
+  /** Sharp only once nothing has moved for a while. */
+  private focus(): void {
+    clearTimeout(this.timer);
+    if (!this.rested)
+      this.timer = setTimeout(() => (this.due = this.rested = true), RESTED);
+    if (this.sharp !== this.rested) {
+      this.sharp = this.rested;
+      this.renderer.setPixelRatio(this.ratio);
+    }
+    this.rested = false;
   }
 
   touched(): void {
@@ -176,6 +198,7 @@ export class View {
   draw(camera: Camera = this.turntable.camera): boolean {
     if (!this.shown || (!this.due && camera === this.turntable.camera)) return false;
     this.due = false;
+    if (this.slow) this.focus();
     this.flesh.light(camera);
     this.renderer.render(this.world, camera);
     return true;

@@ -1,7 +1,7 @@
 // Owns the socket. Of the frames that arrive only the newest is kept, and decoded when the page asks for one.
 import { Painter, type Colouring } from "./colour";
 import { edges, normalised, normals, packed } from "./geometry";
-import type { FromWorker, Organ, Scale, Shape, ToWorker } from "./link";
+import { buffers, type FromWorker, type Organ, type Scale, type Shape, type ToWorker } from "./link";
 import { FRAME_BYTES, decodeFrame, encodeChoose, encodeMark, encodeTool, type Scene } from "./messages";
 
 const page = self as unknown as {
@@ -9,6 +9,7 @@ const page = self as unknown as {
   onmessage: (event: MessageEvent<ToWorker>) => void;
 };
 
+const QUICK = 4; // ms
 const ANOTHER = 4001; // the server closes with this when it serves another organ from now on
 
 let organ: Organ | null = null;
@@ -20,6 +21,8 @@ let last: ArrayBuffer | null = null; // shown last
 let home = false; // what was shown last is the organ at rest
 let colouring: Colouring = "plain";
 let waiting = false; // the page has asked for a frame
+let obeyed = 0; // serial of the last command that the frame shown last obeys
+let took = 0; // ms, to decode it
 let pressing = false; // and says that the first tool feels
 const spare: Shape[] = []; // arrays that the page has done with
 
@@ -54,9 +57,13 @@ function connect(address: string): void {
   socket.onopen = () => page.postMessage({ kind: "status", good: true, text: "" });
   socket.onmessage = (event: MessageEvent<ArrayBuffer>) => {
     newest = event.data;
-    if (waiting) show();
+    if (waiting || overtakes(event.data)) show();
   };
 }
+
+/** Does a frame obey what the one that the page has not drawn yet does not? Then it goes as well, if it is quickly decoded. */
+const overtakes = (data: ArrayBuffer): boolean => took < QUICK && decodeFrame(new DataView(data)).serial > obeyed;
+
 
 /** Stays connected: asks for the scene anew each time, since another organ may be open by then. */
 async function keep(scene: string, address: string): Promise<void> {
@@ -93,8 +100,9 @@ function show(): void {
   last = newest;
   newest = null;
   waiting = false;
-  const transfer = shape ? [shape.positions.buffer, shape.normals.buffer, shape.colours.buffer] : [];
-  page.postMessage({ kind: "frame", frame, shape, scale, work: performance.now() - began }, transfer);
+  obeyed = frame.serial;
+  took = performance.now() - began;
+  page.postMessage({ kind: "frame", frame, shape, scale, work: took }, shape ? buffers(shape) : []);
 }
 
 function shaped(data: ArrayBuffer, count: number, step: number): [Shape, Scale] {
@@ -116,6 +124,10 @@ const fresh = (nodes: number): Shape => ({
   colours: new Uint8Array(4 * nodes),
 });
 
+function reuse(shape: Shape | null): void {
+  if (shape && shape.positions.length === organ?.rest.length) spare.push(shape);
+}
+
 /** Paints what is shown anew. */
 function again(): void {
   home = false;
@@ -125,8 +137,9 @@ function again(): void {
 
 page.onmessage = ({ data }) => {
   if (data.kind === "open") void keep(data.scene, data.socket);
+  else if (data.kind === "back") reuse(data.shape);
   else if (data.kind === "next") {
-    if (data.shape && data.shape.positions.length === organ?.rest.length) spare.push(data.shape);
+    reuse(data.shape);
     waiting = true;
     pressing = data.pressing;
     show();

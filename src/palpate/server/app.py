@@ -18,6 +18,8 @@ from palpate.server.viewing import image_routes
 from palpate.tissue.models import names
 
 FRAMES_PER_SECOND = 60
+LEAST_GAP = 0.005  # s between frames while a hand moves
+ANSWERED = 0.004  # s after which the loop has obeyed and shows it
 MESSAGE_BYTES = 1024  # a tool's message has 32
 MOST_PAGES = 8
 REFUSED, FULL = 1008, 1013  # WebSocket's codes for a broken policy, and for "try again later"
@@ -48,9 +50,13 @@ async def scene(request: Request) -> Response:
 
 
 async def publish(room: Room) -> None:
-    """Takes each new frame from the loop and wakes the pages."""
+    """Takes new frames from the loop and wakes the pages: at the display's rate, and at once when a hand has moved."""
     while True:
-        await asyncio.sleep(1 / FRAMES_PER_SECOND)
+        await asyncio.sleep(LEAST_GAP)
+        with contextlib.suppress(asyncio.TimeoutError):
+            await asyncio.wait_for(room.moved.wait(), 1 / FRAMES_PER_SECOND - LEAST_GAP)
+            await asyncio.sleep(ANSWERED)
+        room.moved.clear()
         if room.session.loop.fresh():
             room.newest = frame_bytes(room.session.frame(), room.model)
             for event in room.pages.values():

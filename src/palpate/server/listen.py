@@ -29,7 +29,8 @@ def loopback_socket(port: int | None) -> socket.socket:
         raise PortError(f"port {port}: expected 1 to 65535, or leave --port out to have one chosen")
     ports = range(PORT, PORT + TRIES) if port is None else [port]
     for number in ports:
-        listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        # With the protocol named, asyncio sends small messages at once (TCP_NODELAY); else each may wait 40 ms.
+        listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             listener.bind((HOST, number))

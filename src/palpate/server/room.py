@@ -34,6 +34,7 @@ class Room:
     images: Sequence[Shown] = ()
     task: str = ""
     newest: bytes = b""
+    moved: asyncio.Event = field(default_factory=asyncio.Event)  # a hand, since the last frame
     pages: dict[WebSocket, asyncio.Event] = field(default_factory=dict)
     holders: dict[int, WebSocket] = field(default_factory=dict)  # of each tool
     past: list[Session] = field(default_factory=list)  # on other resolutions, ended
@@ -71,6 +72,7 @@ class Room:
 
     def obey(self, page: WebSocket, tool: Tool) -> None:
         """The first page to take a tool keeps it until it lets go; the others look on."""
+        self.moved.set()
         if self.holders.get(tool.tool) not in (None, page) or not isinstance(self.device, Pointer):
             return
         if tool.kind == 0:

@@ -21,7 +21,9 @@ from palpate.studies.tables import Row
 from palpate.tissue.models import model
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-SOFTWARE = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
+# As Chromium draws where there is no graphics card. With --use-angle=swiftshader it would put the whole page together
+# through the software's graphics card as well: three times slower.
+SOFTWARE = ["--enable-unsafe-swiftshader"]
 HARDWARE = ["--use-gl=angle", "--ignore-gpu-blocklist", "--enable-gpu"]
 LAPTOP = {"width": 1280, "height": 800}
 WARM = 1.0  # s of strokes before counting
@@ -35,7 +37,8 @@ WATCHER = """(() => {
   let event = 0, beat = 0, drawn = -1;
   const count = () => { beat++; requestAnimationFrame(count); };
   requestAnimationFrame(count);
-  addEventListener("pointermove", (e) => (event = e.timeStamp), true);
+  for (const move of ["pointerrawupdate", "pointermove"])
+    addEventListener(move, (e) => (event = e.timeStamp), true);
   const serial = (m) => m && typeof m === "object"
     ? (typeof m.serial === "number" ? m.serial : serial(m.tool) ?? serial(m.message)) : undefined;
   const post = Worker.prototype.postMessage;
