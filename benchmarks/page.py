@@ -102,7 +102,16 @@ def small() -> Iterator[tuple[str, str]]:
     tissue = pp.Tissue(mesh, 15.0, 0.45, pp.resting_on(mesh, (0, 1, 0), depth=12.0))
     with tempfile.TemporaryDirectory() as folder:
         pp.write_tissue(f"{folder}/kidney.vtu", tissue)
-        touch = [sys.executable, "-m", "palpate", "touch", f"{folder}/kidney.vtu", "--model", "compliance", "--no-browser"]
+        touch = [
+            sys.executable,
+            "-m",
+            "palpate",
+            "touch",
+            f"{folder}/kidney.vtu",
+            "--model",
+            "compliance",
+            "--no-browser",
+        ]
         served = subprocess.Popen(touch, stdout=subprocess.PIPE, text=True)
         assert served.stdout is not None
         try:

@@ -23,7 +23,8 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from palpate.arrays import AnyArray, Float64
 from palpate.server.guard import guarded
 from palpate.server.listen import new_token, running
-from palpate.server.messages import TOOLS, Choose, Frame, Mark, Part, Scene, Tool, decode, encode
+from palpate.server.messages import Choose, Frame, Mark, Part, Scene, Tool, decode, encode
+from palpate.simulation.devices.pointer import TOOLS
 
 RATE = 60
 STEPS = 32767

@@ -297,6 +297,8 @@ void bind_simulation(nb::module_& m) {
         nb::sig("def empty_beat(ticks: int, rate: int = ...) -> tuple[typing.Any, int]"),
         "A thread that does nothing, by the loop's clock: s that each tick began after its deadline, and the number "
         "that missed the next one. The machine's own jitter.");
+    m.def("may_wake_promptly", &may_wake_promptly,
+          "Does the system let a thread of the loop go ahead of ordinary ones?");
     m.attr("TOOLS") = int(most_tools);
     m.attr("RATE") = int(Loop::rate);
     m.attr("DIGEST_TICKS") = int(Loop::digest_ticks);

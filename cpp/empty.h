@@ -11,4 +11,6 @@ struct Empty {
 
 Empty empty_beat(int ticks, int rate);
 
+bool may_wake_promptly(); // ahead of ordinary threads
+
 } // namespace palpate

@@ -1,17 +1,14 @@
 #include "loop.h"
+#include "clock.h"
 #include <algorithm>
 #include <chrono>
 #include <ctime>
 #include <stdexcept>
-#ifdef __linux__
-#include <sys/prctl.h>
-#endif
 
 namespace palpate {
 namespace {
 
 using clock = std::chrono::steady_clock;
-constexpr auto period = std::chrono::nanoseconds(1000000000 / Loop::rate);
 
 double seconds(clock::duration d) { return std::chrono::duration<double>(d).count(); }
 
@@ -84,28 +81,23 @@ void Loop::stop() {
 }
 
 void Loop::run(Device& device) {
-#ifdef __linux__
-    prctl(PR_SET_TIMERSLACK, 1000UL); // ns; by default the kernel may wake a sleeper 50 us late
-#endif
     simulation.follow_clock(true);
     const auto began = clock::now();
-    auto due = began;
+    Beat beat(rate);
+    const int64_t kept_late = late; // of earlier runs
     while (!stopping.load(std::memory_order_relaxed)) {
+        const auto behind = beat.behind();
         const auto started = clock::now();
         const auto before = processor();
         tick(device, true);
         computed.add(processor() - before);
         const auto done = clock::now();
-        worked.add(done - started), woken.add(started - due);
+        worked.add(done - started), woken.add(behind);
         busy += 0.01 * (seconds(done - started) - busy);
         if (simulation.ticks - published >= (last.serial != answered ? answer_ticks : frame_ticks))
             publish(seconds(done - began));
-        due += period;
-        if (auto now = clock::now(); now > due) { // late: slip and count, never run two ticks in one
-            late++;
-            due = now;
-        }
-        std::this_thread::sleep_until(due);
+        beat.wait();
+        late = kept_late + beat.late;
     }
     Replay idle({}, {}, {});
     tick(idle, true); // let go, so that the device is left without force

@@ -1,5 +1,8 @@
 """The loop: ticks, grip, forces, and what it does when something is wrong."""
 
+import sys
+import time
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -175,6 +178,24 @@ def test_late_ticks_are_counted_when_a_tick_takes_too_long(model):
             pass
     frame = session.frame()
     assert 40 <= frame.late <= frame.tick
+
+
+def first_in_first_out():
+    """Threads of this process that go ahead of ordinary ones: field 41 of the kernel's account is their policy."""
+    accounts = [path.read_text() for path in Path("/proc/self/task").glob("*/stat")]
+    return sum(account.rsplit(")", 1)[1].split()[38] == "1" for account in accounts)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="threads are read from /proc")
+def test_the_loop_alone_goes_ahead_of_other_threads_where_the_system_lets_it(model):
+    session = pp.Session(model, radius=9.0, sweeps=2)
+    assert first_in_first_out() == 0
+    with session:
+        session.start(pp.Pointer())
+        while session.frame().tick < 50:
+            time.sleep(0.01)
+        assert first_in_first_out() == _core.may_wake_promptly()
+    assert first_in_first_out() == 0
 
 
 def test_stop_lets_go(model):

@@ -12,6 +12,9 @@ NEEDED = (
     "numpy", "scipy", "scikit-image", "scikit-fem", "h5py", "nibabel", "tifffile", "meshio", "rich", "typer", "pyyaml",
     "starlette", "uvicorn", "websockets", "matplotlib", "pydicom", "pillow", "pylibjpeg", "pylibjpeg-openjpeg",
 )  # fmt: skip
+PROMPT = (
+    "for steady forces: '* - rtprio 1' in /etc/security/limits.d/palpate.conf, two processors or more, log in again"
+)
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "firefox", "safari")
 
 
@@ -57,6 +60,10 @@ def _kernels() -> bool:
         typer.echo(f"projector: {_voxel_views_a_second() / 1e9:.2f} G voxel-views a second")
     except ImportError as problem:
         typer.echo(f"projector: not tried ({problem})")
+    prompt = _core.may_wake_promptly()
+    typer.echo(
+        "loop: " + ("goes ahead of other threads" if prompt else f"waits its turn among other threads; {PROMPT}")
+    )
     return True
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from palpate.arrays import AnyArray, Float32
 from palpate.errors import DataError
+from palpate.simulation.devices.pointer import KINDS, TOOLS
 
 # Each type's second part is its code in Python's struct.
 U8 = Annotated[int, "B"]
@@ -19,8 +20,6 @@ F32 = Annotated[float, "f"]
 F64 = Annotated[float, "d"]
 Vector = Annotated[tuple[float, float, float], "3f"]
 
-KINDS = ("away", "hold", "needle", "free")  # of a tool, by number
-TOOLS = 4
 STEPS = 32767  # of the 16-bit displacements
 
 

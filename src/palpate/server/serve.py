@@ -7,6 +7,7 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 
 from palpate.atomic import writable
+from palpate.errors import DataError
 from palpate.server.app import MESSAGE_BYTES, application
 from palpate.server.guard import check_page
 from palpate.server.listen import announce, end_asked, loopback_socket, new_token, running, show
@@ -21,6 +22,8 @@ from palpate.simulation.session import RATE, Session
 from palpate.tissue.models import model as build
 from palpate.tissue.tissue import Tissue
 from palpate.volumes.volume import Volume
+
+MOST_IMAGES = 2
 
 
 def touch(
@@ -45,11 +48,13 @@ def touch(
     another resolution goes to files of its own, -2, -3, ...). replay: a recorded session to look at instead of a
     pointer; model and radius are then the record's. images: up to two volumes whose slices are shown beside. task: what
     a trainee is asked to do. device: "open-haptics", "force-dimension" or "haply", whose hand then touches while the page
-    looks on. Raises `DeviceError` if that does not answer, `PortError` if the port is taken, `FileError` if `record`
-    cannot be written, before anything starts.
+    looks on. Raises `DataError` for more images, `DeviceError` if the device does not answer, `PortError` if the port is
+    taken, `FileError` if `record` cannot be written, before anything starts.
     """
     if record is not None:
         writable(record)
+    if len(images) > MOST_IMAGES:
+        raise DataError(f"images: {len(images)}, at most {MOST_IMAGES} fit beside the organ")
     organs = {title: tissue} if isinstance(tissue, Tissue) else dict(tissue)
     listener = loopback_socket(port)
     with contextlib.closing(listener):

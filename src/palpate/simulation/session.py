@@ -1,6 +1,5 @@
 """A tissue under tools, a thousand ticks a second: by the clock with a device, or tick by tick in lockstep."""
 
-import hashlib
 from collections.abc import Iterator, Sequence
 from types import TracebackType
 from typing import Any, Protocol, Self
@@ -9,12 +8,13 @@ import numpy as np
 
 from palpate import _core
 from palpate.arrays import Float64
-from palpate.errors import DataError, FileError
+from palpate.errors import DataError
 from palpate.meshes.mesh import TetMesh
 from palpate.meshes.shown import shown_nodes
 from palpate.simulation.devices.pointer import TOOLS, Command
 from palpate.simulation.devices.replay import Replay
 from palpate.simulation.journal import Journal
+from palpate.simulation.likeness import agrees, fingerprint, settings_of
 from palpate.simulation.record import Record
 from palpate.tissue.base import TissueModel
 from palpate.tissue.models import model as build
@@ -146,11 +146,11 @@ class Session:
         Returns None if every state digest agrees, else the tick by which the first one differs. The session must be
         fresh, with the record's tissue, model and settings: `DataError` otherwise.
         """
-        agrees(record, self)
+        agrees(record, self.first, self.settings)
         if self._ticks or self.loop.frame().tick:
             raise DataError("replay: this session has run already; make a fresh one for the record")
-        for _, force in self.replayed(record, record.length):
-            del force
+        for _ in self.replayed(record, record.length):
+            pass
         mine = self.record()
         both = min(len(mine.digests), len(record.digests))
         if len(mine.digests) != len(record.digests) or (mine.digest_ticks != record.digest_ticks).any():
@@ -221,7 +221,7 @@ class Session:
             lacking=lacking,
             model=name_of(self.first),
             tissue=fingerprint(self.first),
-            settings=settings_of(self),
+            settings=settings_of(self.first, self.settings),
             instructions=_core.instruction_set(),
             changes=tuple((at, name_of(m), n) for at, (m, n) in zip(self._changes, self._came, strict=False)),
             marks=tuple(self._marks),
@@ -248,62 +248,7 @@ def _named(record: Record) -> set[str]:
     return {record.model, *(name for _, name, _ in record.changes)}
 
 
-_SETTINGS = (
-    "sweeps", "radius", "limit", "ramp", "approach", "reach", "friction", "puncture", "cutting", "shaft_friction",
-)  # fmt: skip
-
-
-def settings_of(session: Session) -> dict[str, float]:
-    """What a tick does besides the model's equations, by name."""
-    settings = {name: float(getattr(session.settings, name)) for name in _SETTINGS}
-    return {**settings, **session.first.settings}
-
-
-def agrees(record: Record, session: Session) -> None:
-    """Raises `DataError` if `record` was not made with the session's tissue, model and settings."""
-    if record.tissue != fingerprint(session.first):
-        raise DataError(
-            f"record: made on tissue {record.tissue}, not {fingerprint(session.first)}; "
-            f"open the tissue it was recorded with"
-        )
-    if record.model != name_of(session.first):
-        raise DataError(
-            f"record: made with model {record.model!r}, not {name_of(session.first)!r}; say --model {record.model}"
-        )
-    for name, value in settings_of(session).items():
-        if record.settings.get(name) != value:
-            raise DataError(f"record: made with {name} = {record.settings.get(name)}, not {value:g}; use the record's")
-
-
-def fingerprint(model: TissueModel) -> str:
-    """A hash of what the model was made of: mesh, elastic constants, held nodes, spring law."""
-    tissue, mesh, hash_ = model.tissue, model.tissue.mesh, hashlib.sha256()
-    for part in (mesh.nodes, mesh.tets, mesh.region, tissue.young, tissue.poisson, tissue.fixed):
-        array = np.ascontiguousarray(part)
-        hash_.update(f"{array.dtype}{array.shape}".encode() + array.tobytes())
-    hash_.update(repr(getattr(model, "law", None)).encode())
-    return hash_.hexdigest()[:32]
-
-
 def mean_edge(mesh: TetMesh) -> float:
     """mm, of the surface's edges."""
     corner = mesh.nodes[mesh.surface]
     return float(np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).mean())
-
-
-def recorded_settings(record: Record) -> dict[str, Any]:
-    """Keywords that make a `Session` like the recorded one."""
-    try:
-        return {
-            "radius": record.settings["radius"],
-            "sweeps": int(record.settings["sweeps"]),
-            "limit": record.settings["limit"],
-            "friction": record.settings["friction"],
-        }
-    except KeyError as missing:
-        raise FileError(f"record: it does not say {missing}; record the session again") from None
-
-
-def model_settings(record: Record) -> dict[str, float]:
-    """Keywords that make the recorded model from its tissue."""
-    return {name: value for name, value in record.settings.items() if name not in _SETTINGS}

@@ -6,7 +6,7 @@ import numpy as np
 
 from palpate.arrays import Float64
 from palpate.simulation.devices.pointer import Command
-from palpate.simulation.session import Session, settings_of
+from palpate.simulation.session import Session
 from palpate.studies.deformation.setting import SIDE, Setting, tissue
 from palpate.studies.tables import Row
 from palpate.tissue.base import TissueModel
@@ -103,10 +103,10 @@ def _session(one: TissueModel, x: Float64, d: Float64, radius: float, sweeps: in
     x, d = (np.concatenate([v, np.repeat(v[-1:], still, axis=0)]) for v in (x, d))
     commands = [Command(True, tuple(a), tuple(b)) for a, b in zip(x.tolist(), d.tolist(), strict=True)]
     force = session.step(commands)
-    settings = settings_of(session)
-    pace = settings["approach"], settings["reach"]
+    settings = session.settings
+    pace = settings.approach, settings.reach
     net, held = work(_glided(x, pace, x[0]), _glided(d, pace, np.zeros(3)), force)
-    return net, held, int(settings["sweeps"])
+    return net, held, int(settings.sweeps)
 
 
 def _glided(wanted: Float64, pace: tuple[float, float], start: Float64) -> Float64:

@@ -1,0 +1,61 @@
+"""Is this the session that a record was made with? Tissue by a fingerprint, model by name, settings one by one."""
+
+import hashlib
+from typing import Any
+
+import numpy as np
+
+from palpate.errors import DataError, FileError
+from palpate.simulation.record import Record
+from palpate.tissue.base import TissueModel
+from palpate.tissue.models import name_of
+
+_SETTINGS = (
+    "sweeps", "radius", "limit", "ramp", "approach", "reach", "friction", "puncture", "cutting", "shaft_friction",
+)  # fmt: skip
+
+
+def settings_of(model: TissueModel, settings: Any) -> dict[str, float]:
+    """What a tick does besides the model's equations, by name. settings: the core's."""
+    return {**{name: float(getattr(settings, name)) for name in _SETTINGS}, **model.settings}
+
+
+def agrees(record: Record, model: TissueModel, settings: Any) -> None:
+    """Raises `DataError` if `record` was not made with this tissue, model and (the core's) settings."""
+    if record.tissue != fingerprint(model):
+        raise DataError(
+            f"record: made on tissue {record.tissue}, not {fingerprint(model)}; open the tissue it was recorded with"
+        )
+    if record.model != name_of(model):
+        raise DataError(f"record: made with model {record.model!r}, not {name_of(model)!r}; say --model {record.model}")
+    for name, value in settings_of(model, settings).items():
+        if record.settings.get(name) != value:
+            raise DataError(f"record: made with {name} = {record.settings.get(name)}, not {value:g}; use the record's")
+
+
+def fingerprint(model: TissueModel) -> str:
+    """A hash of what the model was made of: mesh, elastic constants, held nodes, spring law."""
+    tissue, mesh, hash_ = model.tissue, model.tissue.mesh, hashlib.sha256()
+    for part in (mesh.nodes, mesh.tets, mesh.region, tissue.young, tissue.poisson, tissue.fixed):
+        array = np.ascontiguousarray(part)
+        hash_.update(f"{array.dtype}{array.shape}".encode() + array.tobytes())
+    hash_.update(repr(getattr(model, "law", None)).encode())
+    return hash_.hexdigest()[:32]
+
+
+def recorded_settings(record: Record) -> dict[str, Any]:
+    """Keywords that make a `Session` like the recorded one."""
+    try:
+        return {
+            "radius": record.settings["radius"],
+            "sweeps": int(record.settings["sweeps"]),
+            "limit": record.settings["limit"],
+            "friction": record.settings["friction"],
+        }
+    except KeyError as missing:
+        raise FileError(f"record: it does not say {missing}; record the session again") from None
+
+
+def model_settings(record: Record) -> dict[str, float]:
+    """Keywords that make the recorded model from its tissue."""
+    return {name: value for name, value in record.settings.items() if name not in _SETTINGS}
