@@ -152,6 +152,7 @@ void follow(Proxy& proxy, const Command& command, const Surface& surface, const 
         proxy.kind = command.kind;
         proxy.outside = true;
         std::fill_n(proxy.toll, 3, 0.0);
+        std::fill_n(proxy.heading, 3, 0.0);
     }
     if (command.kind == Kind::away || command.kind != proxy.kind) {
         const bool refused = proxy.grip == Grip::refused && command.kind != Kind::away;
@@ -160,6 +161,7 @@ void follow(Proxy& proxy, const Command& command, const Surface& surface, const 
         std::fill_n(proxy.force, 3, 0.0);
         std::fill_n(proxy.slope, 3, 0.0);
         std::fill_n(proxy.toll, 3, 0.0);
+        std::fill_n(proxy.heading, 3, 0.0);
         std::fill_n(proxy.brake, 3, 0.0);
         if (command.kind == Kind::away) return;
     }

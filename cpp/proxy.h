@@ -43,6 +43,7 @@ struct Proxy {
     double force[3] = {0, 0, 0};           // N, of the tissue on the tool: the last answer
     double slope[3] = {0, 0, 0};           // N, what the tissue's energy rises by a mm that the contact slides
     double toll[3] = {0, 0, 0};            // N, on the tool, that makes a sliding hand pay for that
+    double heading[3] = {0, 0, 0};         // mm, its way of late: where it slides to
     double brake[3] = {0, 0, 0};           // N, on the tool, while the hand has got more than it gave
     double tip[3] = {0, 0, 0};             // mm, of the tool, in space
     double way[3] = {0, 0, 0};             // mm, a needle's tip from where it entered

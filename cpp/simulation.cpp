@@ -9,6 +9,7 @@ namespace {
 
 using Grip = Proxy::Grip;
 constexpr double nearly_home = 1e-6; // mm: what is left of a displacement when the tissue counts as at rest
+constexpr double heading = 0.2;      // of the radius: the way over which a hand's direction is taken
 constexpr double tolling = 0.1;      // of the way to what is due, a tick
 constexpr double brake_step = 0.1, gentle_step = 5e-3; // of the force, a tick; gentle: while tables come in
 constexpr double least_slide = 0.01;                   // mm a tick: slower, a slope is learnt over several ticks
@@ -144,13 +145,15 @@ void Simulation::learn_slopes() {
 
 // A hand that slides its hold along d does -F.d of work a mm, of which the tissue takes slope.d: the force along d is
 // never more than -slope.d, so that no way along the surface gives more than the tissue had. (A tool in space slides by
-// itself, where that costs least, and pays nothing more.)
+// itself, where that costs least, and pays nothing more.) d is where the hand has been heading over a part of the
+// contact's radius: a pointer goes in steps of a pixel, now along a row, now aslant, and its force must not rattle with
+// them. Who turns back pays nothing until the new way is the longer one.
 void Simulation::charge(Proxy& p, const double way[3]) const {
-    const double step = length(way);
-    double with = 0, rise = 0;
-    for (int k = 0; k < 3; k++) with += p.force[k] * way[k] / step, rise += p.slope[k] * way[k] / step;
-    const double due = std::min(0.0, -rise - with);
-    for (int k = 0; k < 3; k++) p.toll[k] += tolling * (due * way[k] / step - p.toll[k]);
+    const double step = length(way), kept = std::exp(-step / (heading * settings.manner.radius));
+    for (int k = 0; k < 3; k++) p.heading[k] = kept * p.heading[k] + way[k];
+    const double far = length(p.heading), ahead = dot(p.heading, way);
+    const double due = ahead > 0 ? std::min(0.0, -(dot(p.slope, p.heading) + dot(p.force, p.heading)) / far) : 0;
+    for (int k = 0; k < 3; k++) p.toll[k] += tolling * (due * (p.heading[k] / far) - p.toll[k]);
 }
 
 void Simulation::account() {
@@ -214,6 +217,7 @@ void Simulation::watch() {
             std::fill_n(p.force, 3, 0.0);
             std::fill_n(p.slope, 3, 0.0);
             std::fill_n(p.toll, 3, 0.0);
+            std::fill_n(p.heading, 3, 0.0);
             std::fill_n(p.brake, 3, 0.0);
             if (p.grip != Grip::idle) p.grip = Grip::refused; // the hand must let go first
         }

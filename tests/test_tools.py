@@ -261,3 +261,20 @@ def test_no_sliding_loop_gives_work_away(models, name, corners, speed):
         assert stored > 0
         assert frame.work - before >= -0.01 * stored
         before = frame.work
+
+
+@pytest.mark.parametrize("name", ["blocks", "compliance"])
+def test_a_staircase_of_pixels_feels_like_the_straight_way(models, name):
+    """A pointer's steps go now along a row, now aslant; what sliding costs must not rattle with them."""
+    x, straight = np.linspace(30, 5, 100), np.linspace(-5, 5, 100)
+    stairs = straight.copy()
+    stairs[1::2] = stairs[:-1:2]
+    felt = []
+    for y in (straight, stairs):
+        session, force = session_of(models[name]), []
+        for point in zip(x, y, 25 * np.sqrt(1 - (x / 40) ** 2 - (y / 30) ** 2), strict=True):
+            session.step([hold(point, (0, 0, -3))] * 40)
+            force.append(session.frame().force[0])
+        felt.append(np.array(force[5:]))
+    apart = np.linalg.norm(felt[1] - felt[0], axis=1) / np.linalg.norm(felt[0], axis=1)
+    assert apart.max() < 0.05  # 0.13 where each step's own direction is charged
