@@ -188,6 +188,7 @@ void bind_frame(nb::module_& m) {
         .def_prop_ro("point", [](const Frame& f) { return vectors(f.point); })
         .def_prop_ro("displacement", [](const Frame& f) { return vectors(f.displacement); })
         .def_prop_ro("force", [](const Frame& f) { return vectors(f.force); })
+        .def_prop_ro("answer", [](const Frame& f) { return vectors(f.answer); })
         .def_prop_ro("pushed", [](const Frame& f) { return vectors(f.pushed); })
         .def_prop_ro("tip", [](const Frame& f) { return vectors(f.tip); })
         .def_prop_ro("axis", [](const Frame& f) { return vectors(f.axis); })

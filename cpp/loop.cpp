@@ -169,6 +169,7 @@ void Loop::publish(double now) {
             frame.point[3 * t + k] = p.at.point[k];
             frame.displacement[3 * t + k] = p.displacement[k];
             frame.force[3 * t + k] = p.total(k);
+            frame.answer[3 * t + k] = p.force[k];
             frame.pushed[3 * t + k] = simulation.felt[t].force[k];
             frame.tip[3 * t + k] = p.tip[k];
             frame.axis[3 * t + k] = p.axis[k];

@@ -18,6 +18,7 @@ struct Frame {
     int grip[most_tools] = {};
     double point[3 * most_tools] = {}, displacement[3 * most_tools] = {}; // tool by tool
     double force[3 * most_tools] = {}, pushed[3 * most_tools] = {};
+    double answer[3 * most_tools] = {}; // of `force`, what the model said
     double tip[3 * most_tools] = {}, inside[most_tools] = {}, axis[3 * most_tools] = {};
     std::vector<float> shown; // (shown nodes, 3) mm, displacement
 };

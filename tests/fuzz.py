@@ -27,7 +27,7 @@ from websockets.sync.client import connect
 
 import palpate as pp
 
-LENGTHS = {1: 32, 3: 4, 4: 4}  # bytes of a tool's, a choice's and a mark's message, by kind
+LENGTHS = {1: 32, 3: 4, 4: 4, 5: 4}  # bytes of a tool's, a choice's, a mark's and a wish to compare, by kind
 LARGEST, POLICY, TOO_BIG = 1024, 1008, 1009
 HOSTILE = [math.nan, math.inf, -math.inf, 1e38, -1e38, 1e-40, 0.0, 1e6, -1e5]
 MODELS, ORGANS, REACH_SHARE = 5, 1, 0.5
@@ -41,6 +41,8 @@ def good(data, reach):
         return data[1] < 2 and data[2] < (MODELS, ORGANS)[data[1]]
     if data[0] == 4:
         return data[1] < 2 and data[2] < 4
+    if data[0] == 5:
+        return data[1] < 2
     tool, kind = data[1], data[2]
     numbers = struct.unpack_from("<6f", data, 7)
     if tool > 3 or kind > 3 or not all(map(math.isfinite, numbers)):
@@ -60,6 +62,8 @@ def one(rng, nodes, reach):
         return struct.pack("<BBBx", 4, rng.integers(2), rng.integers(4))
     if draw < 0.742:
         return struct.pack("<BBBx", 3, 0, rng.integers(3))
+    if draw < 0.744:
+        return struct.pack("<BBxx", 5, rng.integers(2))
     if draw < 0.80:
         return rng.bytes(int(2 ** rng.uniform(0, 10)) - 1)
     if draw < 0.85:

@@ -59,7 +59,7 @@ def binary(message: type) -> list[str]:
     total = struct.calcsize(messages.code(message))
     return [
         *interface(message, types),
-        f"export const {name.upper()}_BYTES = {total};",
+        f"export const {name.upper()}_KIND = {kind}, {name.upper()}_BYTES = {total};",
         f"export function encode{name}(message: {name}): ArrayBuffer {{",
         f"  const view = new DataView(new ArrayBuffer({name.upper()}_BYTES));",
         *put,

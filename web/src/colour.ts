@@ -1,14 +1,16 @@
-// Colours of nodes: plain, by displacement, by the surface's strain, or by the stiffness that was felt.
+// Colours of nodes: plain, by displacement, by the surface's strain, by the stiffness that was felt, or by how far they
+// are from where finite elements have them.
 import { Felt } from "./felt";
 import type { Organ, Scale } from "./link";
 import type { Frame } from "./messages";
 import { Strain } from "./strain";
 
-export type Colouring = "plain" | "moved" | "strain" | "felt";
-export const UNITS: Record<Colouring, string> = { plain: "", moved: "mm", strain: "% stretch", felt: "N/mm" };
+export type Colouring = "plain" | "moved" | "strain" | "felt" | "error";
+export const UNITS: Record<Colouring, string> = { plain: "", moved: "mm", strain: "% stretch", felt: "N/mm", error: "mm" };
 
 const FLESH = [143, 51, 43, 255]; // linear light
 const NOTHING = { moved: 1e-3, strain: 1e-3 }; // mm, share: less is not shown
+const SMALL = 0.01; // mm, where the scale of errors ends at least: what is less does not look like something
 
 // Steps of viridis (Smith & van der Walt 2015), from low to high: also readable in grey and by the colour-blind.
 const STEPS = [
@@ -27,6 +29,7 @@ for (let i = 0; i < 256; i++) {
 /** Paints an organ. */
 export class Painter {
   colouring: Colouring = "plain";
+  error: { values: Float32Array; most: number } | null = null; // mm, of each node, the newest; null: not known
   private readonly felt: Felt;
   private readonly values: Float32Array;
   private strain: Strain | null = null; // made when first asked for
@@ -49,7 +52,12 @@ export class Painter {
       fill(this.felt.stiffness, ...(range ?? [0, 1]), out);
       return range;
     }
-    if (colouring === "plain") return bare(out);
+    if (colouring === "error" && this.error) {
+      const most = Math.max(this.error.most, SMALL);
+      fill(this.error.values, 0, most, out);
+      return [0, most];
+    }
+    if (colouring === "plain" || colouring === "error") return bare(out);
     let most: number;
     if (colouring === "moved") most = moved(this.organ.rest, positions, values);
     else most = (this.strain ??= new Strain(this.organ.rest, this.skin)).at(positions, values);

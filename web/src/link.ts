@@ -1,6 +1,6 @@
 // What page and worker hand each other.
 import type { Colouring } from "./colour";
-import type { Choose, Frame, Mark, Scene, Tool } from "./messages";
+import type { Choose, Difference, Frame, Mark, Scene, Tool } from "./messages";
 
 /** The scene's arrays: nodes at rest (mm), triangles, unit normals at rest, and the skin's edges as pairs of nodes. */
 export interface Organ {
@@ -27,6 +27,7 @@ export type Scale = [low: number, high: number] | null;
 export type FromWorker =
   | { kind: "organ"; organ: Organ }
   | { kind: "frame"; frame: Frame; shape: Shape | null; scale: Scale; work: number }
+  | { kind: "difference"; difference: Difference }
   | { kind: "status"; good: boolean; text: string };
 
 export type ToWorker =

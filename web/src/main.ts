@@ -1,4 +1,5 @@
 // The page: wires the worker, the view, the hand and the panel together.
+import { Against } from "./against";
 import { Beside } from "./beside";
 import { UNITS, type Colouring } from "./colour";
 import { Commands } from "./commands";
@@ -30,6 +31,7 @@ const cursor = new Cursor(canvas, view, hand);
 const ranges = new Ranges(hand);
 const readout = new Readout(commands);
 const beside = new Beside(token);
+const against = new Against();
 const headset = new Headset(view, commands, () => newest);
 
 let scene: Scene | null = null;
@@ -58,6 +60,8 @@ worker.onmessage = ({ data }: MessageEvent<FromWorker>) => {
     handed = { frame: data.frame, shape: data.shape ?? undrawn };
     if (data.shape && undrawn) post({ kind: "back", shape: undrawn }, buffers(undrawn));
     legend(data.scale);
+  } else if (data.kind === "difference") {
+    against.take(data.difference);
   } else if (data.kind === "status") {
     element("status").classList.toggle("good", data.good);
     write("status", data.text);
@@ -69,6 +73,7 @@ worker.onmessage = ({ data }: MessageEvent<FromWorker>) => {
     cursor.forget();
     commands.forget();
     ranges.show(scene, view);
+    against.forget();
     beside.frame(view.centre, view.size);
     describe(scene);
     handed = null;
@@ -126,7 +131,9 @@ function received({ frame, shape }: { frame: Frame; shape: Shape | null }): Fram
 }
 
 function legend(scale: Scale): void {
-  element("legend").hidden = !scale;
+  element("scale").hidden = !scale;
+  element("legend").hidden = !scale && colouring !== "error";
+  if (colouring === "error") against.write(scene, newest);
   if (!scale) return;
   write("low", scale[0].toPrecision(2));
   write("high", `${scale[1].toPrecision(2)} ${UNITS[colouring]}`);
@@ -181,9 +188,10 @@ const chooseDrawing = choice<string>("draw", (value) => {
   drawing = value;
   view.drawing = value === "wire";
 });
-const COLOURINGS: Colouring[] = ["plain", "moved", "strain", "felt"];
+const COLOURINGS: Colouring[] = ["plain", "moved", "strain", "felt", "error"];
 const chooseColour = choice<Colouring>("colour", (value) => {
   colouring = value;
+  against.show(value === "error");
   post({ kind: "colour", colouring });
 });
 const inside = toggle("inside", (on) => (view.seeInside = on));

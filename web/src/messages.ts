@@ -10,7 +10,7 @@ export interface Tool {
   point: Vector;
   displacement: Vector;
 }
-export const TOOL_BYTES = 32;
+export const TOOL_KIND = 1, TOOL_BYTES = 32;
 export function encodeTool(message: Tool): ArrayBuffer {
   const view = new DataView(new ArrayBuffer(TOOL_BYTES));
   view.setUint8(0, 1);
@@ -50,7 +50,7 @@ export interface Frame {
   step: number;
   count: number;
 }
-export const FRAME_BYTES = 216;
+export const FRAME_KIND = 2, FRAME_BYTES = 216;
 export function encodeFrame(message: Frame): ArrayBuffer {
   const view = new DataView(new ArrayBuffer(FRAME_BYTES));
   view.setUint8(0, 2);
@@ -97,7 +97,7 @@ export interface Choose {
   what: number;
   index: number;
 }
-export const CHOOSE_BYTES = 4;
+export const CHOOSE_KIND = 3, CHOOSE_BYTES = 4;
 export function encodeChoose(message: Choose): ArrayBuffer {
   const view = new DataView(new ArrayBuffer(CHOOSE_BYTES));
   view.setUint8(0, 3);
@@ -118,7 +118,7 @@ export interface Mark {
   what: number;
   tool: number;
 }
-export const MARK_BYTES = 4;
+export const MARK_KIND = 4, MARK_BYTES = 4;
 export function encodeMark(message: Mark): ArrayBuffer {
   const view = new DataView(new ArrayBuffer(MARK_BYTES));
   view.setUint8(0, 4);
@@ -131,6 +131,57 @@ export function decodeMark(view: DataView): Mark {
   return {
     what: view.getUint8(1),
     tool: view.getUint8(2),
+  };
+}
+
+/** Page to server: on 1 asks for a `Difference` now and then from here on, 0 for no more. */
+export interface Compare {
+  on: number;
+}
+export const COMPARE_KIND = 5, COMPARE_BYTES = 4;
+export function encodeCompare(message: Compare): ArrayBuffer {
+  const view = new DataView(new ArrayBuffer(COMPARE_BYTES));
+  view.setUint8(0, 5);
+  view.setUint8(1, message.on);
+  return view.buffer;
+}
+export function decodeCompare(view: DataView): Compare {
+  if (view.getUint8(0) !== 5) throw new Error(`not a Compare: kind ${view.getUint8(0)}`);
+  return {
+    on: view.getUint8(1),
+  };
+}
+
+/** Server to page, if it asks: how far what one tick shows is from linear finite elements under the same contacts. */
+export interface Difference {
+  state: number;
+  tick: number;
+  force: number[];
+  off: number;
+  step: number;
+  count: number;
+}
+export const DIFFERENCE_KIND = 6, DIFFERENCE_BYTES = 72;
+export function encodeDifference(message: Difference): ArrayBuffer {
+  const view = new DataView(new ArrayBuffer(DIFFERENCE_BYTES));
+  view.setUint8(0, 6);
+  view.setUint8(1, message.state);
+  view.setFloat64(2, message.tick, true);
+  for (let i = 0; i < 12; i++) view.setFloat32(10 + 4 * i, message.force[i], true);
+  view.setFloat32(58, message.off, true);
+  view.setFloat32(62, message.step, true);
+  view.setUint32(66, message.count, true);
+  return view.buffer;
+}
+export function decodeDifference(view: DataView): Difference {
+  if (view.getUint8(0) !== 6) throw new Error(`not a Difference: kind ${view.getUint8(0)}`);
+  return {
+    state: view.getUint8(1),
+    tick: view.getFloat64(2, true),
+    force: Array.from({ length: 12 }, (_, i) => view.getFloat32(10 + 4 * i, true)),
+    off: view.getFloat32(58, true),
+    step: view.getFloat32(62, true),
+    count: view.getUint32(66, true),
   };
 }
 

@@ -2,7 +2,7 @@
 import { Painter, type Colouring } from "./colour";
 import { edges, normalised, normals, packed } from "./geometry";
 import { buffers, type FromWorker, type Organ, type Scale, type Shape, type ToWorker } from "./link";
-import { FRAME_BYTES, decodeFrame, encodeChoose, encodeMark, encodeTool, type Scene } from "./messages";
+import { DIFFERENCE_BYTES, DIFFERENCE_KIND, FRAME_BYTES, decodeDifference, decodeFrame, encodeChoose, encodeCompare, encodeMark, encodeTool, type Scene } from "./messages";
 
 const page = self as unknown as {
   postMessage(message: FromWorker, transfer?: Transferable[]): void;
@@ -10,6 +10,8 @@ const page = self as unknown as {
 };
 
 const QUICK = 4; // ms
+const COMPARED = 1; // state of a `Difference` that says something
+const STEPS = 65535; // of its biggest distance
 const ANOTHER = 4001; // the server closes with this when it serves another organ from now on
 
 let organ: Organ | null = null;
@@ -20,6 +22,7 @@ let newest: ArrayBuffer | null = null;
 let last: ArrayBuffer | null = null; // shown last
 let home = false; // what was shown last is the organ at rest
 let colouring: Colouring = "plain";
+let ends: Scale = null; // of the colours shown last
 let waiting = false; // the page has asked for a frame
 let obeyed = 0; // serial of the last command that the frame shown last obeys
 let took = 0; // ms, to decode it
@@ -54,8 +57,12 @@ async function load(address: string): Promise<void> {
 function connect(address: string): void {
   socket = new WebSocket(address);
   socket.binaryType = "arraybuffer";
-  socket.onopen = () => page.postMessage({ kind: "status", good: true, text: "" });
+  socket.onopen = () => {
+    page.postMessage({ kind: "status", good: true, text: "" });
+    if (colouring === "error") compare(true);
+  };
   socket.onmessage = (event: MessageEvent<ArrayBuffer>) => {
+    if (new DataView(event.data).getUint8(0) === DIFFERENCE_KIND) return differ(event.data);
     newest = event.data;
     if (waiting || overtakes(event.data)) show();
   };
@@ -64,6 +71,23 @@ function connect(address: string): void {
 /** Does a frame obey what the one that the page has not drawn yet does not? Then it goes as well, if it is quickly decoded. */
 const overtakes = (data: ArrayBuffer): boolean => took < QUICK && decodeFrame(new DataView(data)).serial > obeyed;
 
+/** Asks the server for differences from finite elements, or for no more. */
+function compare(on: boolean): void {
+  if (painter) painter.error = null;
+  if (socket?.readyState === WebSocket.OPEN) socket.send(encodeCompare({ on: Number(on) }));
+}
+
+/** The newest difference: the next frame is painted by it. */
+function differ(data: ArrayBuffer): void {
+  const difference = decodeDifference(new DataView(data)), { state, step, count } = difference;
+  const nodes = organ?.scene.nodes ?? 0;
+  if (colouring !== "error" || !painter || (count !== 0 && count !== nodes)) return;
+  const values = new Float32Array(nodes), distances = new Uint16Array(data, DIFFERENCE_BYTES, count);
+  for (let i = 0; i < count; i++) values[i] = step * distances[i];
+  painter.error = state === COMPARED ? { values, most: step * STEPS } : null;
+  home = false;
+  page.postMessage({ kind: "difference", difference });
+}
 
 /** Stays connected: asks for the scene anew each time, since another organ may be open by then. */
 async function keep(scene: string, address: string): Promise<void> {
@@ -95,17 +119,17 @@ function show(): void {
   if (frame.count !== 0 && frame.count !== organ.scene.nodes) return; // of another scene
   if (pressing) painter.feel(frame);
   const still = frame.count === 0 && home && !(pressing && colouring === "felt");
-  const [shape, scale] = still ? [null, null] : shaped(newest, frame.count, frame.step);
+  const shape = still ? null : shaped(newest, frame.count, frame.step);
   home = frame.count === 0;
   last = newest;
   newest = null;
   waiting = false;
   obeyed = frame.serial;
   took = performance.now() - began;
-  page.postMessage({ kind: "frame", frame, shape, scale, work: took }, shape ? buffers(shape) : []);
+  page.postMessage({ kind: "frame", frame, shape, scale: ends, work: took }, shape ? buffers(shape) : []);
 }
 
-function shaped(data: ArrayBuffer, count: number, step: number): [Shape, Scale] {
+function shaped(data: ArrayBuffer, count: number, step: number): Shape {
   const { rest, triangles } = organ!;
   const shape = spare.pop() ?? fresh(rest.length / 3);
   const { positions } = shape;
@@ -115,7 +139,8 @@ function shaped(data: ArrayBuffer, count: number, step: number): [Shape, Scale] 
   } else positions.set(rest);
   normals(positions, triangles, sums);
   packed(sums, shape.normals);
-  return [shape, painter!.paint(positions, shape.colours)];
+  ends = painter!.paint(positions, shape.colours);
+  return shape;
 }
 
 const fresh = (nodes: number): Shape => ({
@@ -144,7 +169,9 @@ page.onmessage = ({ data }) => {
     pressing = data.pressing;
     show();
   } else if (data.kind === "colour") {
+    const before = colouring;
     colouring = data.colouring;
+    if ((colouring === "error") !== (before === "error")) compare(colouring === "error");
     if (painter) painter.colouring = colouring;
     again();
   } else if (socket?.readyState !== WebSocket.OPEN) return;

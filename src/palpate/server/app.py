@@ -12,7 +12,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from palpate.errors import DataError
 from palpate.server.guard import guarded, stranger
-from palpate.server.messages import Choose, Mark, decode, frame_bytes
+from palpate.server.messages import Choose, Compare, Mark, decode, frame_bytes
 from palpate.server.room import Room, complain
 from palpate.server.viewing import image_routes
 from palpate.tissue.models import names
@@ -58,7 +58,10 @@ async def publish(room: Room) -> None:
             await asyncio.sleep(ANSWERED)
         room.moved.clear()
         if room.session.loop.fresh():
-            room.newest = frame_bytes(room.session.frame(), room.model)
+            frame = room.session.frame()
+            room.newest = frame_bytes(frame, room.model)
+            if comparison := room.comparing.look(room.session, frame):
+                comparison.add_done_callback(complain)
             for event in room.pages.values():
                 event.set()
 
@@ -89,12 +92,16 @@ async def socket(page: WebSocket) -> None:
 
 async def send_newest(page: WebSocket, room: Room, fresh: asyncio.Event) -> None:
     """A page that is slow to take a frame gets the newest next; those between are left out."""
+    told = b""
     with contextlib.suppress(WebSocketDisconnect, RuntimeError):
         while True:
             await fresh.wait()
             fresh.clear()
             if room.newest:
                 await page.send_bytes(room.newest)
+            if page in room.comparing.pages and room.comparing.newest not in (b"", told):
+                told = room.comparing.newest
+                await page.send_bytes(told)
 
 
 async def listen(page: WebSocket, room: Room) -> None:
@@ -107,5 +114,7 @@ async def listen(page: WebSocket, room: Room) -> None:
             room.choose(said)
         elif isinstance(said, Mark):
             room.note(said)
+        elif isinstance(said, Compare):
+            room.comparing.ask(page, said.on == 1)
         else:
             room.obey(page, said)

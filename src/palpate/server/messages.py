@@ -84,6 +84,31 @@ class Frame:
 
 
 @dataclass(frozen=True)
+class Compare:
+    """Page to server: on 1 asks for a `Difference` now and then from here on, 0 for no more."""
+
+    on: U8
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Server to page, if it asks: how far what one tick shows is from linear finite elements under the same contacts.
+
+    state: 0 the reference is being prepared, 1 compared, 2 this mesh has no reference, 3 it cannot tell contacts apart
+    that press the same nodes. force: N, the reference's, of the tissue on each tool, three numbers a tool. off: how far
+    the model's forces are from it, all tools together, over its size. Then (count,) 16-bit whole numbers: of each shown
+    node the distance from where the reference has it, in units of `step` mm; count 0: it is zero everywhere.
+    """
+
+    state: U8
+    tick: F64
+    force: Annotated[tuple[float, ...], "12f"]
+    off: F32
+    step: F32
+    count: U32
+
+
+@dataclass(frozen=True)
 class Part:
     """Triangles first..first + count of the scene: the organ, or a region inside it."""
 
@@ -174,7 +199,8 @@ class Album:
     images: list[Image]
 
 
-BINARY: list[type] = [Tool, Frame, Choose, Mark]
+BINARY: list[type] = [Tool, Frame, Choose, Mark, Compare, Difference]
+SAID: list[type] = [Tool, Choose, Mark, Compare]  # by pages
 JSON: list[type] = [Part, Scene, Window, Stack, Image, Album]
 
 
@@ -194,13 +220,11 @@ def encode(message: Any, rest: AnyArray | None = None) -> bytes:
     return struct.pack(code(type(message)), *flat) + (b"" if rest is None else rest.tobytes())
 
 
-def decode(data: bytes) -> Tool | Choose | Mark:
+def decode(data: bytes) -> Tool | Choose | Mark | Compare:
     """What a page says. Raises `DataError` on any other length, kind or number."""
-    said: type = {BINARY.index(one) + 1: one for one in (Tool, Choose, Mark)}.get(data[0] if data else 0, type(None))
+    said: type = {BINARY.index(one) + 1: one for one in SAID}.get(data[0] if data else 0, type(None))
     if said is type(None):
-        raise DataError(
-            f"message: kind {data[0] if data else 'none'}, expected a tool, a choice or a mark; reload the page"
-        )
+        raise DataError(f"message: kind {data[0] if data else 'none'}, expected what a page may say; reload it")
     name, wanted = said.__name__, struct.calcsize(code(said))
     if len(data) != wanted:
         raise DataError(f"{name}: {len(data)} bytes, expected {wanted}; reload the page")
@@ -211,6 +235,10 @@ def decode(data: bytes) -> Tool | Choose | Mark:
         if values[0] > 1 or values[1] >= TOOLS:
             raise DataError(f"Mark: {values[0]} of tool {values[1]}: there is no such thing; reload the page")
         return Mark(*values)
+    if said is Compare:
+        if values[0] > 1:
+            raise DataError(f"Compare: {values[0]}, expected 0 or 1; reload the page")
+        return Compare(*values)
     tool, kind, serial, *numbers = values
     if tool >= TOOLS or kind >= len(KINDS):
         raise DataError(f"Tool: number {tool}, kind {kind}, expected less than {TOOLS} and {len(KINDS)}")

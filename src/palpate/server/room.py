@@ -9,6 +9,7 @@ from typing import cast
 from starlette.websockets import WebSocket
 
 from palpate.errors import PalpateError
+from palpate.server.comparing import Comparing
 from palpate.server.images import Shown
 from palpate.server.messages import Choose, Mark, Tool
 from palpate.server.scene import reach, scene_bytes
@@ -44,6 +45,7 @@ class Room:
     def __post_init__(self) -> None:
         if not self.organs:
             self.organs = {self.title: self.session.first.tissue}
+        self.comparing = Comparing(self.make)
         self.scene = self.describe()
 
     def describe(self) -> bytes:
@@ -99,6 +101,7 @@ class Room:
     def leave(self, page: WebSocket) -> None:
         """A page that goes lets go of all it holds."""
         self.pages.pop(page, None)
+        self.comparing.ask(page, False)
         for tool in range(TOOLS):
             self.let_go(page, tool)
 
