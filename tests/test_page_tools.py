@@ -261,6 +261,51 @@ def test_strain_is_the_largest_stretch_of_the_surface(touched):
     touched.wait("document.getElementById('legend').hidden")
 
 
+def in_blue(touched):
+    """Share of the picture in the scale's lowest colour."""
+    picture = touched.pixels("#view")
+    return ((picture[..., 2] > picture[..., 0] + 20) & (picture[..., 1] > picture[..., 0] + 10)).mean()
+
+
+def test_error_against_finite_elements(touched, album):
+    """The figures that are told, against direct solutions; springs err, tables of linear elements do not."""
+    assert in_blue(touched) < 0.01
+    touched.page.click("#colour >> text=Error")
+    touched.wait("document.getElementById('against-figures').textContent.startsWith('At most 0.000 mm')")
+    assert in_blue(touched) > 0.05  # the organ, all of it
+    told = {}
+    for name in ("springs", "compliance"):
+        touched.page.select_option("#model", name)
+        touched.wait(f"palpate.scene.models[palpate.frame.model] === '{name}'")
+        touched.page.wait_for_timeout(400)
+        touched.drag(touched.place(), np.array((40, 10)))
+        touched.settle()
+        touched.page.wait_for_timeout(700)  # for the newest figures
+        words = touched.page.locator("#against-figures").inner_text().split()
+        told[name] = float(words[2]), float(words[words.index("force") + 1])
+        point, displacement = touched.tool()[:2]
+        touched.page.screenshot(path=album / f"error-{name}.png")
+        touched.page.mouse.up()
+        touched.until_home()
+    tissue, radius = touched.room.organs["coarse"], touched.session.settings.radius
+    truth = pp.finite_elements(tissue).push(point, displacement, radius)
+    mine = pp.model(tissue, "springs").push(point, displacement, radius, tolerance=1e-4)
+    most = np.linalg.norm(mine.displacement - truth.displacement, axis=1)[touched.session.shown].max()
+    off = 100 * np.linalg.norm(mine.force - truth.force) / np.linalg.norm(truth.force)
+    assert most > 0.1
+    assert told["springs"] == (pytest.approx(most, rel=0.02), pytest.approx(off, abs=0.5))
+    assert told["compliance"][0] < 2e-4 * np.linalg.norm(displacement) + 5e-4  # the last digit told
+    assert told["compliance"][1] < 0.1
+    touched.page.select_option("#organ", "fine")
+    touched.wait("palpate.scene.organ === 1")
+    touched.wait("document.getElementById('against-figures').textContent.startsWith('At most 0.000 mm')")
+    assert in_blue(touched) > 0.05  # of the new mesh
+    assert touched.room.comparing.pages
+    touched.page.click("#colour >> text=Plain")
+    touched.wait("document.getElementById('legend').hidden")
+    assert not touched.room.comparing.pages
+
+
 def largest_stretch(rest, now, faces):
     """At each node, by singular values of each triangle's deformation, weighted by area at rest."""
     edges = [nodes[faces[:, 1:]] - nodes[faces[:, :1]] for nodes in (rest, now)]
@@ -284,6 +329,8 @@ def test_axe_finds_nothing_to_object_to(opened_page, album, scheme, size):
     page.click("text=Slices")
     touched.wait("palpate.cross() !== null")
     page.click("#tool >> text=Needle")
+    page.click("#colour >> text=Error")
+    touched.wait("document.getElementById('against-figures').textContent.startsWith('At most')")
     found = Axe().run(page)
     assert found.violations_count == 0, found.generate_report()
     assert len(found.response["passes"]) > 10

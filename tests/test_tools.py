@@ -187,7 +187,8 @@ def test_a_needle_dents_pierces_cuts_and_rubs(models, tissue, name):
 
 
 @pytest.mark.parametrize(
-    ("first", "then"), [("blocks", "compliance"), ("compliance", "neo-hookean"), ("multigrid", "blocks")]
+    ("first", "then"),
+    [("blocks", "compliance"), ("compliance", "neo-hookean"), ("multigrid", "blocks"), ("springs", "blocks")],
 )
 def test_a_model_changes_without_a_step_in_the_force(models, first, then):
     press = hold(TOP, (0, 0, -3.0))
@@ -229,6 +230,8 @@ def test_what_cannot_be_commanded_is_refused(models):
         session.mark(7)
     with pytest.raises(pp.errors.DataError, match="another tissue"):
         session.change(pp.model(organ(7), "blocks"))
+    with pytest.raises(pp.errors.DataError, match="spring law"):  # a replay would not know of it
+        session.change(pp.model(models["blocks"].tissue, "springs", law=pp.SpringLaw("uniform", 0.1)))
     with pytest.raises(pp.errors.DataError, match="friction"):
         pp.Session(models["blocks"], friction=-1.0)
 

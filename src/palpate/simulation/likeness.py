@@ -9,6 +9,7 @@ from palpate.errors import DataError, FileError
 from palpate.simulation.record import Record
 from palpate.tissue.base import TissueModel
 from palpate.tissue.models import name_of
+from palpate.tissue.tissue import SpringLaw, Tissue
 
 _SETTINGS = (
     "sweeps", "radius", "limit", "ramp", "approach", "reach", "friction", "puncture", "cutting", "shaft_friction",
@@ -35,11 +36,21 @@ def agrees(record: Record, model: TissueModel, settings: Any) -> None:
 
 def fingerprint(model: TissueModel) -> str:
     """A hash of what the model was made of: mesh, elastic constants, held nodes, spring law."""
-    tissue, mesh, hash_ = model.tissue, model.tissue.mesh, hashlib.sha256()
+    return _hash(model.tissue, getattr(model, "law", None))
+
+
+def follows(model: TissueModel, first: TissueModel) -> bool:
+    """May a session that began with `first` go on with `model`? Of the same tissue, and springs as a replay makes them."""
+    law, usual = getattr(model, "law", None), getattr(first, "law", None) or first.tissue.springs or SpringLaw()
+    return law in (None, usual) and _hash(model.tissue, None) == _hash(first.tissue, None)
+
+
+def _hash(tissue: Tissue, law: SpringLaw | None) -> str:
+    mesh, hash_ = tissue.mesh, hashlib.sha256()
     for part in (mesh.nodes, mesh.tets, mesh.region, tissue.young, tissue.poisson, tissue.fixed):
         array = np.ascontiguousarray(part)
         hash_.update(f"{array.dtype}{array.shape}".encode() + array.tobytes())
-    hash_.update(repr(getattr(model, "law", None)).encode())
+    hash_.update(repr(law).encode())
     return hash_.hexdigest()[:32]
 
 

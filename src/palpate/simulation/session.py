@@ -14,7 +14,7 @@ from palpate.meshes.shown import shown_nodes
 from palpate.simulation.devices.pointer import TOOLS, Command
 from palpate.simulation.devices.replay import Replay
 from palpate.simulation.journal import Journal
-from palpate.simulation.likeness import agrees, fingerprint, settings_of
+from palpate.simulation.likeness import agrees, fingerprint, follows, settings_of
 from palpate.simulation.record import Record
 from palpate.tissue.base import TissueModel
 from palpate.tissue.models import model as build
@@ -113,10 +113,10 @@ class Session:
         """Goes on with another model of the same tissue, blended in within 0.3 s so that the force has no step.
 
         By the clock or not. False, and nothing changed, while an earlier change is under way. Raises `DataError` for a
-        model of another tissue.
+        model of another tissue, or of springs by a law that is not the tissue's.
         """
-        if fingerprint(model) != fingerprint(self.first):
-            raise DataError("change: the model is of another tissue; make it of the session's own")
+        if not follows(model, self.first):
+            raise DataError("change: the model is of another tissue or spring law; make it of the session's own tissue")
         seconds = _core.sweep_seconds(model.native, model.tissue.surface, self.settings.radius)
         done = self._sweeps(sweeps, seconds)
         if not self.loop.change(model.native, done):
