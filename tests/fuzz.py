@@ -16,6 +16,7 @@ import struct
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections import Counter
 from pathlib import Path
@@ -28,6 +29,7 @@ from websockets.sync.client import connect
 import palpate as pp
 
 LENGTHS = {1: 32, 3: 4, 4: 4, 5: 4}  # bytes of a tool's, a choice's, a mark's and a wish to compare, by kind
+FRAME = 2
 LARGEST, POLICY, TOO_BIG = 1024, 1008, 1009
 HOSTILE = [math.nan, math.inf, -math.inf, 1e38, -1e38, 1e-40, 0.0, 1e6, -1e5]
 MODELS, ORGANS, REACH_SHARE = 5, 1, 0.5
@@ -115,8 +117,26 @@ def resident(process):
 
 
 def tick(page):
-    """Of the newest frame that there is to read."""
-    return struct.unpack_from("<d", page.recv(timeout=20), 2)[0]
+    """Of the next frame that there is to read."""
+    while (data := page.recv(timeout=20))[0] != FRAME:
+        pass  # a difference, for a page that wished to compare
+    return struct.unpack_from("<d", data, 2)[0]
+
+
+class Onlooker(threading.Thread):
+    """A page that reads all along while others misbehave. tick: of its newest frame. closed: by whom it should not be."""
+
+    def __init__(self, page):
+        super().__init__(daemon=True)
+        self.page, self.tick, self.closed = page, tick(page), None
+        self.start()
+
+    def run(self):
+        try:
+            while True:
+                self.tick = tick(self.page)
+        except (ConnectionClosed, TimeoutError) as end:
+            self.closed = end
 
 
 def closed(page):
@@ -136,7 +156,8 @@ def run(count, seed):
     reach, nodes = REACH_SHARE * float(np.linalg.norm(np.ptp(mesh.nodes, axis=0))), mesh.nodes[mesh.surface_nodes]
     with tempfile.TemporaryDirectory() as folder, served(Path(folder)) as (process, address):
         with opened(address) as other:
-            first, early, n = tick(other), 0.0, 0
+            onlooker, early, n = Onlooker(other), 0.0, 0
+            first = onlooker.tick
             while n < count:
                 with opened(address) as page:
                     while n < count:
@@ -154,9 +175,10 @@ def run(count, seed):
                         told["taken"] += 1
                     else:
                         tick(page)  # what was good has left the last socket open
-            last = [tick(other) for _ in range(200)][-1]  # what the system had buffered, then the newest
-            if not last > first:
-                wrong.append(f"the loop stands at tick {last}")
+            last = onlooker.tick
+            time.sleep(1)
+            if onlooker.closed or not onlooker.tick > last > first:
+                wrong.append(f"the loop stands at tick {last}, or another page was closed: {onlooker.closed}")
         late = resident(process)
         with opened(address) as page:
             page.send(struct.pack("<BBBI6fx", 1, 0, 1, 9, 0, 0, 25, 0, 0, -3))
