@@ -59,12 +59,12 @@ private:
     bool home = true; // at rest and untouched: nothing to do
 
     // The contacts of this tick: the first `closed` of `who` hold, by landing; then come those that only feel.
-    int who[most_tools], closed = 0, open = 0;
+    int who[most_tools] = {}, closed = 0, open = 0;
     Patch patch[most_tools];
-    double moved[3 * most_tools], force[3 * most_tools], other_force[3 * most_tools];
+    double moved[3 * most_tools] = {}, force[3 * most_tools] = {}, other_force[3 * most_tools] = {};
     struct Past { // a tool a tick ago
         bool held = false;
-        double point[3], displacement[3], force[3], tip[3], total[3];
+        double point[3] = {}, displacement[3] = {}, force[3] = {}, tip[3] = {}, total[3] = {};
     } past[most_tools];
     double energy = 0;      // N mm, held by the tissue a tick ago
     double work_before = 0; // N mm, of `work` what was done before the tissue was last touched

@@ -190,3 +190,13 @@ def test_record_into_a_missing_folder(tmp_path, recorded):
     with pytest.raises(pp.errors.FileError, match="mkdir"):
         pp.write_record(tmp_path / "no" / "session.h5", recorded[0])
     assert list(tmp_path.iterdir()) == []
+
+
+def test_what_memory_held_before_is_nothing_to_a_session(model):
+    """A NaN left there once made the work of a whole session one."""
+    for _ in range(20):
+        left = [np.full(size, np.nan) for size in range(64, 2048, 8)]
+        del left
+        session = pp.Session(model, radius=9.0, sweeps=2)
+        session.step([None] * 3)
+        assert session.frame().work == 0
