@@ -10,6 +10,7 @@ import palpate as pp
 from benchmarks.cube import brick
 from benchmarks.timing import header, row
 from palpate import _core
+from palpate.arrays import Float64
 from palpate.tissue.compliance import ComplianceModel
 from palpate.tissue.contact import patch
 
@@ -117,22 +118,39 @@ def _from_columns(model: ComplianceModel, state: "_core.State", under: "_core.Pa
     return 1e6 * float(np.median(shows))
 
 
+def by_hand(points: Float64) -> Float64:
+    """The same way as the loop goes it when a pointer says 60 times a second where it is."""
+    out, at = np.empty_like(points), points[0]
+    for tick in range(len(points)):
+        at = at + 0.08 * (points[16 * (tick // 16)] - at)
+        out[tick] = at
+    return out
+
+
 def _slide(model: ComplianceModel) -> Iterator[str]:
-    """From a cold first touch, which rests until the force is exact, along the top at 100 mm/s; then back, warm."""
+    """From a cold first touch, which rests until the force is exact, along the top at 100 mm/s; then back, warm.
+
+    "unforeseen": no look ahead between ticks."""
     tissue, radius = model.tissue, 2 * model.tissue.edge
     rest = np.repeat([[10.0, 23.0, 50.0]], 1000, axis=0)
     way = np.array([[10.0 + SPEED * k, 23.0, 50.0] for k in range(300)])
     path, state = np.concatenate([rest, way]), model.start()
-    for name, points in (("cold", path), ("again", path[::-1].copy())):
-        found, answered, force, cold = _core.slide(model.native, state, tissue.surface, radius, points, PUSH, 20, 1)
+    back = path[::-1].copy()
+    slides = ("cold", path, True), ("again", back, True), ("by hand", by_hand(back), True), ("unforeseen", back, False)
+    for name, points, foreseen in slides:
+        found, answered, force, cold, ahead = _core.slide(
+            model.native, state, tissue.surface, radius, points, PUSH, 20, 1, foreseen
+        )
         if name == "cold":
             yield row("first touch to tables, ms", int(np.argmin(cold)), "")
         size = np.linalg.norm(force, axis=1)
-        moved = slice(1001, None) if name == "cold" else slice(21, 300)
+        moved = slice(1001, None) if name == "cold" else slice(21, 299)
         step = 100 * float((np.linalg.norm(np.diff(force, axis=0), axis=1)[moved] / size[:-1][moved].clip(1e-12)).max())
         yield row(f"{name}: cold ticks of {len(cold)}", int(cold.sum()), "")
         yield row(f"{name}: tick p50, p99, µs", _shares(answered), "")
+        yield row(f"{name}: the same while it slides", _shares(answered[moved]), "")
         yield row(f"{name}: finding the patch p50, p99, µs", _shares(found), "")
+        yield row(f"{name}: looking ahead once it was answered p50, p99, µs", _shares(ahead[moved]), "")
         yield row(f"{name}: greatest step of the force while sliding, %", step, "")
 
 

@@ -159,6 +159,14 @@ void bind_ring_models(nb::module_& m) {
                     "sweeps: int) -> tuple[typing.Any, typing.Any]"),
             "One tick of several tools, the first `closed` of which hold: forces on them (N), displacements (mm).")
         .def(
+            "expect",
+            [](const Model& model, State& state, const std::vector<Patch>& patches) {
+                refuse_strangers(model, state);
+                for (const Patch& patch : patches) refuse_nodes(model, patch);
+                model.expect(state, patches.data(), int(std::min<size_t>(patches.size(), most_tools)));
+            },
+            "state"_a, "patches"_a, "All patches that the next tick may bring: it depends on them by no bit.")
+        .def(
             "show",
             [](const Model& model, State& state, In<int32_t, 1> nodes) {
                 refuse_strangers(model, state);

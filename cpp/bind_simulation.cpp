@@ -224,6 +224,9 @@ void bind_simulation(nb::module_& m) {
         .def_prop_ro("running", [](const Driven& d) { return d.loop.running(); })
         .def("step", &step, "device"_a, "ticks"_a, "(ticks, tools, 3) N")
         .def(
+            "look_ahead", [](Driven& d) { d.loop.look_ahead(); },
+            "What the loop does between ticks by the clock: nothing that is felt. Not while it runs.")
+        .def(
             "change",
             [](Driven& d, const Model& model, int sweeps) {
                 if (model.nodes() != d.loop.now().nodes()) throw std::invalid_argument("model: of another mesh");
@@ -267,23 +270,25 @@ void bind_simulation(nb::module_& m) {
     m.def(
         "slide",
         [](const Model& model, State& state, const Surface& surface, double radius, In<double, 2> points,
-           const Vector& displacement, int ramp, int sweeps) {
+           const Vector& displacement, int ramp, int sweeps, bool ahead) {
             if (!model.owns(state)) throw std::invalid_argument("state: another model's");
             if (points.shape(1) != 3) throw std::invalid_argument("points: expected shape (ticks, 3)");
             Slide out;
             {
                 nb::gil_scoped_release away;
                 out = slide(model, state, surface, radius, points.data(), int(points.shape(0)), displacement.data(),
-                            ramp, sweeps);
+                            ramp, sweeps, ahead);
             }
             return nb::make_tuple(Column<double>::from(out.patch_seconds), Column<double>::from(out.model_seconds),
-                                  rows(out.force), Column<uint8_t>::from(out.cold));
+                                  rows(out.force), Column<uint8_t>::from(out.cold),
+                                  Column<double>::from(out.ahead_seconds));
         },
         "model"_a, "state"_a, "surface"_a, "radius"_a, "points"_a.noconvert(), "displacement"_a, "ramp"_a, "sweeps"_a,
+        "ahead"_a = true,
         nb::sig("def slide(model: Model, state: State, surface: Surface, radius: float, points: object, "
-                "displacement: object, ramp: int, sweeps: int) -> tuple[typing.Any, ...]"),
+                "displacement: object, ramp: int, sweeps: int, ahead: bool = True) -> tuple[typing.Any, ...]"),
         "Ticks by the clock under a patch at (ticks, 3) points: seconds to find each patch and to answer it, forces "
-        "(ticks, 3) N, and which answers lacked tables. For benchmarks.");
+        "(ticks, 3) N, which answers lacked tables, and seconds to look ahead after each. For benchmarks.");
     m.def(
         "empty_beat",
         [](int ticks, int rate) {

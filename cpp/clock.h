@@ -39,7 +39,8 @@ public:
     int64_t late = 0;
 
     explicit Beat(int rate) : period(1000000000 / rate) { wake_promptly(); }
-    std::chrono::nanoseconds behind() const { return clock::now() - due; } // since it should have begun
+    std::chrono::nanoseconds behind() const { return clock::now() - due; }        // since it should have begun
+    std::chrono::nanoseconds left() const { return due + period - clock::now(); } // until the next one
     void wait() {
         due += period;
         if (auto now = clock::now(); now > due) {

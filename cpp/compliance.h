@@ -41,11 +41,13 @@ struct ComplianceState : State {
         std::vector<int> vertex;    // (capacity)
         std::vector<float> block;   // (pairs, 9)
         std::vector<uint8_t> known; // (pairs)
-    } pairs, before;
+        int lacking = 0;            // pairs that are not known
+        int64_t looked = -1;        // how many tables had been made when they were last looked for
+        bool of(const int* others, int many) const {
+            return many == count && std::equal(others, others + many, vertex.begin());
+        }
+    } pairs, spare;             // spare: those before, or those expected next
     std::vector<double> weight; // (tools, capacity) of each patch's nodes, in the order of `pairs`
-    int lacking = 0;            // pairs that are not known
-    int64_t looked = 0;         // how many tables had been made when they were last looked for
-    bool moved = false;         // the patch has other nodes since
     std::vector<float> field;   // (vertices, 3) of the last display
     std::unique_ptr<Ahead> ahead;
 };
@@ -61,6 +63,7 @@ public:
                  double* force) const override;
     void show(State& state, const int* nodes, int count, float* out) const override;
     void displacement(State& state, double* out) const override;
+    void expect(State& state, const Patch* patches, int count) const override;
     void accompany(State& state) const override;
     void leave(State& state) const override;
 
@@ -74,8 +77,7 @@ private:
     void take_count(ComplianceState& s, int closed) const;
     void let_go(ComplianceState& s) const;
     bool seat(ComplianceState& s, const Patch* patches, int count) const;
-    void keep_pairs(ComplianceState& s, const int* vertex, int count) const;
-    void fetch(ComplianceState& s) const;
+    void fetch(Green& green, ComplianceState::Pairs& pairs) const;
     void make_now(ComplianceState& s) const;
     bool take_stiffness(ComplianceState& s, int closed, const double* displacement) const;
     void answer(ComplianceState& s, int closed, const double* displacement, double* force) const;

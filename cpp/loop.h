@@ -61,6 +61,8 @@ public:
     // `ticks` ticks without a clock; forces: (ticks, tools, 3) N. Not while the thread runs.
     void step(Device& device, int64_t ticks, double* forces);
 
+    void look_ahead() { simulation.look_ahead(last); } // as between ticks by the clock; not while the thread runs
+
     // Another model of the same tissue, blended in from the next tick on. False: one is on its way already. Both models
     // must outlive the loop.
     bool change(const Model& model, int sweeps);

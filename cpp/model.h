@@ -57,6 +57,10 @@ public:
     virtual bool advance(State& state, const Patch* patches, int closed, int open, double* displacement, int sweeps,
                          double* force) const = 0;
 
+    // Between ticks: all patches that the next one may bring, closed or open. A model may read what it would then need,
+    // so that caches hold it; answers depend on it by no bit. Allocates nothing, takes no lock.
+    virtual void expect(State&, const Patch*, int) const {}
+
     // N mm that the tissue holds, when the tools feel `force` at `displacement` (closed, 3). Linear: half their work.
     virtual double energy(const State&, int closed, const double* displacement, const double* force) const {
         double sum = 0;

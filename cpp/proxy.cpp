@@ -9,6 +9,11 @@ namespace {
 using Grip = Proxy::Grip;
 using Kind = Command::Kind;
 
+// Of the way to the slope, a tick: a tool that slides at once by what it has just learnt from sliding overshoots,
+// slides and sticks in turn, and from tick to tick doubles what rounding has begun.
+constexpr double luring = 0.05;
+constexpr int first_ticks = 20; // of a tool in space in touch, in which it feels what the tissue gives
+
 bool finite(const Command& command) {
     double sum = 0;
     for (int k = 0; k < 3; k++) sum += command.point[k] + command.displacement[k];
@@ -71,7 +76,23 @@ struct Step {
         } else if (proxy.outside) { // a tool that begins inside holds nothing until it has come out
             proxy.grip = Grip::holding;
             std::fill_n(proxy.slope, 3, 0.0);
+            std::fill_n(proxy.lure, 3, 0.0);
+            std::copy_n(proxy.displacement, 3, proxy.rest);
+            std::fill_n(proxy.risen, 2, 0.0);
+            proxy.fresh = first_ticks;
         }
+    }
+
+    // What the tissue gives where it is touched: the way over the force. Beside other tools, that move the tissue too,
+    // this grows without end as the force fades, and would fling the contact about: so it is no more than it was as the
+    // force first rose, and for each radius slid e times that, since places differ.
+    void learn_give(double way, double force) {
+        if (proxy.fresh > 0) {
+            proxy.fresh--;
+            proxy.risen[0] += apart(proxy.displacement, proxy.rest) * force, proxy.risen[1] += force * force;
+            proxy.give = proxy.risen[0] / proxy.risen[1];
+        }
+        proxy.give = proxy.give > 0 ? std::min(proxy.give, way / force) : way / force;
     }
 
     // In contact: stays where it touched until the force leaves Coulomb's cone, then follows along the surface as far
@@ -80,15 +101,21 @@ struct Step {
         double out[3], across[3];
         surface.normal(proxy.at, out);
         const double press = dot(proxy.force, out), force = length(proxy.force), way = length(proxy.displacement);
-        for (int k = 0; k < 3; k++) across[k] = proxy.force[k] + proxy.slope[k];
+        for (int k = 0; k < 3; k++) {
+            proxy.lure[k] += luring * (proxy.slope[k] - proxy.lure[k]);
+            across[k] = proxy.force[k] + proxy.lure[k];
+        }
         const double along = dot(across, out);
         for (int k = 0; k < 3; k++) across[k] -= along * out[k];
+        if (!(way > 1e-6) || !(force > 0)) return;
+        learn_give(way, force);
         const double excess = length(across) - manner.friction * press;
-        if (!(excess > 0) || !(way > 1e-6) || !(force > 0)) return;
-        const double step = std::min(excess * way / force, manner.pace.reach) / length(across);
+        if (!(excess > 0)) return;
+        const double slid = std::min(excess * proxy.give, manner.pace.reach), step = slid / length(across);
         double point[3];
         for (int k = 0; k < 3; k++) point[k] = proxy.at.point[k] - step * across[k];
         move_to(point);
+        proxy.give *= std::exp(slid / manner.radius);
     }
 
     void go_free() {
@@ -151,6 +178,8 @@ void follow(Proxy& proxy, const Command& command, const Surface& surface, const 
     if (proxy.grip == Grip::holding && (open_hand || grasping)) { // a hand closes or opens where it touches
         proxy.kind = command.kind;
         proxy.outside = true;
+        std::fill_n(proxy.lure, 3, 0.0);
+        proxy.give = 0;
         std::fill_n(proxy.toll, 3, 0.0);
         std::fill_n(proxy.heading, 3, 0.0);
     }

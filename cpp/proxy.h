@@ -42,6 +42,11 @@ struct Proxy {
     double displacement[3] = {0, 0, 0};    // of the patch's weighted mean, mm
     double force[3] = {0, 0, 0};           // N, of the tissue on the tool: the last answer
     double slope[3] = {0, 0, 0};           // N, what the tissue's energy rises by a mm that the contact slides
+    double lure[3] = {0, 0, 0};            // N, that slope as a tool in space follows it
+    double rest[3] = {0, 0, 0};            // mm, where the tissue had gone when a tool in space met it
+    double risen[2] = {0, 0};              // mm N and N^2, summed over its first ticks
+    double give = 0;                       // mm that it slides for a newton
+    int fresh = 0;                         // ticks until that is known
     double toll[3] = {0, 0, 0};            // N, on the tool, that makes a sliding hand pay for that
     double heading[3] = {0, 0, 0};         // mm, its way of late: where it slides to
     double brake[3] = {0, 0, 0};           // N, on the tool, while the hand has got more than it gave

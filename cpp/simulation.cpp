@@ -45,6 +45,29 @@ void Simulation::tick(const Commands& commands) {
     ticks++;
 }
 
+// A hand glides towards its command, so that the one it obeys now says where the next tick finds it; a tool in space is
+// where its command is.
+void Simulation::look_ahead(const Commands& commands) {
+    int count = 0;
+    bool any = false;
+    for (int t = 0; t < most_tools; t++) {
+        const Command &now = commands.tool[t], &then = before.tool[t];
+        if (proxy[t].grip != Grip::holding && proxy[t].grip != Grip::open) continue;
+        Command next = now;
+        if (now.kind == Command::Kind::free && then.kind == Command::Kind::free)
+            for (int k = 0; k < 3; k++) next.point[k] += now.point[k] - then.point[k];
+        soon[t] = proxy[t];
+        follow(soon[t], next, surface, settings.manner, false, !this->now.state->cold, scratch);
+        if (soon[t].grip != Grip::holding && soon[t].grip != Grip::open) continue;
+        any = any || soon[t].grip == Grip::holding;
+        patch[count++].copy(soon[t].patch);
+    }
+    before = commands;
+    if (!any) return;
+    now.model->expect(*now.state, patch, count);
+    if (next.model) next.model->expect(*next.state, patch, count);
+}
+
 void Simulation::gather() {
     closed = open = 0;
     for (int t = 0; t < most_tools; t++) {

@@ -29,6 +29,10 @@ public:
     // One tick. Reads no clock, allocates nothing, takes no lock.
     void tick(const Commands& commands);
 
+    // Between ticks: has the models read what the next tick will ask of them if the hands go on as they do. No answer
+    // depends on it. Reads no clock, allocates nothing, takes no lock.
+    void look_ahead(const Commands& commands);
+
     // Another model of the same tissue from the next tick on, blended in; gives back the one that it takes the place of
     // (none, as long as two are at work).
     bool changing() const { return next.model != nullptr; }
@@ -66,6 +70,8 @@ private:
         bool held = false;
         double point[3] = {}, displacement[3] = {}, force[3] = {}, tip[3] = {}, total[3] = {};
     } past[most_tools];
+    Proxy soon[most_tools]; // as the next tick may have them
+    Commands before;        // when last looked ahead
     double energy = 0;      // N mm, held by the tissue a tick ago
     double work_before = 0; // N mm, of `work` what was done before the tissue was last touched
 

@@ -7,7 +7,7 @@
 namespace palpate {
 
 Slide slide(const Model& model, State& state, const Surface& surface, double radius, const double* points, int ticks,
-            const double displacement[3], int ramp, int sweeps) {
+            const double displacement[3], int ramp, int sweeps, bool ahead) {
     using clock = std::chrono::steady_clock;
     auto seconds = [](clock::duration d) { return std::chrono::duration<double>(d).count(); };
     auto scratch = surface.scratch();
@@ -25,8 +25,16 @@ Slide slide(const Model& model, State& state, const Surface& surface, double rad
         for (int k = 0; k < 3; k++) push[k] = displacement[k] * std::min(1.0, double(t + 1) / std::max(ramp, 1));
         model.advance(state, &patch, 1, 0, push, sweeps, &out.force[3 * size_t(t)]);
         const auto done = clock::now();
+        if (ahead && t > 0) {
+            double next[3];
+            for (int k = 0; k < 3; k++) next[k] = 2 * points[3 * t + k] - points[3 * (t - 1) + k];
+            if (surface.patch(surface.closest(next), radius, scratch, patch) == Surface::Contact::good)
+                model.expect(state, &patch, 1);
+        }
+        const auto looked = clock::now();
         out.patch_seconds.push_back(seconds(met - began));
         out.model_seconds.push_back(seconds(done - met));
+        out.ahead_seconds.push_back(seconds(looked - done));
         out.cold.push_back(state.cold);
         due += std::chrono::milliseconds(1);
         std::this_thread::sleep_until(due);

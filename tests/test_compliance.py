@@ -112,6 +112,23 @@ def test_tables_give_the_same_bits_whoever_made_them_and_when():
     assert fresh.made[0] < len(every) / 3
 
 
+@settings(max_examples=10, deadline=None)
+@given(st.integers(0, 2**31))
+def test_looking_ahead_changes_no_bit(seed):
+    """Whatever patches are expected, the ones that come or not: a tick answers as one that expected nothing."""
+    _, model = cube()
+    rng = np.random.default_rng(seed)
+    plain, told = model.start(), model.start()
+    way = np.cumsum(rng.normal(0, 1.5, (40, 3)), axis=0) * (1, 1, 0) + (25.0, 25.0, 50.0)
+    for x, coming in zip(way, [*way[1:], way[0]], strict=True):
+        under = spot(model, np.clip(x, 0, 50))
+        forces = [model.native.advance(state, under, PUSH, 1) for state in (plain, told)]
+        assert (forces[0] == forces[1]).all()
+        about = [spot(model, np.clip(coming + rng.normal(0, spread, 3) * (1, 1, 0), 0, 50)) for spread in (0, 4)]
+        model.native.expect(told, about[: rng.integers(0, 3)])
+    assert (model.native.show(plain, model.vertices) == model.native.show(told, model.vertices)).all()
+
+
 def test_letting_go_leaves_nothing_behind():
     _, model = cube()
     state, other = model.start(), model.start()

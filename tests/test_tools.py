@@ -222,6 +222,56 @@ def test_a_change_marks_and_all_tools_are_recorded_and_replayed(models, tissue, 
     assert again.displacement.tobytes() == session.displacement.tobytes()
 
 
+def busy(ticks, off=0.0):
+    """A hold that is drawn along, a needle, and a tool in space that slides beside them and leaves; `off` mm aside."""
+    for t in np.arange(ticks) / 1000:
+        yield [
+            hold((8 + 6 * t, off, 24.0), (0, 0.2, -3 * min(1, t))),
+            pp.Command(True, (-4.0, 0.0, 24.5), (0.0, 0.0, -18 * min(1.0, t)), kind="needle"),
+            free((20.0 + off, 8.0 - 4 * t, 22 - 5 * np.sin(2 * t))),
+        ]
+
+
+def test_what_rounding_begins_stays_rounding(models):
+    """No tool doubles from tick to tick a difference of a nanometre's thousandth: so replays elsewhere stay near."""
+    one, other = (session_of(models["compliance"]) for _ in range(2))
+    for ours, theirs in zip(busy(2000), busy(2000, off=1e-9), strict=True):
+        apart = np.abs(one.step([ours]) - other.step([theirs])).max()
+        assert apart < 1e-6  # N; a thousandth of what is promised of replays
+        off = np.abs(np.subtract(one.frame().point, other.frame().point)).max()
+        assert off < 1e-6  # mm
+    assert off > 0
+
+
+@pytest.mark.parametrize("name", ["blocks", "compliance"])
+def test_a_tool_in_space_slides_evenly_and_leaves_gently_beside_a_hold(models, name):
+    """The tissue that the hold has moved is no measure of how far the tool slides for a newton."""
+    session = session_of(models[name], sweeps=20)
+    at, forces = [], []
+    for commands in busy(1500):
+        forces.append(session.step([commands])[0, 2])
+        at.append(session.frame().point[2])
+    step = np.linalg.norm(np.diff(at, axis=0), axis=1)
+    change, force = np.linalg.norm(np.diff(forces, axis=0), axis=1), np.linalg.norm(forces, axis=1)
+    assert force.max() > 0.2
+    assert (force[-50:] == 0).all()
+    assert change.max() < 0.1 * force.max()  # a fling along the surface is felt as a fifth of it
+    assert step[200:].max() < 0.2  # mm a tick
+    sliding = step[900:1100]
+    assert sliding.min() > 0.5 * np.median(sliding) > 1e-3
+    assert sliding.max() < 2 * np.median(sliding)
+
+
+@pytest.mark.parametrize("name", ["blocks", "compliance"])
+def test_looking_ahead_is_felt_by_no_bit(models, name):
+    """What the loop does between ticks by the clock, and lockstep never does."""
+    plain, looking = (session_of(models[name], sweeps=2) for _ in range(2))
+    for commands in busy(400):
+        assert (plain.step([commands]) == looking.step([commands])).all()
+        looking.loop.look_ahead()
+    assert (plain.displacement == looking.displacement).all()
+
+
 def test_what_cannot_be_commanded_is_refused(models):
     session = session_of(models["blocks"])
     with pytest.raises(pp.errors.DataError, match="at most 4"):

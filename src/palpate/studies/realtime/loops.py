@@ -58,7 +58,7 @@ def slid(setting: Setting, tissue: Tissue, name: str) -> Row:
     sweep = float(_core.sweep_seconds(one.native, tissue.surface, radius))
     sweeps = sweeps_of(sweep)
     given = one.native, one.start(), tissue.surface, radius, points, press.tolist(), RAMP, sweeps
-    contact, answer, _, cold = _core.slide(*given)
+    contact, answer, _, cold, _ = _core.slide(*given)
     spent = (contact + answer)[RAMP:]
     told = {f"p{100 * q:g}_ms": 1e3 * float(np.quantile(spent, q)) for q in (0.5, 0.99, 0.999)}
     return {"sweeps": sweeps, "sweep_ms": 1e3 * sweep, **told, "cold_share": float(np.mean(cold[RAMP:]))}
