@@ -174,7 +174,7 @@ void Simulation::learn_slopes() {
 void Simulation::charge(Proxy& p, const double way[3]) const {
     const double step = length(way), kept = std::exp(-step / (heading * settings.manner.radius));
     for (int k = 0; k < 3; k++) p.heading[k] = kept * p.heading[k] + way[k];
-    const double far = length(p.heading), ahead = dot(p.heading, way);
+    const double far = std::max(length(p.heading), 1e-12), ahead = dot(p.heading, way); // may end where it began
     const double due = ahead > 0 ? std::min(0.0, -(dot(p.slope, p.heading) + dot(p.force, p.heading)) / far) : 0;
     for (int k = 0; k < 3; k++) p.toll[k] += tolling * (due * (p.heading[k] / far) - p.toll[k]);
 }

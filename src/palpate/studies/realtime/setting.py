@@ -34,7 +34,7 @@ class Setting:
         return "realtime --quick" if self.quick else "realtime"
 
 
-FULL = Setting(False, (("low", 8.0), ("medium", 5.0), ("high", 3.5), ("finest", 2.36)), names(), 10_000, 20.0, 6.0)
+FULL = Setting(False, (("low", 8.0), ("medium", 5.0), ("high", 3.5), ("finest", 2.36)), names(), 5_000, 10.0, 6.0)
 QUICK = Setting(True, (("low", 12.0),), ("blocks", "compliance"), 600, 1.0, 1.0, ("Wireframe",))
 
 
