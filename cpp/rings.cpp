@@ -30,7 +30,7 @@ void Rings::grow(const Graph& graph, const int* touched, int count) {
 RingState::RingState(int nodes, int unknowns, bool springs)
     : rings(nodes), touched(capacity), place(nodes, -1), weight(size_t(RingModel::most_contacts) * capacity),
       fresh(weight.size()), saddle(capacity * unknowns, RingModel::most_contacts * unknowns), right(3 * capacity),
-      home(springs ? nodes : 0) {
+      home(springs ? nodes : 0), total(home.size()), share(home.size()), wide(4 * home.size()) {
     u.assign(3 * size_t(nodes), 0);
 }
 
@@ -56,11 +56,13 @@ bool RingModel::solve(State& state, const Patch* patches, int contacts, const do
                       double* force) const {
     auto& s = static_cast<RingState&>(state);
     if (!touch(s, patches, contacts)) return false;
+    enter(s);
     for (int k = 0; k < sweeps; k++) {
         if (contacts > 0) hold(s, displacement, force);
         relax(s, s.count);
         if (k % 4 == 3 || k == sweeps - 1) settle(s); // slow shapes need it less often than each sweep
     }
+    leave(s);
     if (contacts > 0) hold(s, displacement, force);
     return true;
 }

@@ -33,9 +33,11 @@ struct RingState : State {
     std::vector<double> fresh;  // the same for the patches that arrive
     Saddle saddle;              // the touched nodes' own equilibrium
     std::vector<double> right;  // its right-hand side, then its solution
-    std::vector<double> home;   // springs only: home spring of each node, N/mm
-    Modes::Bound bound;         // blocks only: what the contacts leave of the slow modes
-    bool sound = true;          // false: two of the contacts cannot be told apart
+    // Springs only: home spring of each node, N/mm; with its edge springs; relaxation over that, 0 where it stands
+    // still; and u while it is relaxed, four numbers a node so that one is one vector.
+    std::vector<double> home, total, share, wide;
+    Modes::Bound bound; // blocks only: what the contacts leave of the slow modes
+    bool sound = true;  // false: two of the contacts cannot be told apart
 };
 
 // Quasi-static equilibrium K u = W f under W'u = d, relaxed ring by ring outwards from the touched nodes. Row 1 is
@@ -79,7 +81,9 @@ private:
     virtual void prepare(RingState& s) const = 0;                   // the contacts, or only their weights, have changed
     virtual void touched_matrix(RingState& s, double* A) const = 0; // lower triangle of K among the touched nodes
     virtual void touched_right(RingState& s) const = 0;             // right = -K u of the others, N
+    virtual void enter(RingState&) const {}                         // before sweeps: u may be anything
     virtual void relax(RingState& s, int first) const = 0;          // one sweep over order[first ..]
+    virtual void leave(RingState&) const {}                         // after them: u but for the touched nodes
     virtual double weighed(const RingState& s, int node, const double r[3]) const = 0; // r' M^-1 r
     virtual bool stiffness_follows_weights() const = 0;
     virtual bool imposed() const { return false; } // every touched node goes with its tool, not their mean alone

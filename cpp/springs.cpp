@@ -1,25 +1,33 @@
 #include "springs.h"
-#include "dispatch.h"
+#include "lanes.h"
+#include "quad.h"
 #include <algorithm>
 #include <cmath>
 
 namespace palpate {
 namespace {
 
-PALPATE_KERNEL void sweep(const int* order, int count, const uint8_t* held, const int* start, const int* neighbour,
-                          const double* stiffness, const double* sum, const double* home, double relaxation,
-                          double* u) {
+constexpr int sums = 4;
+
+// u: four numbers a node, the last of no meaning. weight: relaxation / (sum + home), 0 where the node stands still. Two
+// sums, so that an edge need not wait for the one before it.
+PALPATE_KERNEL void sweep(const int* order, int count, const int* start, const int* neighbour, const double* stiffness,
+                          const double* total, const double* weight, double* u) {
     for (int n = 0; n < count; n++) {
-        const int i = order[n];
-        if (held[i]) continue;
-        double pull[3] = {0, 0, 0};
-        for (int e = start[i]; e < start[i + 1]; e++) {
-            const double* v = u + 3 * size_t(neighbour[e]);
-            for (int k = 0; k < 3; k++) pull[k] += stiffness[e] * v[k];
+        const int i = order[n], last = start[i + 1];
+        Quad pull[sums] = {}, v, x;
+        int e = start[i];
+        for (; e + sums <= last; e += sums) PALPATE_UNROLL
+        for (int k = 0; k < sums; k++) {
+            load(x, u + 4 * size_t(neighbour[e + k]));
+            pull[k] += stiffness[e + k] * x;
         }
-        const double scale = 1 / (sum[i] + home[i]);
-        double* v = u + 3 * size_t(i);
-        for (int k = 0; k < 3; k++) v[k] += relaxation * (pull[k] * scale - v[k]);
+        for (; e < last; e++) {
+            load(x, u + 4 * size_t(neighbour[e]));
+            pull[0] += stiffness[e] * x;
+        }
+        load(v, u + 4 * size_t(i));
+        store(u + 4 * size_t(i), v + weight[i] * ((pull[0] + pull[1]) + (pull[2] + pull[3]) - total[i] * v));
     }
 }
 
@@ -67,6 +75,8 @@ void Springs::prepare(RingState& s) const {
             row = 1 + std::sqrt(nearest) / law.edge;
         }
         s.home[i] = law(row) * sum[i] / (graph.start[i + 1] - graph.start[i]);
+        s.total[i] = sum[i] + s.home[i];
+        s.share[i] = held[i] ? 0 : relaxation / s.total[i];
     }
 }
 
@@ -87,14 +97,24 @@ void Springs::touched_right(RingState& s) const {
         double pull[3] = {0, 0, 0};
         for (int e = graph.start[i]; e < graph.start[i + 1]; e++)
             if (s.place[graph.neighbour[e]] < 0)
-                for (int k = 0; k < 3; k++) pull[k] += stiffness[e] * s.u[3 * size_t(graph.neighbour[e]) + k];
+                for (int k = 0; k < 3; k++) pull[k] += stiffness[e] * s.wide[4 * size_t(graph.neighbour[e]) + k];
         for (int k = 0; k < 3; k++) s.right[k * s.count + at] = pull[k];
     }
 }
 
+void Springs::enter(RingState& s) const {
+    for (size_t i = 0; i < size_t(nodes()); i++) std::copy_n(&s.u[3 * i], 3, &s.wide[4 * i]);
+}
+
 void Springs::relax(RingState& s, int first) const {
-    sweep(s.rings.order.data() + first, nodes() - first, held.data(), graph.start.data(), graph.neighbour.data(),
-          stiffness.data(), sum.data(), s.home.data(), relaxation, s.u.data());
+    for (int at = 0; at < s.count; at++)
+        std::copy_n(&s.u[3 * size_t(s.touched[at])], 3, &s.wide[4 * size_t(s.touched[at])]);
+    sweep(s.rings.order.data() + first, nodes() - first, graph.start.data(), graph.neighbour.data(), stiffness.data(),
+          s.total.data(), s.share.data(), s.wide.data());
+}
+
+void Springs::leave(RingState& s) const {
+    for (size_t i = 0; i < size_t(nodes()); i++) std::copy_n(&s.wide[4 * i], 3, &s.u[3 * i]);
 }
 
 // K u at one node: the force that it needs from outside.

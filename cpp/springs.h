@@ -33,7 +33,9 @@ private:
     void prepare(RingState& s) const override;
     void touched_matrix(RingState& s, double* A) const override;
     void touched_right(RingState& s) const override;
+    void enter(RingState& s) const override;
     void relax(RingState& s, int first) const override;
+    void leave(RingState& s) const override;
     double weighed(const RingState& s, int node, const double r[3]) const override;
     bool stiffness_follows_weights() const override { return law.by_distance; }
     bool imposed() const override { return rigid; }
