@@ -183,7 +183,7 @@ def test_a_warm_start_is_nearer_after_as_many_iterations(truth, model):
     state = model.push(TOP, PUSH, 10.0, tolerance=1e-6).warm
     model.native.solve(state, found.patches, found.displacement, 1)
     cold = next(answers(model, (1,), point))[0]
-    assert energy_norm(truth, state.u - reference) < 0.3 * energy_norm(truth, cold - reference)
+    assert energy_norm(truth, state.u - reference) < 0.5 * energy_norm(truth, cold - reference)
 
 
 def test_equal_inputs_give_equal_bits(tissue):
