@@ -42,6 +42,9 @@ void Bands::place() {
             first[i] = first[i + 1] - 1, taps = std::max(taps, count[i] - first[i]);
     for (int i = 1; i < int(first.size()); i++)
         if (i >= n || count[i] == 0) first[i] = std::max(first[i], first[i - 1]);
+    seen_begin = int(std::find_if(count.begin(), count.end(), [](int32_t c) { return c > 0; }) - count.begin());
+    seen_end = n;
+    while (seen_end > seen_begin && count[seen_end - 1] == 0) seen_end--;
     ahead = 0;
     bool rising = true; // each voxel begins a column or more behind the one before
     for (int i = 0; i < n; i++) {

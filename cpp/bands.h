@@ -16,6 +16,8 @@ public:
     int reach() const { return ahead; }      // a voxel shares columns with so many ahead of it
     int planes() const { return 1 + bands; } // of `look`
     int margin() const { return around; }    // voxels before and behind a part that `spread` reads
+    // Whether one of voxels begin .. end - 1 has a shadow on the panel; if none has, they reach no column.
+    bool sees(int begin, int end) const { return begin < seen_end && end > seen_begin; }
     // First column under it, rounded down to a multiple of eight, and the one after the last.
     int begin(int voxel) const { return std::max(0, std::min(columns - 1, first[voxel])) / lanes * lanes; }
     int end(int voxel) const { return std::min(columns, first[voxel] + taps); }
@@ -36,6 +38,7 @@ private:
     int kernel = 0;     // which one looks: 10 · terms + taps where they are unrolled
     bool close = false; // eight neighbouring voxels touch sixteen columns at most
     int spread_taps = 0, spread_vectors = 0;
+    int seen_begin = 0, seen_end = 0;        // voxels with a shadow on the panel
     std::vector<int32_t> first, first_voxel; // under a voxel; over a column
     Buffer weight, spread_weight;
 

@@ -39,7 +39,7 @@ PALPATE_INLINE double fast_exp(double x) {
                                   1 / 120.0,      1 / 24.0,      1 / 6.0,      0.5,         1.0,        1.0};
     double e = 1 / 479001600.0;
     for (double c : inverse) e = e * r + c;
-    return double_of(bits_of(e) + (bits_of(shifted) << 52));
+    return double_of(int64_t(uint64_t(bits_of(e)) + (uint64_t(bits_of(shifted)) << 52)));
 }
 
 // log x to within 3 units in the last place of 1 + |log x|, x > 0 and normal. x = 2^k m, m from √½ to √2, and log m = 2

@@ -168,6 +168,7 @@ void SliceView::make(const Geometry& geometry, const View& chosen, int z) {
 
 void SliceView::gather(const Strip& strip, const float* slope, const float* curvature, int begin, int end,
                        Columns& columns, Buffer& rows, Planes& planes) const {
+    if (!bands.sees(begin, end)) return;
     const Reach at(bands, begin, end);
     const int terms = products(*view), size = terms + pairs_of(terms);
     rows.resize(std::max(rows.size(), size_t(2 * size * at.pitch)));
@@ -195,6 +196,7 @@ void SliceView::add_up(const Strip& strip, int i, const float* slope, const floa
 
 void SliceView::spread(const Strip& strip, const float* const* change, const float* curvature, int begin, int end,
                        const Columns& columns, Buffer& rows, float* slope) const {
+    if (!bands.sees(begin, end)) return; // the nearest columns lie further off than the 0s beside the changes
     const Reach at(bands, begin, end);
     const int terms = products(*view);
     float* sums = rows.data() + Bands::beside;

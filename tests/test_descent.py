@@ -194,6 +194,27 @@ def test_so_are_sweeps_of_several_blocks_and_parts(geometry, backwards, shape, s
     assert np.abs(made - expected).max() <= 1e-6 * expected.max()
 
 
+def narrow_arc():
+    return pp.arc_views(pp.Panel((4, 64), (2.5, 0.1), (-3.2, -4, 0)), [-20, 0, 15], radius=200, pivot=(0, 0, 20))
+
+
+def narrow_turned():
+    panel = pp.Panel((4, 64), (2.5, 0.1), (-3.2, -4, 0))
+    return pp.rotating_views(panel, [-25, -10, 20], source=(3, 40, 200), pivot=(0, 0, 20))
+
+
+@pytest.mark.parametrize("geometry", [narrow_arc, narrow_turned])
+@pytest.mark.parametrize("backwards", [False, True])
+def test_so_are_sweeps_over_rows_that_reach_far_beyond_the_panel(geometry, backwards):
+    """On either side more voxels than are worked on at once have no shadow on the panel."""
+    grid = pp.Grid((2, 3, 430), (2, 2.5, 0.1), (-21.5, -2.5, 20.0))
+    seen = pp.Projector(geometry(), grid).T(np.ones((3, 4, 64), np.float32))
+    assert (seen == 0).sum() > seen.size / 2
+    made, expected, start = one_after_the_other(geometry(), grid, 3000.0, backwards)
+    assert np.abs(expected - start).max() > 0.01
+    assert np.abs(made - expected).max() <= 1e-6 * expected.max()
+
+
 @pytest.mark.parametrize("geometry", GEOMETRIES)
 def test_diagonal_is_that_of_the_matrix(geometry):
     scan, A, f = problem(geometry())
