@@ -29,6 +29,7 @@ from palpate.reconstruction.projector import Projector
 from palpate.reconstruction.sart import check_relaxation, sart
 from palpate.reconstruction.step import Step
 from palpate.reconstruction.subsets import Pace, default_subsets, ordered_subsets
+from palpate.reconstruction.swept import sweep_then_accelerate, sweeps_are_cheap
 from palpate.reconstruction.tune import median_curvature, tune
 from palpate.reconstruction.tv import tv
 from palpate.scans.scan import Scan
@@ -46,17 +47,17 @@ LIKELIHOODS: dict[str, Callable[[Scan], Likelihood]] = {
     "least-squares": WeightedLeastSquares.of,
 }
 TOLERANCE = 1e-3
-COARSE = 160.0  # see _Rule
+COARSE = 20.0  # see _Rule
 
 
 @dataclass(frozen=True)
 class _Rule:
     """When a level is finished: after so many iterations, or when one gains less than a share of the objective.
 
-    The share is `tolerance` on the finest level. A coarse level is but a start: once what it still gains is small beside
-    what the step to the finer grid costs and brings, its own posterior is not wanted. Level 1 ends at 40 times the
-    tolerance. An iteration costs a quarter as much a level further down, so it is worth making there for a quarter of the
-    gain: each level down the share is a quarter, yet never below the tolerance.
+    The share is `tolerance` on the finest level. A coarse level is but a start, so level 1 ends at 5 times the tolerance: it
+    must bring all that is broad, which the few iterations that the finest level can afford would not. An iteration costs a
+    quarter as much a level further down, so it is worth making there for a quarter of the gain: each level down the share
+    is a quarter, yet never below the tolerance.
     """
 
     iterations: Sequence[int]
@@ -96,10 +97,10 @@ def iterates(
     likelihood: "poisson" for counts, "gaussian" for counts with a variance that follows the mean (`Gaussian`),
     "least-squares" for intensities that are none, or a function from a scan to a likelihood. start: on the coarsest level.
     curvature: see `Transmission.curvature`. optimiser: of "map" and "ml", one or one a level, finest first: "momentum"
-    (`accelerate`), "descent" (`descend`), "subsets" (`ordered_subsets`), or "auto", which is momentum: it reached the
-    converged posterior soonest.
+    (`accelerate`), "descent" (`descend`), "subsets" (`ordered_subsets`), or "auto", which is momentum,
+    on the finest level after two sweeps of descent where the panel is parallel to the slices (`sweep_then_accelerate`).
     iterations: at most so many a level, one number or one a level, finest first. tolerance: a level ends when an iteration
-    lowers the objective by less than this share; coarse levels end sooner, 40 times it on level 1, a quarter of that a
+    lowers the objective by less than this share; coarse levels end sooner, 5 times it on level 1, a quarter of that a
     level down. downsample, interpolation: see `pyramid`, `resample`. window,
     cutoff: of `fbp`. relaxation: of `sart`. resume: the step after which to go on, exactly as if never stopped. Raises
     `DataError` and `GeometryError` at once, before any work.
@@ -152,6 +153,7 @@ def _run(
 ) -> Iterator[Step]:
     began = time.perf_counter() - (resume.seconds if resume else 0)
     A, data = finest = A, likelihood(scans[0][0])
+    prior = Prior("quadratic", 0.0) if method == "ml" else prior
     prior, beta = _weighed(prior, A, data) if method == "map" else (prior, 0.0)
     last = resume
     for level in reversed(range(len(scans))):
@@ -175,6 +177,8 @@ def _run(
             pace = Pace.of(before, last.pace) if last and before is not None else Pace(default_subsets(len(A.views)))
             part = _parts(level_scan, likelihood)
             solver = ordered_subsets(A, data, prior, weight, values, part, pace, curvature)
+        elif remembers and optimisers[level] == "auto" and level == 0 and sweeps_are_cheap(A):
+            solver = sweep_then_accelerate(A, data, prior, weight, values, curvature, done, before)
         elif remembers:
             solver = accelerate(A, data, prior, weight, values, curvature, before)
         else:
@@ -228,7 +232,7 @@ def _solver(
         return sart(A, data, values, relaxation)
     if method == "tv":
         return tv(A, data, values, prior.strength)
-    return descend(A, data, prior if method == "map" else Prior("quadratic", 0.0), beta, values, curvature)
+    return descend(A, data, prior, beta, values, curvature)
 
 
 def _first(start: str | Volume, A: Projector, data: Likelihood, interpolation: Interpolation) -> Float32:

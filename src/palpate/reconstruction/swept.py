@@ -1,0 +1,43 @@
+"""Coordinate descent, then momentum: each where it is the quicker."""
+
+from collections.abc import Iterator
+from itertools import islice
+
+from palpate.arrays import Float32
+from palpate.reconstruction.descent import descend
+from palpate.reconstruction.likelihood import Curvature, Likelihood
+from palpate.reconstruction.momentum import accelerate
+from palpate.reconstruction.prior import Prior
+from palpate.reconstruction.projector import Projector
+
+SWEEPS = 2  # the third gains less than the momentum that could be had for it
+
+
+def sweep_then_accelerate(
+    A: Projector,
+    likelihood: Likelihood,
+    prior: Prior,
+    beta: float,
+    values: Float32,
+    curvature: Curvature = "precomputed",
+    done: int = 0,
+    previous: Float32 | None = None,
+) -> Iterator[tuple[Float32, float]]:
+    """`SWEEPS` sweeps of `descend`, then `accelerate`; yields each iterate and its objective, without end.
+
+    What a coarser grid hands on lacks all that only the finer one can show, and a sweep finds most of that at once, where
+    momentum takes ten iterations. What a sweep is slow at, broad changes, the coarse levels have done, and what they left
+    momentum does. done: iterations that were made before, the last two of which are `previous` (read after `SWEEPS` + 1
+    of them) and `values`: the run then goes on exactly as the one that made them. No array given or yielded is ever
+    written to, and none may be while the run goes on.
+    """
+    for swept, objective in islice(descend(A, likelihood, prior, beta, values, curvature), max(0, SWEEPS - done)):
+        values = swept.copy()
+        yield values, objective
+    before = previous if done > SWEEPS else None
+    yield from accelerate(A, likelihood, prior, beta, values, curvature, before)
+
+
+def sweeps_are_cheap(A: Projector) -> bool:
+    """Whether a sweep takes a few iterations' time: each panel lies parallel to the slices."""
+    return all(A.geometry.pose(view) == "parallel" for view in range(len(A.views)))
