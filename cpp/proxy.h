@@ -2,6 +2,7 @@
 #include "contact.h"
 #include "device.h"
 #include "vector.h"
+#include <type_traits>
 
 namespace palpate {
 
@@ -68,6 +69,9 @@ struct Proxy {
         for (int k = 0; k < 3; k++) toll[k] = heading[k] = 0;
     }
 };
+
+// The loop copies proxies to look ahead: nothing in them may allocate.
+static_assert(std::is_trivially_copyable_v<Proxy>);
 
 // One tick of one tool: takes hold, glides towards the command, slips, pierces, or lets go. others: whether another
 // tool holds the tissue. known: whether the last answer was to be trusted.
