@@ -27,5 +27,6 @@ NB_MODULE(_core, m) {
     bind_hyperelastic(m);
     bind_compliance(m);
     bind_simulation(m);
+    bind_timing(m);
     bind_haptics(m);
 }

@@ -11,6 +11,7 @@ void bind_mechanics(nb::module_& m);      // springs, blocks
 void bind_multigrid(nb::module_& m);      // the ladder's multigrid
 void bind_hyperelastic(nb::module_& m);   // neo-Hookean elements at finite strain
 void bind_simulation(nb::module_& m);     // the 1 kHz loop
+void bind_timing(nb::module_& m);         // what its ticks cost, and the machine's own jitter
 void bind_haptics(nb::module_& m);        // servo and drivers of haptic devices
 void bind_factors(nb::module_& m);        // sparse Cholesky factors
 void bind_compliance(nb::module_& m);     // Green's functions

@@ -1,8 +1,7 @@
 #include "bind.h"
-#include "empty.h"
+#include "bind_arrays.h"
 #include "handed.h"
 #include "loop.h"
-#include "slide.h"
 #include <algorithm>
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/string.h>
@@ -19,20 +18,6 @@ using Doubles = nb::ndarray<nb::numpy, double, nb::ndim<2>>;
 using Forces = nb::ndarray<nb::numpy, double, nb::ndim<3>>;
 
 Vector vector(const double v[3]) { return {v[0], v[1], v[2]}; }
-
-template <class T> struct Column { // a one-dimensional numpy array that owns what it shows
-    static nb::ndarray<nb::numpy, T, nb::ndim<1>> from(std::vector<T> values) {
-        auto* kept = new std::vector<T>(std::move(values));
-        nb::capsule owner(kept, [](void* p) noexcept { delete static_cast<std::vector<T>*>(p); });
-        return {kept->data(), {kept->size()}, owner};
-    }
-};
-
-template <class T> nb::ndarray<nb::numpy, T, nb::ndim<2>> rows(std::vector<T> values) {
-    auto* kept = new std::vector<T>(std::move(values));
-    nb::capsule owner(kept, [](void* p) noexcept { delete static_cast<std::vector<T>*>(p); });
-    return {kept->data(), {kept->size() / 3, 3}, owner};
-}
 
 struct Driven { // the loop and the surface it looks at
     const Surface& surface;
@@ -265,46 +250,6 @@ void bind_simulation(nb::module_& m) {
             return d.loop.obeyed.dropped() + d.loop.digests.dropped() + d.loop.switches.dropped() +
                    d.loop.changes.dropped();
         });
-    m.def("sweep_seconds", &sweep_seconds, "model"_a, "surface"_a, "radius"_a,
-          "Of the model's sweep, here and now, at best.");
-    m.def(
-        "slide",
-        [](const Model& model, State& state, const Surface& surface, double radius, In<double, 2> points,
-           const Vector& displacement, int ramp, int sweeps, bool ahead) {
-            if (!model.owns(state)) throw std::invalid_argument("state: another model's");
-            if (points.shape(1) != 3) throw std::invalid_argument("points: expected shape (ticks, 3)");
-            Slide out;
-            {
-                nb::gil_scoped_release away;
-                out = slide(model, state, surface, radius, points.data(), int(points.shape(0)), displacement.data(),
-                            ramp, sweeps, ahead);
-            }
-            return nb::make_tuple(Column<double>::from(out.patch_seconds), Column<double>::from(out.model_seconds),
-                                  rows(out.force), Column<uint8_t>::from(out.cold),
-                                  Column<double>::from(out.ahead_seconds));
-        },
-        "model"_a, "state"_a, "surface"_a, "radius"_a, "points"_a.noconvert(), "displacement"_a, "ramp"_a, "sweeps"_a,
-        "ahead"_a = true,
-        nb::sig("def slide(model: Model, state: State, surface: Surface, radius: float, points: object, "
-                "displacement: object, ramp: int, sweeps: int, ahead: bool = True) -> tuple[typing.Any, ...]"),
-        "Ticks by the clock under a patch at (ticks, 3) points: seconds to find each patch and to answer it, forces "
-        "(ticks, 3) N, which answers lacked tables, and seconds to look ahead after each. For benchmarks.");
-    m.def(
-        "empty_beat",
-        [](int ticks, int rate) {
-            Empty out;
-            {
-                nb::gil_scoped_release away;
-                out = empty_beat(ticks, rate);
-            }
-            return nb::make_tuple(Column<double>::from(out.woken), out.late);
-        },
-        "ticks"_a, "rate"_a = int(Loop::rate),
-        nb::sig("def empty_beat(ticks: int, rate: int = ...) -> tuple[typing.Any, int]"),
-        "A thread that does nothing, by the loop's clock: s that each tick began after its deadline, and the number "
-        "that missed the next one. The machine's own jitter.");
-    m.def("may_wake_promptly", &may_wake_promptly,
-          "Does the system let a thread of the loop go ahead of ordinary ones?");
     m.attr("TOOLS") = int(most_tools);
     m.attr("RATE") = int(Loop::rate);
     m.attr("DIGEST_TICKS") = int(Loop::digest_ticks);

@@ -168,10 +168,10 @@ void Loop::publish(double now) {
         const Proxy& p = simulation.proxy[t];
         frame.grip[t] = int(p.grip);
         frame.inside[t] = p.inside;
+        p.total(frame.force + 3 * t);
         for (int k = 0; k < 3; k++) {
             frame.point[3 * t + k] = p.at.point[k];
             frame.displacement[3 * t + k] = p.displacement[k];
-            frame.force[3 * t + k] = p.total(k);
             frame.answer[3 * t + k] = p.force[k];
             frame.pushed[3 * t + k] = simulation.felt[t].force[k];
             frame.tip[3 * t + k] = p.tip[k];
@@ -186,8 +186,7 @@ void Loop::step(Device& device, int64_t ticks, double* forces) {
     if (thread.joinable()) throw std::logic_error("the loop runs by the clock; stop it before stepping");
     for (int64_t i = 0; i < ticks; i++) {
         tick(device, false);
-        for (int t = 0; t < most_tools; t++)
-            for (int k = 0; k < 3; k++) forces[3 * (most_tools * i + t) + k] = simulation.proxy[t].total(k);
+        for (int t = 0; t < most_tools; t++) simulation.proxy[t].total(forces + 3 * (most_tools * i + t));
     }
     publish(double(simulation.ticks) / rate);
 }

@@ -1,5 +1,4 @@
 #include "proxy.h"
-#include "vector.h"
 #include <algorithm>
 #include <cmath>
 
@@ -180,8 +179,7 @@ void follow(Proxy& proxy, const Command& command, const Surface& surface, const 
         proxy.outside = true;
         std::fill_n(proxy.lure, 3, 0.0);
         proxy.give = 0;
-        std::fill_n(proxy.toll, 3, 0.0);
-        std::fill_n(proxy.heading, 3, 0.0);
+        proxy.owe_nothing();
     }
     if (command.kind == Kind::away || command.kind != proxy.kind) {
         const bool refused = proxy.grip == Grip::refused && command.kind != Kind::away;
@@ -189,8 +187,7 @@ void follow(Proxy& proxy, const Command& command, const Surface& surface, const 
         if (!refused) proxy.grip = Grip::idle;
         std::fill_n(proxy.force, 3, 0.0);
         std::fill_n(proxy.slope, 3, 0.0);
-        std::fill_n(proxy.toll, 3, 0.0);
-        std::fill_n(proxy.heading, 3, 0.0);
+        proxy.owe_nothing();
         std::fill_n(proxy.brake, 3, 0.0);
         if (command.kind == Kind::away) return;
     }

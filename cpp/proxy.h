@@ -1,6 +1,8 @@
 #pragma once
 #include "contact.h"
 #include "device.h"
+#include "vector.h"
+#include <type_traits>
 
 namespace palpate {
 
@@ -47,9 +49,10 @@ struct Proxy {
     double risen[2] = {0, 0};              // mm N and N^2, summed over its first ticks
     double give = 0;                       // mm that it slides for a newton
     int fresh = 0;                         // ticks until that is known
-    double toll[3] = {0, 0, 0};            // N, on the tool, that makes a sliding hand pay for that
+    double toll[3] = {0, 0, 0};            // of |force|, on the tool, that makes a sliding hand pay for that
     double heading[3] = {0, 0, 0};         // mm, its way of late: where it slides to
-    double brake[3] = {0, 0, 0};           // N, on the tool, while the hand has got more than it gave
+    double gone = 0;                       // mm, that way as it went, to and fro
+    double brake[3] = {0, 0, 0};           // of |force|, on the tool, while the hand has got more than it gave
     double tip[3] = {0, 0, 0};             // mm, of the tool, in space
     double way[3] = {0, 0, 0};             // mm, a needle's tip from where it entered
     double axis[3] = {0, 0, 0};            // of a needle that has pierced the surface
@@ -57,8 +60,18 @@ struct Proxy {
     bool pierced = false, outside = false; // outside: a tool in space was seen out of the tissue
     int64_t landed = 0;                    // tick at which it took hold
     Patch patch;
-    double total(int axis) const { return force[axis] + toll[axis] + brake[axis]; } // N, on the tool
+    void total(double out[3]) const { // N, on the tool
+        const double size = length(force);
+        for (int k = 0; k < 3; k++) out[k] = force[k] + size * (toll[k] + brake[k]);
+    }
+    void owe_nothing() { // for the way of late
+        gone = 0;
+        for (int k = 0; k < 3; k++) toll[k] = heading[k] = 0;
+    }
 };
+
+// The loop copies proxies to look ahead: nothing in them may allocate.
+static_assert(std::is_trivially_copyable_v<Proxy>);
 
 // One tick of one tool: takes hold, glides towards the command, slips, pierces, or lets go. others: whether another
 // tool holds the tissue. known: whether the last answer was to be trusted.

@@ -9,10 +9,6 @@ namespace {
 
 using Grip = Proxy::Grip;
 constexpr double nearly_home = 1e-6; // mm: what is left of a displacement when the tissue counts as at rest
-constexpr double heading = 0.2;      // of the radius: the way over which a hand's direction is taken
-constexpr double tolling = 0.1;      // of the way to what is due, a tick
-constexpr double brake_step = 0.1, gentle_step = 5e-3; // of the force, a tick; gentle: while tables come in
-constexpr double least_slide = 0.01;                   // mm a tick: slower, a slope is learnt over several ticks
 
 } // namespace
 
@@ -131,99 +127,6 @@ void Simulation::bring_in() {
     next = Running();
 }
 
-// The tissue's energy rises where a contact slides to a stiffer place, and a hand has to pay for it: else a loop that
-// slides to where it is stiff and lets go there would give work away. From tick to tick the energy grows by what the
-// displacements cost, -f.du, and by slope.dp of the contact's way dp: so the slope is learnt along each way gone (the
-// least change that explains the last tick; C. G. Broyden, Math. Comput. 19 (1965) 577).
-void Simulation::learn_slopes() {
-    const double stored = now.model->energy(*now.state, closed, moved, force);
-    double unexplained = stored - energy, square = 0, way[most_tools][3] = {};
-    bool same = true;
-    for (int t = 0; t < most_tools; t++) {
-        Proxy& p = proxy[t];
-        const Past& was = past[t];
-        const bool holds = p.grip == Grip::holding;
-        same = same && holds == was.held;
-        if (!holds || !was.held) continue;
-        for (int k = 0; k < 3; k++) {
-            way[t][k] = p.at.point[k] - was.point[k];
-            unexplained += 0.5 * (p.force[k] + was.force[k]) * (p.displacement[k] - was.displacement[k]);
-            unexplained -= p.slope[k] * way[t][k];
-        }
-        square += dot(way[t], way[t]);
-    }
-    energy = stored;
-    if (!same || square == 0 || next.model || now.state->fading || !std::isfinite(unexplained)) return;
-    const double step = unexplained / (square + least_slide * least_slide);
-    for (int t = 0; t < most_tools; t++) {
-        if (!past[t].held || dot(way[t], way[t]) == 0) continue;
-        Proxy& p = proxy[t];
-        for (int k = 0; k < 3; k++) p.slope[k] += step * way[t][k];
-        const double steep = length(p.slope), most = length(p.force);
-        if (steep > most)
-            for (double& x : p.slope) x *= most / steep;
-        if (p.kind == Command::Kind::hold) charge(p, way[t]);
-    }
-}
-
-// A hand that slides its hold along d does -F.d of work a mm, of which the tissue takes slope.d: the force along d is
-// never more than -slope.d, so that no way along the surface gives more than the tissue had. (A tool in space slides by
-// itself, where that costs least, and pays nothing more.) d is where the hand has been heading over a part of the
-// contact's radius: a pointer goes in steps of a pixel, now along a row, now aslant, and its force must not rattle with
-// them. Who turns back pays nothing until the new way is the longer one.
-void Simulation::charge(Proxy& p, const double way[3]) const {
-    const double step = length(way), kept = std::exp(-step / (heading * settings.manner.radius));
-    for (int k = 0; k < 3; k++) p.heading[k] = kept * p.heading[k] + way[k];
-    const double far = std::max(length(p.heading), 1e-12), ahead = dot(p.heading, way); // may end where it began
-    const double due = ahead > 0 ? std::min(0.0, -(dot(p.slope, p.heading) + dot(p.force, p.heading)) / far) : 0;
-    for (int k = 0; k < 3; k++) p.toll[k] += tolling * (due * (p.heading[k] / far) - p.toll[k]);
-}
-
-void Simulation::account() {
-    double way[most_tools][3];
-    for (int t = 0; t < most_tools; t++) {
-        const Proxy& p = proxy[t];
-        Past& was = past[t];
-        const bool holds = p.grip == Grip::holding;
-        double total[3];
-        for (int k = 0; k < 3; k++) {
-            total[k] = p.total(k);
-            way[t][k] = holds && was.held ? p.tip[k] - was.tip[k] : 0;
-            work -= 0.5 * (total[k] + was.total[k]) * way[t][k];
-        }
-        was.held = holds;
-        std::copy_n(p.at.point, 3, was.point);
-        std::copy_n(p.displacement, 3, was.displacement);
-        std::copy_n(p.force, 3, was.force);
-        std::copy_n(p.tip, 3, was.tip);
-        std::copy_n(total, 3, was.total);
-    }
-    if (closed == 0) work_before = work - energy;
-    brake(way);
-}
-
-// What the tissue holds beyond what the hands have put in since it was last untouched, the next tick takes back, as
-// long as they move (B. Hannaford & J.-H. Ryu, IEEE Trans. Robot. Autom. 18 (2002) 1). It is what learning slopes has
-// missed: little.
-void Simulation::brake(const double way[most_tools][3]) {
-    double square = 0;
-    for (int t = 0; t < most_tools; t++) square += dot(way[t], way[t]);
-    const double unpaid = energy - (work - work_before), per = unpaid > 0 && square > 0 ? unpaid / (square + 1e-6) : 0;
-    for (int t = 0; t < most_tools; t++) {
-        Proxy& p = proxy[t];
-        if (p.grip != Grip::holding) {
-            std::fill_n(p.brake, 3, 0.0);
-            continue;
-        }
-        const double wanted = per * length(way[t]), most = 0.1 * length(p.force);
-        const double part = wanted > most ? most / wanted : 1;
-        double change[3];
-        for (int k = 0; k < 3; k++) change[k] = -part * per * way[t][k] - p.brake[k];
-        const double jump = length(change), smooth = (now.state->fading ? gentle_step : brake_step) * length(p.force);
-        for (int k = 0; k < 3; k++) p.brake[k] += jump > smooth ? change[k] * (smooth / jump) : change[k];
-    }
-}
-
 void Simulation::watch() {
     double sum = 0, most = 0;
     for (int k = 0; k < 3 * closed; k++) sum += force[k];
@@ -239,8 +142,7 @@ void Simulation::watch() {
         for (Proxy& p : proxy) {
             std::fill_n(p.force, 3, 0.0);
             std::fill_n(p.slope, 3, 0.0);
-            std::fill_n(p.toll, 3, 0.0);
-            std::fill_n(p.heading, 3, 0.0);
+            p.owe_nothing();
             std::fill_n(p.brake, 3, 0.0);
             if (p.grip != Grip::idle) p.grip = Grip::refused; // the hand must let go first
         }
@@ -258,7 +160,7 @@ void Simulation::push() {
         Felt& f = felt[t];
         const Proxy& p = proxy[t];
         double wanted[3];
-        for (int k = 0; k < 3; k++) wanted[k] = p.total(k);
+        p.total(wanted);
         const double size = length(wanted), way = length(p.displacement);
         const double allowed = std::min({size, settings.limit, length(f.force) + settings.ramp});
         f.touching = p.grip == Grip::holding;

@@ -81,9 +81,10 @@ private:
     void bring_in();
     void part(Proxy& proxy) const;
     void learn_slopes();
-    void charge(Proxy& proxy, const double way[3]) const;
+    double freely(const Proxy& proxy, const Past& was) const;
+    void charge(Proxy& proxy, const double way[3], double most) const;
     void account();
-    void brake(const double way[most_tools][3]);
+    void brake(const double way[most_tools][3], const double most[most_tools]);
     void watch(); // for answers that are no numbers, and for the way home to end
     void push();
 };

@@ -7,6 +7,9 @@ from pathlib import Path
 import pytest
 from chromium import launched
 from hypothesis import settings
+from organs import organ
+
+import palpate as pp
 
 # A runner started in the background may ignore Ctrl-C, and what it starts would too: tests that interrupt need it heard.
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -29,3 +32,15 @@ def album(tmp_path_factory):
     folder = Path(os.environ.get("PALPATE_SCREENSHOTS") or tmp_path_factory.mktemp("screenshots"))
     folder.mkdir(parents=True, exist_ok=True)
     return folder
+
+
+@pytest.fixture(scope="session")
+def tissue():
+    """What sessions are recorded, replayed and scored on; many files of tests have one of their own."""
+    return organ(9)
+
+
+@pytest.fixture(scope="session")
+def models(tissue):
+    """Of that tissue, by name."""
+    return {name: pp.model(tissue, name) for name in ("blocks", "compliance", "springs")}

@@ -261,3 +261,38 @@ def test_while_the_reference_is_made_that_is_said_and_frames_go_on():
         assert state_of(beside.newest) == (DIFFERENCE, comparing.COMPARED, 0)  # at rest: zero everywhere
 
     asyncio.run(once())
+
+
+def test_a_model_that_two_ask_for_at_once_is_built_once(monkeypatch):
+    """Also where the first to ask has gone before it is there; one that cannot be built is tried anew when asked."""
+    tissue, built, fails = organ(), [], False
+
+    def build(of, name):
+        built.append(name)
+        time.sleep(0.1)
+        if fails:
+            raise MaterialError("too stiff")
+        return pp.model(of, "blocks")
+
+    room = Room(pp.Session(pp.model(tissue, "blocks"), radius=10.0, sweeps=4), Pointer())
+    monkeypatch.setattr("palpate.server.room.build", build)
+
+    async def together(name):
+        gone, *asking = (asyncio.create_task(room.make(tissue, name)) for _ in range(3))
+        await asyncio.sleep(0.02)
+        gone.cancel()
+        return await asyncio.gather(*asking, return_exceptions=True)
+
+    async def asked():
+        nonlocal fails
+        one, other = await together("blocks")
+        assert one is other
+        assert await room.make(tissue, "blocks") is one
+        assert built == ["blocks"]
+        fails = True
+        assert all(isinstance(problem, MaterialError) for problem in await together("compliance"))
+        fails = False
+        assert (await room.make(tissue, "compliance")).tissue is tissue
+        assert built == ["blocks", "compliance", "compliance"]
+
+    asyncio.run(asked())

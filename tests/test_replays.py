@@ -7,22 +7,11 @@ import sys
 
 import numpy as np
 import pytest
-from organs import organ
 from scored import TOP, hold, needle, session_of, stepped
 
 import palpate as pp
 from palpate.simulation.score import Watch
 from palpate.simulation.session import LUMP, SAMPLE
-
-
-@pytest.fixture(scope="module")
-def tissue():
-    return organ(9)
-
-
-@pytest.fixture(scope="module")
-def models(tissue):
-    return {name: pp.model(tissue, name) for name in ("blocks", "compliance", "springs")}
 
 
 def busy_commands(ticks):

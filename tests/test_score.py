@@ -13,16 +13,6 @@ from palpate.simulation.score import EVERY, Watch
 from palpate.simulation.session import LUMP, SAMPLE
 
 
-@pytest.fixture(scope="module")
-def tissue():
-    return organ(9)
-
-
-@pytest.fixture(scope="module")
-def models(tissue):
-    return {name: pp.model(tissue, name) for name in ("blocks", "compliance", "springs")}
-
-
 def test_a_slow_press_and_its_scores(models, tissue):
     """Way, force, work and strain of a press, against the model's own answer to a push."""
     session = session_of(models["blocks"])

@@ -13,16 +13,6 @@ from palpate.simulation.session import LUMP
 
 
 @pytest.fixture(scope="module")
-def tissue():
-    return organ(9)
-
-
-@pytest.fixture(scope="module")
-def models(tissue):
-    return {name: pp.model(tissue, name) for name in ("blocks", "compliance", "springs")}
-
-
-@pytest.fixture(scope="module")
 def files(models, tissue, tmp_path_factory):
     """A tissue and two sessions on it, on disk."""
     folder = tmp_path_factory.mktemp("scores")

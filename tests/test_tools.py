@@ -331,3 +331,18 @@ def test_a_staircase_of_pixels_feels_like_the_straight_way(models, name):
         felt.append(np.array(force[5:]))
     apart = np.linalg.norm(felt[1] - felt[0], axis=1) / np.linalg.norm(felt[0], axis=1)
     assert apart.max() < 0.05  # 0.13 where each step's own direction is charged
+
+
+@pytest.mark.parametrize("name", ["blocks", "compliance"])
+@pytest.mark.parametrize("askew", [-0.7, 0.0, 0.4])
+def test_a_stroke_that_turns_is_felt_without_a_step(models, name, askew):
+    """To and fro at 50 mm/s, 60 commands a second."""
+    session, force = session_of(models[name], sweeps=20), []
+    for tick in range(0, 2400, 16):
+        along = abs(0.05 * tick % 48 - 24) - 12  # mm, to either side of the top
+        x, y = along, 6 + askew * along
+        command = hold((x, y, 25 * np.sqrt(1 - (x / 40) ** 2 - (y / 30) ** 2)), (0, 0, -3 * min(1, tick / 300)))
+        force.append(session.step([command] * 16))
+    felt = np.concatenate(force)[400:]
+    steps = np.linalg.norm(np.diff(felt, axis=0), axis=1)
+    assert steps.max() < 0.02 * np.linalg.norm(felt, axis=1).mean()

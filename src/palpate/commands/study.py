@@ -16,6 +16,9 @@ study_app = typer.Typer(
     help=f"Example: [bold]palpate study tomosynthesis -o study[/bold]\n\n{MEANING}",
 )
 
+Resume = Annotated[bool, typer.Option("--resume", help="Go on from what an earlier run left in -o.")]
+Docs = Annotated[Path | None, typer.Option(help="Write the study's page and its pictures there too.")]
+
 
 def add(app: typer.Typer) -> None:
     """Adds the commands to `app`."""
@@ -41,10 +44,8 @@ def tomosynthesis(
     quick: Annotated[
         bool, typer.Option("--quick", help="A small grid and two seeds: for tests, not for reading.")
     ] = False,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on from what an earlier run left in -o.")] = False,
-    docs: Annotated[
-        Path | None, typer.Option(help="Write the page tomosynthesis.md and its pictures there too.")
-    ] = None,
+    resume: Resume = False,
+    docs: Docs = None,
 ) -> None:
     """Example: [bold]palpate study tomosynthesis -o study[/bold]
 
@@ -67,8 +68,8 @@ def head(
     quick: Annotated[
         bool, typer.Option("--quick", help="Four views, voxels of 8 and 16 mm: for tests, not for reading.")
     ] = False,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on from what an earlier run left in -o.")] = False,
-    docs: Annotated[Path | None, typer.Option(help="Write the page head.md and its pictures there too.")] = None,
+    resume: Resume = False,
+    docs: Docs = None,
 ) -> None:
     """Example: [bold]palpate study head -o head[/bold]
 
@@ -89,8 +90,8 @@ def deformation(
         "deformation"
     ),
     quick: Annotated[bool, typer.Option("--quick", help="Small meshes: for tests, not for reading.")] = False,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on from what an earlier run left in -o.")] = False,
-    docs: Annotated[Path | None, typer.Option(help="Write the page deformation.md and its pictures there too.")] = None,
+    resume: Resume = False,
+    docs: Docs = None,
 ) -> None:
     """Example: [bold]palpate study deformation -o study[/bold]
 
@@ -111,8 +112,8 @@ def realtime(
         "realtime"
     ),
     quick: Annotated[bool, typer.Option("--quick", help="One small kidney: for tests, not for reading.")] = False,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on from what an earlier run left in -o.")] = False,
-    docs: Annotated[Path | None, typer.Option(help="Write the page realtime.md and its pictures there too.")] = None,
+    resume: Resume = False,
+    docs: Docs = None,
 ) -> None:
     """Example: [bold]palpate study realtime -o study[/bold]
 

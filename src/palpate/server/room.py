@@ -40,7 +40,7 @@ class Room:
     holders: dict[int, WebSocket] = field(default_factory=dict)  # of each tool
     past: list[Session] = field(default_factory=list)  # on other resolutions, ended
     choosing: "asyncio.Task[None] | None" = None
-    built: dict[tuple[int, str], TissueModel] = field(default_factory=dict)
+    built: dict[tuple[int, str], asyncio.Task[TissueModel]] = field(default_factory=dict)  # also those under way
 
     def __post_init__(self) -> None:
         if not self.organs:
@@ -144,11 +144,12 @@ class Room:
             await page.close(ANOTHER_SCENE, "another scene")
 
     async def make(self, tissue: Tissue, name: str) -> TissueModel:
-        """A model, built once."""
+        """A model, built once though several ask for it at once; one that failed is tried anew."""
         key = id(tissue), name
-        if key not in self.built:
-            self.built[key] = await asyncio.to_thread(build, tissue, name)
-        return self.built[key]
+        made = self.built.get(key)
+        if made is None or (made.done() and (made.cancelled() or made.exception())):
+            made = self.built[key] = asyncio.create_task(asyncio.to_thread(build, tissue, name))
+        return await asyncio.shield(made)  # who asked may go; others wait for it
 
 
 def complain(task: "asyncio.Task[None]") -> None:

@@ -32,7 +32,7 @@ from palpate.studies.leaving import (
     without,
 )
 from palpate.studies.publish import publish
-from palpate.studies.stages import Stages
+from palpate.studies.stages import Stages, begun
 from palpate.volumes.grid import Grid
 
 # Head, couch and its rails: what lies outside the box would be fitted inside. Level 2 of the first, 4 mm voxels in slices of
@@ -62,10 +62,8 @@ def head_study(
     that are there. docs: a folder that gets the page head.md with its pictures. progress(what, share): told how far it
     is. Raises `FileError` when a folder cannot be written.
     """
-    stages = Stages(Path(folder), resume, progress)
+    stages = begun(folder, resume, docs, progress)
     output_folder(stages.folder / "figures")
-    if docs is not None:
-        output_folder(docs)
     scan = import_scan("head")
     everything = pyramid(scan[::3] if quick else scan, GRID, 5 if quick else 3, "sum")
     levels = everything[3:5] if quick else [pyramid(scan, THIN, 2, "sum")[1], everything[2]]

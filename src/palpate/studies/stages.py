@@ -39,3 +39,16 @@ class Stages:
         write(path, thing)
         self.progress(name, 1.0)
         return thing
+
+
+def begun(
+    folder: str | Path,
+    resume: bool,
+    docs: str | Path | None,
+    progress: Callable[[str, float], None] = lambda what, share: None,
+) -> Stages:
+    """The stages of a study, once it is known that its folder and the one of its page can be written."""
+    stages = Stages(Path(folder), resume, progress)
+    if docs is not None:
+        output_folder(docs)
+    return stages

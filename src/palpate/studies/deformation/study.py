@@ -3,13 +3,12 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from palpate.atomic import output_folder
 from palpate.studies.deformation.page import sections
 from palpate.studies.deformation.runs import run_all
 from palpate.studies.deformation.setting import FULL, QUICK
 from palpate.studies.deformation.told import Told
 from palpate.studies.publish import publish
-from palpate.studies.stages import Stages
+from palpate.studies.stages import begun
 from palpate.studies.tables import write_tables
 
 TITLE = "Springs, finite elements and the ladder between, measured"
@@ -31,9 +30,7 @@ def deformation_study(
     another study.
     """
     setting = QUICK if quick else FULL
-    stages = Stages(Path(folder), resume)
-    if docs is not None:
-        output_folder(docs)
+    stages = begun(folder, resume, docs)
     tables = run_all(stages, setting, progress)
     write_tables(stages.folder / "tables", {name: rows for name, rows in tables.items() if rows})
     progress("report", 0.0)

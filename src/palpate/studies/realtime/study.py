@@ -4,13 +4,12 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from palpate.atomic import output_folder
 from palpate.studies.publish import publish
 from palpate.studies.realtime import browser, loops
 from palpate.studies.realtime.page import sections
 from palpate.studies.realtime.setting import FULL, QUICK
 from palpate.studies.records import read_json, same_study, write_json
-from palpate.studies.stages import Stages
+from palpate.studies.stages import begun
 from palpate.studies.tables import Row, write_tables
 
 TITLE = "The simulator in real time, measured"
@@ -33,9 +32,7 @@ def realtime_study(
     page realtime.md with its pictures. Raises `FileError` when a folder cannot be written, or holds another study.
     """
     setting = QUICK if quick else FULL
-    stages = Stages(Path(folder), resume)
-    if docs is not None:
-        output_folder(docs)
+    stages = begun(folder, resume, docs)
     for name in ("runs", "figures", "tables"):
         (stages.folder / name).mkdir(exist_ok=True)
     same_study(stages, f"{setting.name}, models {' '.join(setting.models)}")

@@ -3,9 +3,8 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from palpate.atomic import output_folder
 from palpate.studies.publish import publish
-from palpate.studies.stages import Stages
+from palpate.studies.stages import begun
 from palpate.studies.tables import write_tables
 from palpate.studies.tomosynthesis.conclusions import factors
 from palpate.studies.tomosynthesis.page import Page
@@ -32,9 +31,7 @@ def tomosynthesis_study(
     cannot be written, or holds another study.
     """
     setting = QUICK if quick else FULL
-    stages = Stages(Path(folder), resume)
-    if docs is not None:
-        output_folder(docs)
+    stages = begun(folder, resume, docs)
     records, judge = run_all(stages, setting, progress)
     tables, found = make_tables(records, setting), factors(records, setting)
     tables["factors"] = [f.row for f in found]
