@@ -98,7 +98,7 @@ def test_errors_are_those_of_the_stored_volumes(study):
 
 def test_the_posterior_never_rises_within_a_level_and_is_that_of_the_stored_volume(study):
     paths = sorted((study / "runs").glob("*-convergence-*.json"))
-    assert len(paths) == 10 * len(QUICK.doses) * QUICK.seeds
+    assert len(paths) == 11 * len(QUICK.doses) * QUICK.seeds
     for path in paths:
         record = json.loads(path.read_text())
         trace = {name: np.array(column) for name, column in record["trace"].items()}

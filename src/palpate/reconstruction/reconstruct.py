@@ -47,24 +47,26 @@ LIKELIHOODS: dict[str, Callable[[Scan], Likelihood]] = {
     "least-squares": WeightedLeastSquares.of,
 }
 TOLERANCE = 1e-3
-COARSE = 20.0  # see _Rule
+COARSE, FIRM = 160.0, 20.0  # see _Rule
 
 
 @dataclass(frozen=True)
 class _Rule:
     """When a level is finished: after so many iterations, or when one gains less than a share of the objective.
 
-    The share is `tolerance` on the finest level. A coarse level is but a start, so level 1 ends at 5 times the tolerance: it
-    must bring all that is broad, which the few iterations that the finest level can afford would not. An iteration costs a
-    quarter as much a level further down, so it is worth making there for a quarter of the gain: each level down the share
-    is a quarter, yet never below the tolerance.
+    The share is `tolerance` on the finest level. A coarse level is but a start: once what it still gains is small beside
+    what the step to the finer grid costs and brings, its own posterior is not wanted. Level 1 ends at 40 times the
+    tolerance; at 5 times where sweeps begin the finest level: they find what is fine at once, and what is broad is left to
+    the coarse levels. An iteration costs a quarter as much a level further down, so it is worth making there for a quarter
+    of the gain: each level down the share is a quarter, yet never below the tolerance.
     """
 
     iterations: Sequence[int]
     tolerance: float
+    swept: bool
 
     def finished(self, level: int, iteration: int, objective: float, previous: float | None) -> bool:
-        share = self.tolerance * (max(1.0, COARSE / 4**level) if level else 1.0)
+        share = self.tolerance * (max(1.0, (FIRM if self.swept else COARSE) / 4**level) if level else 1.0)
         gained = previous is not None and abs(previous - objective) > share * abs(objective)
         return iteration >= self.iterations[level] or (previous is not None and not gained)
 
@@ -100,12 +102,12 @@ def iterates(
     (`accelerate`), "descent" (`descend`), "subsets" (`ordered_subsets`), or "auto", which is momentum,
     on the finest level after two sweeps of descent where the panel is parallel to the slices (`sweep_then_accelerate`).
     iterations: at most so many a level, one number or one a level, finest first. tolerance: a level ends when an iteration
-    lowers the objective by less than this share; coarse levels end sooner, 5 times it on level 1, a quarter of that a
-    level down. downsample, interpolation: see `pyramid`, `resample`. window,
+    lowers the objective by less than this share; coarse levels end sooner, at 40 times it on level 1 (5 where
+    sweeps begin the finest), a quarter of that a level down. downsample, interpolation: see `pyramid`, `resample`. window,
     cutoff: of `fbp`. relaxation: of `sart`. resume: the step after which to go on, exactly as if never stopped. Raises
     `DataError` and `GeometryError` at once, before any work.
     """
-    rule = _Rule(_per_level(iterations, levels), tolerance)
+    most = _per_level(iterations, levels)
     _choices(method, curvature, interpolation, start, likelihood, tolerance)
     optimisers = _optimisers(optimiser, levels)
     check_window(window, cutoff)
@@ -113,6 +115,7 @@ def iterates(
     chosen = LIKELIHOODS[likelihood] if isinstance(likelihood, str) else likelihood
     scans = pyramid(scan, grid, levels if method in ("map", "ml") else 1, downsample)
     A = Projector(scan.views, grid)  # a geometry that cannot be is refused here
+    rule = _Rule(most, tolerance, optimisers[0] == "auto" and sweeps_are_cheap(A))
     prior = prior if prior is not None else Prior()
     knobs = (window, cutoff, relaxation)
     steps = _run(scans, A, method, prior, chosen, start, curvature, optimisers, rule, interpolation, resume, knobs)
@@ -177,7 +180,7 @@ def _run(
             pace = Pace.of(before, last.pace) if last and before is not None else Pace(default_subsets(len(A.views)))
             part = _parts(level_scan, likelihood)
             solver = ordered_subsets(A, data, prior, weight, values, part, pace, curvature)
-        elif remembers and optimisers[level] == "auto" and level == 0 and sweeps_are_cheap(A):
+        elif remembers and level == 0 and rule.swept:
             solver = sweep_then_accelerate(A, data, prior, weight, values, curvature, done, before)
         elif remembers:
             solver = accelerate(A, data, prior, weight, values, curvature, before)

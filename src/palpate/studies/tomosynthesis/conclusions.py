@@ -16,7 +16,7 @@ PAIRS = (
     ("descent, backprojection start", ("descent", "backprojection"), ("descent", "backprojection")),
     ("momentum, uniform start", ("momentum", "uniform"), ("momentum", "uniform")),
     ("momentum, backprojection start", ("momentum", "backprojection"), ("momentum", "backprojection")),
-    ("fixed by descent from uniform, multi as by default", ("descent", "uniform"), ("momentum", "backprojection")),
+    ("fixed by descent from uniform, multi as by default", ("descent", "uniform"), ("auto", "backprojection")),
 )
 SAME = 0.02  # share below which two image errors or times count as equal
 

@@ -59,7 +59,7 @@ def _motions(seed: int) -> Iterator[Cell]:
 
 
 def _convergence(dose: int, seed: int) -> Iterator[Cell]:
-    runs = [("momentum", 3, "backprojection"), ("momentum", 3, "uniform")]
+    runs = [("auto", 3, "backprojection"), ("momentum", 3, "backprojection"), ("momentum", 3, "uniform")]
     runs += [("momentum", 1, start) for start in STARTS]
     runs += [("descent", levels, start) for levels in (1, 2, 3) for start in STARTS]
     for optimiser, levels, start in runs:

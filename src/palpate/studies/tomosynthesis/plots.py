@@ -14,7 +14,7 @@ from palpate.studies.tomosynthesis.experiments import Record
 from palpate.studies.tomosynthesis.tables import best_posterior, gaps, spread
 from palpate.studies.tomosynthesis.traces import columns
 
-STYLES = {"descent": "-", "momentum": "--"}
+STYLES = {"descent": "-", "momentum": "--", "auto": ":"}
 OF_METHOD = dict(zip(("F-MAP", "M-MAP-2", "M-MAP-3"), COLOURS, strict=False))
 
 

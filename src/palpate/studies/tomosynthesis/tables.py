@@ -108,7 +108,7 @@ def levels(setting: Setting, convergence: Sequence[Row]) -> list[Row]:
     rows = []
     every = pyramid(blank, setting.grid, 3)
     for method, count in (("F-MAP", 1), ("M-MAP-2", 2), ("M-MAP-3", 3)):
-        for optimiser in ("descent", "momentum"):
+        for optimiser in ("descent", "momentum", "auto"):
             for level in reversed(range(count)):
                 scan, grid = every[level]
                 some = [r for r in convergence if r["method"] == method and r["optimiser"] == optimiser]
