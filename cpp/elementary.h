@@ -61,7 +61,7 @@ PALPATE_INLINE double fast_log(double x) {
 // much.
 PALPATE_INLINE float fast_power(float x, float power) {
     int32_t exponent = (bits_of(x) - 0x3f3504f3) >> 23; // of x/√½
-    float z = float_of(bits_of(x) - (exponent << 23)) - 1;
+    float z = float_of(bits_of(x) - exponent * (1 << 23)) - 1;
     float log2 = -0.14973146f;
     constexpr float of_log[] = {0.23570909f, -0.24832314f, 0.28686896f, -0.36026344f,
                                 0.48093116f, -0.72135246f, 1.4426949f};
@@ -71,7 +71,7 @@ PALPATE_INLINE float fast_power(float x, float power) {
     float whole = (y + 12582912.0f) - 12582912.0f, r = y - whole, e = 0.00132765f; // to the nearest whole number
     constexpr float of_exp[] = {0.00967554f, 0.05550713f, 0.2402212f, 0.69314694f, 1.0f};
     for (float c : of_exp) e = e * r + c;
-    return float_of(bits_of(e) + (int32_t(whole) << 23));
+    return float_of(bits_of(e) + int32_t(whole) * (1 << 23));
 }
 
 } // namespace palpate
