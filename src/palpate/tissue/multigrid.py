@@ -28,9 +28,9 @@ class MultigridModel(TissueModel):
 
     native: "_core.Multigrid"
 
-    def __init__(self, tissue: Tissue, cell: float = 1.8, smoothing: int = 3, relaxation: float = 1.4) -> None:
+    def __init__(self, tissue: Tissue, cell: float = 1.9, smoothing: int = 3, relaxation: float = 1.4) -> None:
         if not (np.isfinite(cell) and cell >= 1):
-            raise MaterialError(f"cell: {cell} mean edges; give 1 or more (2 is quick, 1.8 surer)")
+            raise MaterialError(f"cell: {cell} mean edges; give 1 or more (2 is quick, 1.9 surer)")
         if not 1 <= smoothing <= 100 or smoothing != int(smoothing):
             raise MaterialError(f"smoothing: {smoothing} sweeps; give a whole number from 1 to 100")
         if not 0 < relaxation < 2:
