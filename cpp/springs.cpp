@@ -9,18 +9,20 @@ namespace {
 
 constexpr int sums = 4;
 
-// u: four numbers a node, the last of no meaning. weight: relaxation / (sum + home), 0 where the node stands still. Two
-// sums, so that an edge need not wait for the one before it.
+// u: four numbers a node, the last of no meaning. weight: relaxation / (sum + home), 0 where the node stands still.
+// Several sums, so that an edge need not wait for the one before it.
 PALPATE_KERNEL void sweep(const int* order, int count, const int* start, const int* neighbour, const double* stiffness,
                           const double* total, const double* weight, double* u) {
     for (int n = 0; n < count; n++) {
         const int i = order[n], last = start[i + 1];
         Quad pull[sums] = {}, v, x;
         int e = start[i];
-        for (; e + sums <= last; e += sums) PALPATE_UNROLL
-        for (int k = 0; k < sums; k++) {
-            load(x, u + 4 * size_t(neighbour[e + k]));
-            pull[k] += stiffness[e + k] * x;
+        for (; e + sums <= last; e += sums) {
+            PALPATE_UNROLL
+            for (int k = 0; k < sums; k++) {
+                load(x, u + 4 * size_t(neighbour[e + k]));
+                pull[k] += stiffness[e + k] * x;
+            }
         }
         for (; e < last; e++) {
             load(x, u + 4 * size_t(neighbour[e]));

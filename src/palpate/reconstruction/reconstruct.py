@@ -59,6 +59,8 @@ class _Rule:
     tolerance; at 5 times where sweeps begin the finest level: they find what is fine at once, and what is broad is left to
     the coarse levels. An iteration costs a quarter as much a level further down, so it is worth making there for a quarter
     of the gain: each level down the share is a quarter, yet never below the tolerance.
+
+    iterations: the most, a level, finest first. swept: sweeps begin the finest level.
     """
 
     iterations: Sequence[int]

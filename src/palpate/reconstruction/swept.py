@@ -10,7 +10,7 @@ from palpate.reconstruction.momentum import accelerate
 from palpate.reconstruction.prior import Prior
 from palpate.reconstruction.projector import Projector
 
-SWEEPS = 2  # the third gains less than the momentum that could be had for it
+SWEEPS = 2  # one leaves more to momentum; with many of them descent comes to what it is slow at
 
 
 def sweep_then_accelerate(
@@ -23,13 +23,16 @@ def sweep_then_accelerate(
     done: int = 0,
     previous: Float32 | None = None,
 ) -> Iterator[tuple[Float32, float]]:
-    """`SWEEPS` sweeps of `descend`, then `accelerate`; yields each iterate and its objective, without end.
+    """`SWEEPS` sweeps of `descend`, then `accelerate`, on Φ(f) = likelihood(A f) + β R(f), f >= 0.
 
     What a coarser grid hands on lacks all that only the finer one can show, and a sweep finds most of that at once, where
-    momentum takes ten iterations. What a sweep is slow at, broad changes, the coarse levels have done, and what they left
-    momentum does. done: iterations that were made before, the last two of which are `previous` (read after `SWEEPS` + 1
-    of them) and `values`: the run then goes on exactly as the one that made them. No array given or yielded is ever
-    written to, and none may be while the run goes on.
+    momentum takes several iterations. What a sweep is slow at, broad changes, the coarse levels have done, and what they
+    left momentum does. Source: ours; descent before momentum on the finest level, measured in `benchmarks/convergence.py`.
+
+    Yields each iterate, (z, y, x) in 1/mm as `values`, and its objective, without end; it never rises. done: iterations
+    made before, the last two of which are `previous` (read after `SWEEPS` + 1 of them) and `values`: the run then goes on
+    exactly as the one that made them. No array given or yielded is ever written to, and none may be while the run goes
+    on.
     """
     for swept, objective in islice(descend(A, likelihood, prior, beta, values, curvature), max(0, SWEEPS - done)):
         values = swept.copy()
