@@ -30,7 +30,7 @@ from palpate.scans.phantom import Box, Common, Ellipsoid, Phantom, Solid
 
 Clock = tuple[float, float, float]  # seconds: wall, CPU of all threads, CPU of all threads inside kernels
 KERNELS = (
-    *("project", "backproject", "diagonal", "prior_value", "prior_bends", "steer", "advance", "data_bends"),
+    *("project", "backproject", "diagonal", "descend", "prior_value", "prior_bends", "steer", "advance", "data_bends"),
     *("transmission_value", "transmission_slope", "transmission_curvature", "transmission_value_and_slope"),
     *("interpolate", "all_finite", "transmission"),
 )

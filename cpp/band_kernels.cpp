@@ -10,39 +10,43 @@ namespace {
 
 typedef int32_t Order __attribute__((vector_size(32)));
 
-// out[i] = window[order[i]]: sixteen floats in two vectors, or, where eight neighbours reach further, one by one.
+// Tap t of all eight: from[t + order[i]]. Window: sixteen floats in two vectors, for t + order below sixteen; Near:
+// order below eight; Wide: below sixteen.
 struct Window {
     Lanes low, high;
     PALPATE_INLINE explicit Window(const float* from) { load(low, from), load(high, from + lanes); }
-    PALPATE_INLINE void pick(const Order& order, Lanes& out) const { out = __builtin_shuffle(low, high, order); }
+    PALPATE_INLINE void pick(const Order& order, int t, Lanes& out) const {
+        out = __builtin_shuffle(low, high, order + t);
+    }
+};
+struct Near {
+    const float* from;
+    PALPATE_INLINE explicit Near(const float* from) : from(from) {}
+    PALPATE_INLINE void pick(const Order& order, int t, Lanes& out) const {
+        load(out, from + t);
+        out = __builtin_shuffle(out, order);
+    }
+};
+struct Wide {
+    const float* from;
+    PALPATE_INLINE explicit Wide(const float* from) : from(from) {}
+    PALPATE_INLINE void pick(const Order& order, int t, Lanes& out) const {
+        Lanes low, high;
+        load(low, from + t), load(high, from + t + lanes);
+        out = __builtin_shuffle(low, high, order);
+    }
 };
 struct Anywhere {
     const float* from;
     PALPATE_INLINE explicit Anywhere(const float* from) : from(from) {}
-    PALPATE_INLINE void pick(const Order& order, Lanes& out) const {
+    PALPATE_INLINE void pick(const Order& order, int t, Lanes& out) const {
         int32_t index[lanes];
         float picked[lanes];
         std::memcpy(index, &order, sizeof index);
-        for (int i = 0; i < lanes; i++) picked[i] = from[index[i]];
+        for (int i = 0; i < lanes; i++) picked[i] = from[t + index[i]];
         load(out, picked);
     }
 };
-
-// Tap t of all eight: from[t + order[i]], as above; Near: order below eight.
-struct Near {
-    const float* from;
-    PALPATE_INLINE explicit Near(const float* from) : from(from) {}
-};
-PALPATE_INLINE void pick_tap(const Near& near, const Order& order, int t, Lanes& out) {
-    load(out, near.from + t);
-    out = __builtin_shuffle(out, order);
-}
-PALPATE_INLINE void pick_tap(const Window& window, const Order& order, int t, Lanes& out) {
-    window.pick(order + t, out);
-}
-PALPATE_INLINE void pick_tap(const Anywhere& anywhere, const Order& order, int t, Lanes& out) {
-    anywhere.pick(order + t, out);
-}
 
 PALPATE_INLINE void order_of(const int32_t* first, Order& order) {
     std::memcpy(&order, first, sizeof order);
@@ -54,10 +58,8 @@ template <int terms, int taps, class Sums>
 PALPATE_INLINE void look_by(const float* weight, const int32_t* first, const float* sums, int64_t pitch, int groups,
                             float* out, int64_t plane) {
     for (int g = 0; g < groups; g++, first += lanes, out += lanes) {
-        Order order[taps];
-        order_of(first, order[0]);
-        PALPATE_UNROLL
-        for (int t = 1; t < taps; t++) order[t] = order[t - 1] + 1;
+        Order order;
+        order_of(first, order);
         const float* from = sums + first[0];
         Lanes slope, band[taps], u, w;
         load(slope, out);
@@ -66,7 +68,7 @@ PALPATE_INLINE void look_by(const float* weight, const int32_t* first, const flo
             const Sums columns(from);
             PALPATE_UNROLL
             for (int t = 0; t < taps; t++, weight += lanes) {
-                columns.pick(order[t], u);
+                columns.pick(order, t, u);
                 load(w, weight);
                 slope += w * u;
             }
@@ -79,7 +81,7 @@ PALPATE_INLINE void look_by(const float* weight, const int32_t* first, const flo
             const Sums columns(from);
             PALPATE_UNROLL
             for (int t = 0; t < taps; t++) {
-                columns.pick(order[t], u);
+                columns.pick(order, t, u);
                 PALPATE_UNROLL
                 for (int k = 0; k <= t; k++, weight += lanes) {
                     load(w, weight);
@@ -89,27 +91,6 @@ PALPATE_INLINE void look_by(const float* weight, const int32_t* first, const flo
         }
         PALPATE_UNROLL
         for (int k = 0; k < taps; k++) store(out + (1 + k) * plane, band[k]);
-    }
-}
-
-// The same for any number of everything.
-PALPATE_INLINE void look_any(const float* weight, const int32_t* first, int terms, int taps, int bands,
-                             const float* sums, int64_t pitch, int groups, float* out, int64_t plane) {
-    for (int g = 0; g < groups; g++, first += lanes, out += lanes) {
-        Order order;
-        order_of(first, order);
-        for (int q = 0; q < terms + pairs_of(terms); q++)
-            for (int t = 0; t < taps; t++) {
-                Lanes u, w, sum;
-                Anywhere(sums + first[0] + t + q * pitch).pick(order, u);
-                const int begin = q < terms ? 0 : 1, end = q < terms ? 1 : 1 + bands;
-                for (int k = begin; k < end; k++, weight += lanes) {
-                    load(w, weight);
-                    load(sum, out + k * plane);
-                    sum += w * u;
-                    store(out + k * plane, sum);
-                }
-            }
     }
 }
 
@@ -130,22 +111,94 @@ PALPATE_INLINE void look_with(int taps, const float* weight, const int32_t* firs
     }
 }
 
-// terms, taps: 0 for any number.
+// out += Σ over `count` vectors of weight · u, of `rows` rows, `stride` floats apart, that read the weights together.
+// Returns the weights behind.
+template <int rows>
+PALPATE_INLINE const float* add_run(const float* weight, const float* u, int64_t stride, int count, float* out,
+                                    int64_t out_row) {
+    Lanes sum[rows], other[rows], w, v, x;
+    PALPATE_UNROLL
+    for (int r = 0; r < rows; r++) load(sum[r], out + r * out_row), other[r] = Lanes{};
+    for (; count >= 2; count -= 2, weight += 2 * lanes, u += 2 * lanes) {
+        load(w, weight), load(v, weight + lanes);
+        PALPATE_UNROLL
+        for (int r = 0; r < rows; r++) {
+            load(x, u + r * stride);
+            sum[r] += w * x;
+            load(x, u + r * stride + lanes);
+            other[r] += v * x;
+        }
+    }
+    if (count) {
+        load(w, weight);
+        weight += lanes;
+        PALPATE_UNROLL
+        for (int r = 0; r < rows; r++) {
+            load(x, u + r * stride);
+            sum[r] += w * x;
+        }
+    }
+    PALPATE_UNROLL
+    for (int r = 0; r < rows; r++) store(out + r * out_row, sum[r] + other[r]);
+    return weight;
+}
+
+// Numerical kernel. What the columns say is first laid out as the weights are, so that all that a voxel shares with
+// another is one run.
+template <int rows, class Sums>
+PALPATE_INLINE void look_run(int terms, int taps, const int32_t* lead, int bands, const float* weight,
+                             const int32_t* first, int groups, const Looked& all, int begin, float* scratch) {
+    const int pairs = pairs_of(terms), slopes = terms * taps, size = slopes + pairs * taps;
+    for (int g = 0; g < groups; g++, first += lanes) {
+        Order order;
+        order_of(first, order);
+        for (int r = 0; r < rows; r++) {
+            const float* from = all.sums + (begin + r) * all.row + first[0];
+            float* to = scratch + int64_t(r) * size * lanes;
+            Lanes u;
+            for (int q = 0; q < terms + pairs; q++, from += all.pitch) {
+                const Sums columns(from);
+                const int step = q < terms ? 1 : pairs, start = q < terms ? q * taps : slopes + q - terms;
+                for (int t = 0; t < taps; t++) {
+                    columns.pick(order, t, u);
+                    store(to + (start + t * step) * lanes, u);
+                }
+            }
+        }
+        float* out = all.out + begin * all.out_row + g * lanes;
+        weight = add_run<rows>(weight, scratch, size * lanes, slopes, out, all.out_row);
+        for (int k = 0; k < bands; k++)
+            weight = add_run<rows>(weight, scratch + (slopes + lead[k] * pairs) * lanes, size * lanes,
+                                   (taps - lead[k]) * pairs, out + (1 + k) * all.plane, all.out_row);
+    }
+}
+
+template <class Sums>
+PALPATE_INLINE void look_runs(int terms, int taps, const int32_t* lead, int bands, const float* weight,
+                              const int32_t* first, int groups, const Looked& all, float* scratch) {
+    int i = 0;
+    for (; i + rows_at_once <= all.rows; i += rows_at_once)
+        look_run<rows_at_once, Sums>(terms, taps, lead, bands, weight, first, groups, all, i, scratch);
+    for (; i < all.rows; i++) look_run<1, Sums>(terms, taps, lead, bands, weight, first, groups, all, i, scratch);
+}
+
+// terms: 0 for any number; then term by term. taps: likewise.
 template <int fixed_terms, int fixed_taps, class Changes>
 PALPATE_INLINE void spread_by(const float* weight, const int32_t* first, int any_terms, int any_taps,
                               const float* change, int n, float* out, int64_t pitch) {
+    constexpr int at_once = fixed_terms ? fixed_terms : 1;
     const int terms = fixed_terms ? fixed_terms : any_terms, taps = fixed_taps ? fixed_taps : any_taps;
     for (int a = 0; a < n; a += lanes) {
         Order order;
         order_of(first + a, order);
         const Changes changes(change + first[a]);
-        Lanes sum[fixed_terms ? fixed_terms : 1], u, w;
-        for (int m = 0; m < terms; m += fixed_terms ? fixed_terms : 1) {
+        Lanes sum[at_once], u, w;
+        for (int m = 0; m < terms; m += at_once) {
             PALPATE_UNROLL
             for (Lanes& s : sum) s = Lanes{};
             PALPATE_UNROLL
             for (int t = 0; t < taps; t++) {
-                pick_tap(changes, order, t, u);
+                changes.pick(order, t, u);
                 PALPATE_UNROLL
                 for (Lanes& s : sum) {
                     load(w, weight);
@@ -154,46 +207,62 @@ PALPATE_INLINE void spread_by(const float* weight, const int32_t* first, int any
                 }
             }
             PALPATE_UNROLL
-            for (int s = 0; s < (fixed_terms ? fixed_terms : 1); s++) store(out + (m + s) * pitch + a, sum[s]);
+            for (int s = 0; s < at_once; s++) store(out + (m + s) * pitch + a, sum[s]);
         }
     }
 }
 
 template <int terms>
-PALPATE_INLINE void spread_with(int vectors, const float* weight, const int32_t* first, int taps, const float* change,
-                                int n, float* out, int64_t pitch) {
-    if (vectors == 2)
-        spread_by<terms, 0, Window>(weight, first, terms, taps, change, n, out, pitch);
+PALPATE_INLINE void spread_with(Span span, const float* weight, const int32_t* first, int any, int taps,
+                                const float* change, int n, float* out, int64_t pitch) {
+    if (span == Span::any)
+        spread_by<terms, 0, Anywhere>(weight, first, any, taps, change, n, out, pitch);
+    else if (span == Span::wide)
+        spread_by<terms, 0, Wide>(weight, first, any, taps, change, n, out, pitch);
     else if (taps == 2)
-        spread_by<terms, 2, Near>(weight, first, terms, taps, change, n, out, pitch);
+        spread_by<terms, 2, Near>(weight, first, any, taps, change, n, out, pitch);
     else if (taps == 3)
-        spread_by<terms, 3, Near>(weight, first, terms, taps, change, n, out, pitch);
+        spread_by<terms, 3, Near>(weight, first, any, taps, change, n, out, pitch);
     else if (taps == 4)
-        spread_by<terms, 4, Near>(weight, first, terms, taps, change, n, out, pitch);
+        spread_by<terms, 4, Near>(weight, first, any, taps, change, n, out, pitch);
     else
-        spread_by<terms, 0, Near>(weight, first, terms, taps, change, n, out, pitch);
+        spread_by<terms, 0, Near>(weight, first, any, taps, change, n, out, pitch);
 }
 
 } // namespace
 
-PALPATE_KERNEL void look_at(int kernel, bool close, int terms, int taps, int bands, const float* weight,
-                            const int32_t* first, const float* sums, int64_t pitch, int groups, float* out,
-                            int64_t plane) {
-    if (kernel / 10 == 1)
-        close ? look_with<1, Window>(taps, weight, first, sums, pitch, groups, out, plane)
-              : look_with<1, Anywhere>(taps, weight, first, sums, pitch, groups, out, plane);
-    else if (kernel / 10 == 2)
-        close ? look_with<2, Window>(taps, weight, first, sums, pitch, groups, out, plane)
-              : look_with<2, Anywhere>(taps, weight, first, sums, pitch, groups, out, plane);
-    else
-        look_any(weight, first, terms, taps, bands, sums, pitch, groups, out, plane);
+PALPATE_KERNEL void look_at(int kernel, bool close, const float* weight, const int32_t* first, int groups,
+                            const Looked& rows) {
+    const int taps = kernel % 10;
+    for (int i = 0; i < rows.rows; i++) {
+        const float* sums = rows.sums + i * rows.row;
+        float* out = rows.out + i * rows.out_row;
+        if (kernel / 10 == 1)
+            close ? look_with<1, Window>(taps, weight, first, sums, rows.pitch, groups, out, rows.plane)
+                  : look_with<1, Anywhere>(taps, weight, first, sums, rows.pitch, groups, out, rows.plane);
+        else
+            close ? look_with<2, Window>(taps, weight, first, sums, rows.pitch, groups, out, rows.plane)
+                  : look_with<2, Anywhere>(taps, weight, first, sums, rows.pitch, groups, out, rows.plane);
+    }
 }
 
-PALPATE_KERNEL void spread_at(int vectors, const float* weight, const int32_t* first, int terms, int taps,
+PALPATE_KERNEL void look_along(Span span, int terms, int taps, const std::vector<int32_t>& lead, const float* weight,
+                               const int32_t* first, int groups, const Looked& rows, float* scratch) {
+    const int bands = int(lead.size());
+    if (span == Span::near)
+        look_runs<Near>(terms, taps, lead.data(), bands, weight, first, groups, rows, scratch);
+    else if (span == Span::wide)
+        look_runs<Wide>(terms, taps, lead.data(), bands, weight, first, groups, rows, scratch);
+    else
+        look_runs<Anywhere>(terms, taps, lead.data(), bands, weight, first, groups, rows, scratch);
+}
+
+PALPATE_KERNEL void spread_at(Span span, const float* weight, const int32_t* first, int terms, int taps,
                               const float* change, int n, float* out, int64_t pitch) {
-    if (vectors && terms == 1) return spread_with<1>(vectors, weight, first, taps, change, n, out, pitch);
-    if (vectors && terms == 2) return spread_with<2>(vectors, weight, first, taps, change, n, out, pitch);
-    spread_by<0, 0, Anywhere>(weight, first, terms, taps, change, n, out, pitch);
+    if (terms == 1) return spread_with<1>(span, weight, first, terms, taps, change, n, out, pitch);
+    if (terms == 2) return spread_with<2>(span, weight, first, terms, taps, change, n, out, pitch);
+    if (terms == 3) return spread_with<3>(span, weight, first, terms, taps, change, n, out, pitch);
+    spread_with<0>(span, weight, first, terms, taps, change, n, out, pitch);
 }
 
 } // namespace palpate

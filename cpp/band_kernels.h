@@ -1,18 +1,36 @@
 #pragma once
 #include <cstdint>
+#include <vector>
 
 namespace palpate {
 
 // What Bands does per eight voxels or columns: see Bands::look and Bands::spread, and its layout of weights.
 
-constexpr int most_taps = 6, most_terms = 2; // of the unrolled kernels
+constexpr int most_taps = 6, most_terms = 2; // of the kernels that are unrolled for them
+constexpr int spread_terms = 3;
+constexpr int rows_at_once = 4; // that read the weights together
 
-// kernel: 10 · terms + taps, or 0 for any.
-void look_at(int kernel, bool close, int terms, int taps, int bands, const float* weight, const int32_t* first,
-             const float* sums, int64_t pitch, int groups, float* out, int64_t plane);
+// How far eight neighbours reach: within eight of the first, within sixteen, or further.
+enum class Span { near, wide, any };
 
-// vectors: 1 where eight columns touch eight voxels at most, 2 for sixteen, 0 for more.
-void spread_at(int vectors, const float* weight, const int32_t* first, int terms, int taps, const float* change, int n,
+// The sums of some rows, `row` floats apart, `pitch` from term to term; and their planes, as far apart as said.
+struct Looked {
+    const float* sums;
+    int64_t row, pitch;
+    float* out;
+    int64_t out_row, plane;
+    int rows;
+};
+
+// Rising voxels, unrolled. kernel: 10 · terms + taps. close: eight voxels touch sixteen columns at most.
+void look_at(int kernel, bool close, const float* weight, const int32_t* first, int groups, const Looked& rows);
+
+// Any others. lead: (bands) the first tap that a voxel shares with the one so far ahead. scratch: rows_at_once · pairs
+// · taps vectors.
+void look_along(Span span, int terms, int taps, const std::vector<int32_t>& lead, const float* weight,
+                const int32_t* first, int groups, const Looked& rows, float* scratch);
+
+void spread_at(Span span, const float* weight, const int32_t* first, int terms, int taps, const float* change, int n,
                float* out, int64_t pitch);
 
 } // namespace palpate

@@ -5,12 +5,17 @@
 namespace palpate {
 namespace {
 
-// How far eight neighbours reach: the largest first[i + 7] − first[i], from every eighth i.
-int span(const std::vector<int32_t>& first) {
+// How far each eight neighbours reach from the first of them; far too far where one begins before it.
+int reach_of_eight(const std::vector<int32_t>& first) {
     int most = 0;
-    for (size_t i = 0; i < first.size(); i += lanes) most = std::max(most, first[i + lanes - 1] - first[i]);
+    for (size_t i = 0; i < first.size(); i++) {
+        const int step = first[i] - first[i / lanes * lanes];
+        most = std::max(most, step < 0 ? 2 * lanes : step);
+    }
     return most;
 }
+
+Span span_of(int reach) { return reach < lanes ? Span::near : reach < 2 * lanes ? Span::wide : Span::any; }
 
 int round_up(int n, int step) { return (n + step - 1) / step * step; }
 
@@ -52,17 +57,21 @@ void Bands::place() {
         rising = rising && (i == 0 || count[i - 1] == 0 || first[i] > first[i - 1]);
         while (i + ahead + 1 < n && count[i + ahead + 1] > 0 && low[i + ahead + 1] < low[i] + count[i]) ahead++;
     }
-    const bool unrolled = rising && terms <= most_terms && taps <= most_taps;
-    kernel = unrolled ? 10 * terms + taps : 0;
-    bands = unrolled ? taps : 1 + ahead;
-    close = span(first) + taps <= 2 * lanes;
+    kernel = rising && terms <= most_terms && taps <= most_taps ? 10 * terms + taps : 0;
+    const int reach = reach_of_eight(first);
+    close = reach + taps <= 2 * lanes;
+    look_span = span_of(reach);
+    lead.assign(kernel ? taps : 1 + ahead, taps);
+    for (int i = 0; i < n && !kernel; i++)
+        for (int k = 0; k <= ahead && i + k < n; k++)
+            if (count[i] > 0 && count[i + k] > 0) lead[k] = std::max(0, std::min(lead[k], first[i + k] - first[i]));
 }
 
 // Per voxel and term `taps` zeros, then the weights from column first on: what another voxel's columns read beyond is
 // 0. Voxels of 0s follow the last.
 void Bands::lay_out() {
     const int n = int(low.size());
-    dense.assign((first.size() + bands) * terms * 2 * taps, 0.0f);
+    dense.assign((first.size() + lead.size()) * terms * 2 * taps, 0.0f);
     for (int m = 0; m < terms; m++)
         for (int i = 0; i < n; i++) {
             if (count[i] == 0) continue;
@@ -94,22 +103,25 @@ template <int terms, int taps> void Bands::couple_by() {
     }
 }
 
+// Terms, taps; then voxels ahead, the taps shared with them, pairs of terms.
 void Bands::couple_any() {
-    const int64_t size = int64_t(terms) * taps + int64_t(pairs_of(terms)) * taps * bands;
+    int64_t size = int64_t(terms) * taps;
+    for (int begin : lead) size += int64_t(pairs_of(terms)) * (taps - begin);
     weight.resize(first.size() * size);
     for (size_t i = 0; i < first.size(); i++) {
         float* out = &weight[i / lanes * lanes * size + i % lanes];
         for (int m = 0; m < terms; m++)
             for (int t = 0; t < taps; t++, out += lanes) *out = at(int(i), m, 0)[t];
-        for (int m = 0; m < terms; m++)
-            for (int s = m; s < terms; s++)
-                for (int t = 0; t < taps; t++)
-                    for (int k = 0; k < bands; k++, out += lanes) {
-                        const int shift = i + k < first.size() ? first[i + k] - first[i] : taps;
+        for (size_t k = 0; k < lead.size(); k++) {
+            const int shift = i + k < first.size() ? first[i + k] - first[i] : taps;
+            for (int t = lead[k]; t < taps; t++)
+                for (int m = 0; m < terms; m++)
+                    for (int s = m; s < terms; s++, out += lanes) {
                         const float a = at(int(i), m, 0)[t], b = at(int(i), s, 0)[t];
-                        const float c = at(int(i) + k, m, shift)[t], d = at(int(i) + k, s, shift)[t];
+                        const float c = at(int(i + k), m, shift)[t], d = at(int(i + k), s, shift)[t];
                         *out = m == s ? a * c : a * d + b * c;
                     }
+        }
     }
 }
 
@@ -155,13 +167,12 @@ void Bands::turn() {
         if (last[c] >= 0) spread_taps = std::max(spread_taps, last[c] - first_voxel[c] + 1);
         before = first_voxel[c] = last[c] >= 0 ? first_voxel[c] : before;
     }
-    const int reach = span(first_voxel);
+    const int reach = reach_of_eight(first_voxel);
     around = 4 * reach + spread_taps + 2 * lanes;
-    spread_vectors = reach < lanes ? 1 : reach + spread_taps <= 2 * lanes ? 2 : 0;
+    spread_span = span_of(reach);
     spread_weight.assign(size_t(size) * terms * spread_taps, 0.0f);
     // In the order that `spread` reads: taps, terms; or, where it goes term by term, terms, taps.
-    const int by_tap = spread_vectors && terms <= most_terms ? terms : 1;
-    const int by_term = spread_vectors && terms <= most_terms ? 1 : spread_taps;
+    const int by_tap = terms <= spread_terms ? terms : 1, by_term = terms <= spread_terms ? 1 : spread_taps;
     for (int i = 0; i < n; i++)
         for (int c = low[i]; c < low[i] + count[i]; c++) {
             const int tap = (i - first_voxel[c]) * by_tap;
@@ -170,16 +181,19 @@ void Bands::turn() {
         }
 }
 
-void Bands::look(const float* sums, int64_t pitch, int from, int begin, int end, float* out, int64_t plane) const {
+void Bands::look(Looked rows, int from, int begin, int end, float* scratch) const {
     const int groups = (end - begin + lanes - 1) / lanes;
-    const int64_t size = weight.size() / first.size(); // floats a voxel
-    look_at(kernel, close, terms, taps, bands, weight.data() + begin * size, first.data() + begin, sums - from, pitch,
-            groups, out, plane);
+    const float* weights = weight.data() + begin * (weight.size() / first.size());
+    rows.sums -= from;
+    if (kernel)
+        look_at(kernel, close, weights, first.data() + begin, groups, rows);
+    else
+        look_along(look_span, terms, taps, lead, weights, first.data() + begin, groups, rows, scratch);
 }
 
 void Bands::spread(const float* change, int begin, int from, int n, float* out, int64_t pitch) const {
-    spread_at(spread_vectors, spread_weight.data() + int64_t(from) * terms * spread_taps, first_voxel.data() + from,
-              terms, spread_taps, change - begin, n, out, pitch);
+    spread_at(spread_span, spread_weight.data() + int64_t(from) * terms * spread_taps, first_voxel.data() + from, terms,
+              spread_taps, change - begin, n, out, pitch);
 }
 
 } // namespace palpate

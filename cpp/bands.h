@@ -1,4 +1,5 @@
 #pragma once
+#include "band_kernels.h"
 #include "buffer.h"
 #include "lanes.h"
 #include "terms.h"
@@ -13,31 +14,34 @@ namespace palpate {
 class Bands {
 public:
     void make(const Geometry& geometry, const View& view, int z, Axis axis, int columns);
-    int reach() const { return ahead; }      // a voxel shares columns with so many ahead of it
-    int planes() const { return 1 + bands; } // of `look`
-    int margin() const { return around; }    // voxels before and behind a part that `spread` reads
+    int reach() const { return ahead; }                 // a voxel shares columns with so many ahead of it
+    int planes() const { return 1 + int(lead.size()); } // of `look`
+    int margin() const { return around; }               // voxels before and behind a part that `spread` reads
     // Whether one of voxels begin .. end - 1 has a shadow on the panel; if none has, they reach no column.
     bool sees(int begin, int end) const { return begin < seen_end && end > seen_begin; }
     // First column under it, rounded down to a multiple of eight, and the one after the last.
     int begin(int voxel) const { return std::max(0, std::min(columns - 1, first[voxel])) / lanes * lanes; }
     int end(int voxel) const { return std::min(columns, first[voxel] + taps); }
 
-    // Adds to planes (plane floats apart) 0: slope, 1 + k: coupling of voxel x with x + k, of voxels begin .. end - 1
-    // (begin a multiple of eight; up to a multiple of eight of them) what the columns' sums say: for every term of
-    // slope, for every pair of terms of curvature, pitch floats apart; sums[0] is column `from`. Up to `beside` floats
-    // before and behind are read too, and count for nothing.
+    // Adds to planes 0: slope, 1 + k: coupling of voxel x with x + k, of voxels begin .. end - 1 (begin a multiple of
+    // eight; up to a multiple of eight of them) what the columns' sums say: for every term of slope, for every pair of
+    // terms of curvature; sums[0] is column `from`. Up to `beside` floats before and behind are read too, and count for
+    // nothing. scratch: of `scratch()` floats.
     static constexpr int beside = 4 * lanes;
-    void look(const float* sums, int64_t pitch, int from, int begin, int end, float* out, int64_t plane) const;
+    void look(Looked rows, int from, int begin, int end, float* scratch) const;
+    int scratch() const { return rows_at_once * (terms + pairs_of(terms)) * taps * lanes; }
 
     // out[term * pitch + a] = Σ over voxels of weight · change, for columns from + a, n of them (both multiples of
     // eight). change: of voxel begin, with `margin` 0s or more on either side of the part.
     void spread(const float* change, int begin, int from, int n, float* out, int64_t pitch) const;
 
 private:
-    int terms = 0, taps = 0, ahead = 0, bands = 0, columns = 0, around = 0;
+    int terms = 0, taps = 0, ahead = 0, columns = 0, around = 0;
     int kernel = 0;     // which one looks: 10 · terms + taps where they are unrolled
     bool close = false; // eight neighbouring voxels touch sixteen columns at most
-    int spread_taps = 0, spread_vectors = 0;
+    Span look_span = Span::any, spread_span = Span::any;
+    std::vector<int32_t> lead; // per voxel ahead: the first tap that is shared with it, of any voxel
+    int spread_taps = 0;
     int seen_begin = 0, seen_end = 0;        // voxels with a shadow on the panel
     std::vector<int32_t> first, first_voxel; // under a voxel; over a column
     Buffer weight, spread_weight;

@@ -181,20 +181,20 @@ void bind_descent(nb::module_& m) {
         "One sweep of coordinate descent over f, in place. The data's slope follows, to within rounding.");
     m.def(
         "diagonal",
-        [](const Geometry& g, In<float, 3> curvature, int every) {
+        [](const Geometry& g, In<float, 3> curvature, int every, int every_row) {
             same_shape(g, curvature);
-            if (every < 1) throw std::invalid_argument("every: expected 1 or more");
-            const size_t slices = size_t((g.grid.nz - every / 2 + every - 1) / every);
-            const size_t shape[3] = {slices, size_t(g.grid.ny), size_t(g.grid.nx)};
+            if (every < 1 || every_row < 1) throw std::invalid_argument("every, every_row: expected 1 or more");
+            const size_t shape[3] = {size_t(sampled(g.grid.nz, every)), size_t(sampled(g.grid.ny, every_row)),
+                                     size_t(g.grid.nx)};
             Made<float> out = made(shape);
             nb::gil_scoped_release release;
             Paraboloid data(g);
             data.set_curvature(curvature.data());
-            diagonal(data, every, out.data());
+            diagonal(data, every, every_row, out.data());
             return out;
         },
-        "geometry"_a, "curvature"_a.noconvert(), "every"_a = 1,
-        "Σ_i a_ij² curvature_i of each voxel of every so-many-th slice.");
+        "geometry"_a, "curvature"_a.noconvert(), "every"_a = 1, "every_row"_a = 1,
+        "Σ_i a_ij² curvature_i of each voxel of every so-many-th slice and row, from the middle of the first so many.");
     m.def(
         "slabs",
         [](const Geometry& g) {

@@ -249,32 +249,33 @@ void descend(const Neighbourhood& n, const Sweep& sweep, Paraboloid& data, float
     }
 }
 
-// d: the slice's, (ny, nx). Nothing is spread, so the rows may share pixels.
+// d: (the strip's rows, nx). Nothing is spread, so the rows may share pixels.
 static void strip_diagonal(const Slice& slice, const Strip& strip, Paraboloid& data, Scratch& s, float* d) {
     const int nx = slice.geometry.grid.nx;
     for (int begin = 0; begin < nx; begin += voxels_at_once) {
         const int end = std::min(nx, begin + voxels_at_once);
         slice.gather(strip, begin, end, data, s);
-        for (int i = 0; i < strip.rows; i++)
-            std::copy_n(s.planes.of(1, i), end - begin, d + int64_t(strip.y[i]) * nx + begin);
+        for (int i = 0; i < strip.rows; i++) std::copy_n(s.planes.of(1, i), end - begin, d + int64_t(i) * nx + begin);
         for (int x = begin; x < end && !slice.lists.empty(); x++) {
             Lanes slope = {}, sum = {};
             slice.lists.measure(strip, x, data, s.lists, slope, sum);
-            for (int i = 0; i < strip.rows; i++) d[int64_t(strip.y[i]) * nx + x] += sum[i];
+            for (int i = 0; i < strip.rows; i++) d[int64_t(i) * nx + x] += sum[i];
         }
     }
 }
 
-void diagonal(Paraboloid& data, int every, float* d) {
+void diagonal(Paraboloid& data, int every, int every_row, float* d) {
     const Grid& grid = data.geometry.grid;
+    const int rows = sampled(grid.ny, every_row);
     Slice slice(data.geometry);
     std::vector<Scratch> scratch(threads());
-    for (int z = every / 2; z < grid.nz; z += every) {
+    for (int z = every / 2; z < grid.nz; z += every, d += int64_t(rows) * grid.nx) {
         parallel_tasks(slice.parts(), [&](int64_t part, int) { slice.make(z, int(part)); });
-        parallel((grid.ny + lanes - 1) / lanes, [&](int64_t begin, int64_t end, int thread) {
-            for (int64_t k = begin; k < end; k++)
-                strip_diagonal(slice, strip_of(int(k) * lanes, 1, grid.ny), data, scratch[thread],
-                               d + z / every * grid.slice());
+        parallel((rows + lanes - 1) / lanes, [&](int64_t begin, int64_t end, int thread) {
+            for (int64_t k = begin; k < end; k++) {
+                const Strip strip = strip_of(int(k) * lanes * every_row + every_row / 2, every_row, grid.ny);
+                strip_diagonal(slice, strip, data, scratch[thread], d + k * lanes * grid.nx);
+            }
         });
     }
 }

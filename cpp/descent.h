@@ -45,8 +45,11 @@ struct Sweep {
 constexpr int voxels_at_once = 64;
 void descend(const Neighbourhood& neighbours, const Sweep& sweep, Paraboloid& data, float* f);
 
-// d_j = Σ_i a_ij² curvature_i, the paraboloid's curvature in each voxel of the slices every/2, every/2 + every, ...: d
-// (those slices, y, x).
-void diagonal(Paraboloid& data, int every, float* d);
+// How many of every/2, every/2 + every, ... lie below n.
+inline int sampled(int n, int every) { return (n - every / 2 + every - 1) / every; }
+
+// d_j = Σ_i a_ij² curvature_i, the paraboloid's curvature in each voxel of every so-many-th slice and row: d (sampled
+// slices, sampled rows, x).
+void diagonal(Paraboloid& data, int every, int every_row, float* d);
 
 } // namespace palpate

@@ -60,6 +60,10 @@ PALPATE_INLINE void reduce_terms(const float* slope, const float* curvature, int
         return reduce_rows<terms, 3>(slope, curvature, stride, weight, rows, n, out, pitch);
     case 4:
         return reduce_rows<terms, 4>(slope, curvature, stride, weight, rows, n, out, pitch);
+    case 5:
+        return reduce_rows<terms, 5>(slope, curvature, stride, weight, rows, n, out, pitch);
+    case 6:
+        return reduce_rows<terms, 6>(slope, curvature, stride, weight, rows, n, out, pitch);
     default:
         return reduce_rows<terms, 0>(slope, curvature, stride, weight, rows, n, out, pitch);
     }
@@ -69,6 +73,7 @@ PALPATE_KERNEL void reduce(const float* slope, const float* curvature, int64_t s
                            int rows, int n, float* out, int64_t pitch) {
     if (terms == 1) return reduce_terms<1>(slope, curvature, stride, weight, rows, n, out, pitch);
     if (terms == 2) return reduce_terms<2>(slope, curvature, stride, weight, rows, n, out, pitch);
+    if (terms == 3) return reduce_terms<3>(slope, curvature, stride, weight, rows, n, out, pitch);
     const int size = terms + pairs_of(terms);
     for (int q = 0; q < size; q++)
         reduce_image<1, 0>(q < terms ? slope : curvature, stride, weight + q, size, rows, n, out + q * pitch, pitch);
@@ -105,7 +110,8 @@ PALPATE_INLINE void expand_rows(const float* change, int64_t pitch, const float*
             PALPATE_UNROLL
             for (int t = 0; t < fixed; t++) {
                 Lanes sum = w[t][0] * p[0], c, g;
-                if constexpr (terms == 2) sum += w[t][1] * p[1];
+                PALPATE_UNROLL
+                for (int m = 1; m < terms; m++) sum += w[t][m] * p[m];
                 load(c, curvature + t * stride + a);
                 load(g, slope + t * stride + a);
                 g += c * sum;
@@ -125,6 +131,10 @@ PALPATE_INLINE void expand_terms(const float* change, int64_t pitch, const float
         return expand_rows<terms, 3>(change, pitch, curvature, stride, weight, any, rows, n, slope);
     case 4:
         return expand_rows<terms, 4>(change, pitch, curvature, stride, weight, any, rows, n, slope);
+    case 5:
+        return expand_rows<terms, 5>(change, pitch, curvature, stride, weight, any, rows, n, slope);
+    case 6:
+        return expand_rows<terms, 6>(change, pitch, curvature, stride, weight, any, rows, n, slope);
     default:
         return expand_rows<terms, 0>(change, pitch, curvature, stride, weight, any, rows, n, slope);
     }
@@ -134,6 +144,7 @@ PALPATE_KERNEL void expand(const float* change, int64_t pitch, const float* curv
                            const float* weight, int terms, int rows, int n, float* slope) {
     if (terms == 1) return expand_terms<1>(change, pitch, curvature, stride, weight, terms, rows, n, slope);
     if (terms == 2) return expand_terms<2>(change, pitch, curvature, stride, weight, terms, rows, n, slope);
+    if (terms == 3) return expand_terms<3>(change, pitch, curvature, stride, weight, terms, rows, n, slope);
     expand_rows<0, 0>(change, pitch, curvature, stride, weight, terms, rows, n, slope);
 }
 
@@ -146,9 +157,6 @@ struct Reach {
         : from(bands.begin(begin)), n((std::max(0, bands.end(end - 1) - from) + lanes - 1) / lanes * lanes),
           pitch(n + 2 * Bands::beside) {}
 };
-
-// Of two rows in turn.
-float* row_sums(Buffer& rows, int i, int64_t size) { return rows.data() + i % 2 * size + Bands::beside; }
 
 } // namespace
 
@@ -171,14 +179,15 @@ void SliceView::gather(const Strip& strip, const float* slope, const float* curv
     if (!bands.sees(begin, end)) return;
     const Reach at(bands, begin, end);
     const int terms = products(*view), size = terms + pairs_of(terms);
-    rows.resize(std::max(rows.size(), size_t(2 * size * at.pitch)));
-    // A row's sums are looked at after those of the next are made: what has just been stored is slow to load across.
-    for (int i = 0; i <= strip.rows; i++) {
-        if (i < strip.rows)
-            add_up(strip, i, slope, curvature, at.from, at.n, columns, row_sums(rows, i, size * at.pitch), at.pitch);
-        if (i > 0)
-            bands.look(row_sums(rows, i - 1, size * at.pitch), at.pitch, at.from, begin, end, planes.of(0, i - 1),
-                       lanes * Planes::pitch);
+    const int64_t row = size * at.pitch;
+    rows.resize(std::max(rows.size(), size_t(rows_at_once * row + bands.scratch())));
+    float *sums = rows.data() + Bands::beside, *scratch = rows.data() + rows_at_once * row;
+    for (int i = 0; i < strip.rows; i += rows_at_once) {
+        const int some = std::min(rows_at_once, strip.rows - i);
+        for (int r = 0; r < some; r++)
+            add_up(strip, i + r, slope, curvature, at.from, at.n, columns, sums + r * row, at.pitch);
+        bands.look({sums, row, at.pitch, planes.of(0, i), Planes::pitch, lanes * Planes::pitch, some}, at.from, begin,
+                   end, scratch);
     }
 }
 

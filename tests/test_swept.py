@@ -1,5 +1,6 @@
 """Two sweeps of descent, then momentum: nothing but the two, one after the other."""
 
+import tracemalloc
 from itertools import islice, pairwise
 
 import numpy as np
@@ -47,3 +48,20 @@ def test_only_where_panel_and_slices_are_parallel(geometry):
     }
     assert runs["momentum"] != runs["descent"]
     assert runs["auto"] == runs["descent" if flat else "momentum"]
+
+
+def test_three_volumes_live_at_once_in_a_whole_run():
+    """Whoever keeps no step but the last. Pixels are few here, so that volumes are all that counts."""
+    panel = pp.Panel((44, 60), (1, 1), (-29.5, -21.5, 0))
+    views = pp.arc_views(panel, np.linspace(-25, 25, 3), radius=500, pivot=(0, 0, 24))
+    grid = pp.Grid((40, 96, 112), (0.4, 0.4, 0.4), (-22.2, -19, 16))
+    scan = pp.Scan(np.full(views.shape, 400, np.float32), 1000, views)
+    volume, scans = 4 * np.prod(grid.shape), 4 * np.prod(views.shape)
+    tracemalloc.start()
+    levels = set()
+    for step in pp.iterates(scan, grid, levels=2, iterations=SWEEPS + 4, tolerance=0.0):
+        levels.add((step.level, step.iteration))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert (0, SWEEPS + 4) in levels
+    assert peak < 3.3 * volume + 20 * scans

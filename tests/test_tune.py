@@ -4,12 +4,14 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.ndimage import maximum_filter, minimum_filter
+from test_descent import GEOMETRIES, problem
 
 import palpate as pp
 from palpate import _core
 from palpate.reconstruction.descent import data_curvature
 from palpate.reconstruction.likelihood import Transmission
-from palpate.reconstruction.tune import median_curvature, tune
+from palpate.reconstruction.tune import box_lengths, median_curvature, tune
 from palpate.scans.phantom import Box, Ellipsoid, Phantom
 
 BODY = Phantom(
@@ -83,3 +85,16 @@ def test_at_one_edge_the_neighbours_pull_as_hard_as_noise():
         f[7, 14, 17] = prior.edge
         pull = beta * prior.surrogate(f, GRID)[0][7, 14, 17]
         assert np.mean(np.abs(slopes[:, usual]) > pull) == pytest.approx(0.317, abs=0.06)  # of a normal variable
+
+
+@pytest.mark.parametrize("geometry", GEOMETRIES)
+def test_lengths_in_the_box_are_the_line_integrals_of_ones(geometry):
+    """In pixels whose whole shadow passes its flat faces: all around them see the same to a few per cent."""
+    scan, A, _ = problem(geometry())
+    marched = A(np.ones(A.domain_shape, np.float32))
+    lengths = box_lengths(scan.views, A.grid)
+    flat = maximum_filter(marched, (1, 3, 3)) < 1.1 * minimum_filter(marched, (1, 3, 3))
+    flat &= marched > 0
+    assert flat.sum() > 20
+    np.testing.assert_allclose(lengths[flat], marched[flat], rtol=0.05)
+    np.testing.assert_array_equal(box_lengths(scan.views, A.grid, 3), lengths[:, ::3, ::3])

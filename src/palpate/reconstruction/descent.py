@@ -10,7 +10,7 @@ from palpate.reconstruction.likelihood import Curvature, Likelihood, value_and_s
 from palpate.reconstruction.prior import Prior
 from palpate.reconstruction.projector import Projector
 
-SLICES = 8  # whose curvature stands for that of all
+SLICES, ROWS = 8, 256  # whose curvature stands for that of all
 
 
 def descend(
@@ -26,18 +26,17 @@ def descend(
 
     Yields each iterate and its objective, without end; it never rises. "optimal" and "maximum" curvature see to that by
     themselves; an iteration in which "precomputed" raised the objective is made again with "optimal". relaxation: 1 goes
-    to the minimum of each voxel's parabola, up to 2 beyond it. The yielded volume is the working array: copy it to keep
-    it. Nothing else is carried from one iteration to the next, so a run that starts from an iterate goes on exactly as
-    the one that made it.
+    to the minimum of each voxel's parabola, up to 2 beyond it. Nothing but the iterate is carried from one iteration to
+    the next, so a run that starts from one goes on exactly as the one that made it. No array given or yielded is ever
+    written to, and none may be while the run goes on: two volumes live at a time, the last iterate and the next.
     """
-    values = np.array(values, np.float32)
-    old = values.copy()
+    values = np.ascontiguousarray(values, np.float32)
     l, slope, following = A(values), np.empty(A.range_shape, np.float32), np.empty(A.range_shape, np.float32)
     objective = value_and_slope(likelihood, l, slope) + _roughness(A, prior, beta, values)
     kinds: tuple[Curvature, ...] = (curvature, "optimal") if curvature == "precomputed" else (curvature,)
     data, held = _core.Paraboloid(A.geometry), ""
     while True:
-        np.copyto(old, values)
+        old, values = values, values.copy()
         for kind in kinds:
             data.set_slope(slope)
             if kind != "precomputed" or kind != held:  # that one is the same at every l
@@ -61,8 +60,9 @@ def _roughness(A: Projector, prior: Prior, beta: float, values: Float32) -> floa
 def data_curvature(A: Projector, likelihood: Likelihood) -> Float32:
     """d_j = Σ_i a_ij² c_i with the precomputed curvature: how well the data alone know a voxel, mm².
 
-    Of `SLICES` slices evenly spread over the depth, (slices, y, x): enough for the median, which is all that is asked.
+    Of `SLICES` slices and `ROWS` rows evenly spread, (slices, rows, x): enough for the median, which is all that is asked.
     """
     nothing = np.zeros(A.range_shape, np.float32)
-    every = max(1, A.grid.shape[0] // SLICES)
-    return _core.diagonal(A.geometry, np.ascontiguousarray(likelihood.curvature(nothing, "precomputed")), every)
+    every, every_row = (max(1, n // most) for n, most in zip(A.grid.shape, (SLICES, ROWS), strict=False))
+    curvature = np.ascontiguousarray(likelihood.curvature(nothing, "precomputed"))
+    return _core.diagonal(A.geometry, curvature, every, every_row)

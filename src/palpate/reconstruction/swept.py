@@ -1,7 +1,6 @@
 """Coordinate descent, then momentum: each where it is the quicker."""
 
 from collections.abc import Iterator
-from itertools import islice
 
 from palpate.arrays import Float32
 from palpate.reconstruction.descent import descend
@@ -34,11 +33,13 @@ def sweep_then_accelerate(
     exactly as the one that made them. No array given or yielded is ever written to, and none may be while the run goes
     on.
     """
-    for swept, objective in islice(descend(A, likelihood, prior, beta, values, curvature), max(0, SWEEPS - done)):
-        values = swept.copy()
+    run = descend(A, likelihood, prior, beta, values, curvature)
+    for _ in range(done, SWEEPS):
+        values, objective = next(run)
         yield values, objective
-    before = previous if done > SWEEPS else None
-    yield from accelerate(A, likelihood, prior, beta, values, curvature, before)
+    run = accelerate(A, likelihood, prior, beta, values, curvature, previous if done > SWEEPS else None)
+    del values, previous  # a volume would stay for nothing
+    yield from run
 
 
 def sweeps_are_cheap(A: Projector) -> bool:
