@@ -1,4 +1,4 @@
-"""Two sweeps of descent, then momentum: nothing but the two, one after the other."""
+"""Three sweeps of descent, then momentum: nothing but the two, one after the other."""
 
 import tracemalloc
 from itertools import islice, pairwise

@@ -102,7 +102,7 @@ def iterates(
     "least-squares" for intensities that are none, or a function from a scan to a likelihood. start: on the coarsest level.
     curvature: see `Transmission.curvature`. optimiser: of "map" and "ml", one or one a level, finest first: "momentum"
     (`accelerate`), "descent" (`descend`), "subsets" (`ordered_subsets`), or "auto", which is momentum,
-    on the finest level after two sweeps of descent where the panel is parallel to the slices (`sweep_then_accelerate`).
+    on the finest level after three sweeps of descent where the panel is parallel to the slices (`sweep_then_accelerate`).
     iterations: at most so many a level, one number or one a level, finest first. tolerance: a level ends when an iteration
     lowers the objective by less than this share; coarse levels end sooner, at 40 times it on level 1 (5 where
     sweeps begin the finest), a quarter of that a level down. downsample, interpolation: see `pyramid`, `resample`. window,
