@@ -150,7 +150,7 @@ def _slide(model: ComplianceModel) -> Iterator[str]:
         yield row(f"{name}: tick p50, p99, µs", _shares(answered), "")
         yield row(f"{name}: the same while it slides", _shares(answered[moved]), "")
         yield row(f"{name}: finding the patch p50, p99, µs", _shares(found), "")
-        yield row(f"{name}: looking ahead, shortly before a tick p50, p99, µs", _shares(ahead[moved]), "")
+        yield row(f"{name}: looking ahead once it was answered p50, p99, µs", _shares(ahead[moved]), "")
         yield row(f"{name}: greatest step of the force while sliding, %", step, "")
 
 

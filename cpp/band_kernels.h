@@ -25,8 +25,8 @@ struct Looked {
 // Rising voxels, unrolled. kernel: 10 · terms + taps. close: eight voxels touch sixteen columns at most.
 void look_at(int kernel, bool close, const float* weight, const int32_t* first, int groups, const Looked& rows);
 
-// Any others. lead: (bands) the first tap that a voxel shares with the one so far ahead. scratch: rows_at_once · pairs
-// · taps vectors.
+// Any others. lead: (bands) the first tap that a voxel shares with the one so far ahead. scratch: rows_at_once · (terms
+// + pairs) · taps vectors.
 void look_along(Span span, int terms, int taps, const std::vector<int32_t>& lead, const float* weight,
                 const int32_t* first, int groups, const Looked& rows, float* scratch);
 

@@ -1,5 +1,4 @@
 #pragma once
-#include <algorithm>
 #include <chrono>
 #include <cstdint>
 #include <thread>
@@ -33,43 +32,22 @@ inline bool wake_promptly() {
 // moment, so that a beat too fast for its work leaves the processor to others now and then.
 class Beat {
     using clock = std::chrono::steady_clock;
-    using nanoseconds = std::chrono::nanoseconds;
-    const nanoseconds period;
+    const std::chrono::nanoseconds period;
     clock::time_point due = clock::now();
-    nanoseconds early; // before a deadline that `rest` wakes: later than that it sleeps one time in a hundred
-
-    bool set_due() { // false: it is over already, and the next one slips
-        due += period;
-        const auto now = clock::now();
-        if (now <= due) return true;
-        late++;
-        due = now + period / 20;
-        return false;
-    }
 
 public:
-    static constexpr nanoseconds room{10000}; // that `rest` leaves, 99 times in a hundred where it can be had
     int64_t late = 0;
 
-    explicit Beat(int rate) : period(1000000000 / rate), early(period / 20) { wake_promptly(); }
-    nanoseconds behind() const { return clock::now() - due; } // since it should have begun
-    nanoseconds left() const { return due - clock::now(); }   // until the next one, after `rest`
+    explicit Beat(int rate) : period(1000000000 / rate) { wake_promptly(); }
+    std::chrono::nanoseconds behind() const { return clock::now() - due; }        // since it should have begun
+    std::chrono::nanoseconds left() const { return due + period - clock::now(); } // until the next one
     void wait() {
-        set_due();
-        std::this_thread::sleep_until(due);
-    }
-
-    // In two steps: asleep until shortly before the deadline, then awake. What sleeps wakes late, by some 50 us on a
-    // virtual machine, and to caches that hold nothing of its own; what is done between the two is nobody's time.
-    void rest() {
-        if (!set_due() || left() < early) return std::this_thread::sleep_until(due);
-        std::this_thread::sleep_until(due - early);
-        const bool well = left() > room;
-        early = std::clamp<nanoseconds>(early + nanoseconds(well ? -10 : 990), room, period / 8);
-    }
-    void hold() const { // with no pause in it: where it is virtual, the processor would be taken away for that
-        while (clock::now() < due) {
+        due += period;
+        if (auto now = clock::now(); now > due) {
+            late++;
+            due = now + period / 20;
         }
+        std::this_thread::sleep_until(due);
     }
 };
 

@@ -82,16 +82,11 @@ bool Compliance::seat(ComplianceState& s, const Patch* patches, int count) const
     return true;
 }
 
-// Where a node enters a patch some twenty tables are read that no cache holds: sooner here than in the tick. Those that
-// stay have left the caches while the thread slept.
+// Where a node enters a patch some twenty tables are read that no cache holds: sooner here than in the tick.
 void Compliance::expect(State& state, const Patch* patches, int count) const {
     auto& s = static_cast<ComplianceState&>(state);
     Nodes nodes;
-    if (!nodes.gather(elastic, patches, count)) return;
-    if (s.pairs.of(nodes.vertex, nodes.distinct)) {
-        for (size_t k = 0; k < 9 * row_of(nodes.distinct); k += 16) __builtin_prefetch(&s.pairs.block[k]);
-        return;
-    }
+    if (!nodes.gather(elastic, patches, count) || s.pairs.of(nodes.vertex, nodes.distinct)) return;
     if (!s.spare.of(nodes.vertex, nodes.distinct)) keep_pairs(s.pairs, s.spare, nodes.vertex, nodes.distinct);
     fetch(s.green, s.spare);
 }

@@ -10,6 +10,8 @@ namespace {
 
 using clock = std::chrono::steady_clock;
 
+constexpr auto time_ahead = std::chrono::microseconds(200); // left of a period, enough for looking ahead
+
 double seconds(clock::duration d) { return std::chrono::duration<double>(d).count(); }
 
 std::chrono::nanoseconds processor() { // time of this thread alone: what preempts it does not count
@@ -96,13 +98,8 @@ void Loop::run(Device& device) {
         busy += 0.01 * (seconds(done - started) - busy);
         if (simulation.ticks - published >= (last.serial != answered ? answer_ticks : frame_ticks))
             publish(seconds(done - began));
-        if (simulation.untouched()) {
-            beat.wait();
-        } else {
-            beat.rest();
-            if (beat.left() > Beat::room) simulation.look_ahead(last); // nobody waits for it
-            beat.hold();
-        }
+        if (beat.left() > time_ahead) simulation.look_ahead(last); // nobody waits for it
+        beat.wait();
         late = kept_late + beat.late;
     }
     Replay idle({}, {}, {});

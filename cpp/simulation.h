@@ -38,7 +38,6 @@ public:
     bool changing() const { return next.model != nullptr; }
     void change(Running to) { next = std::move(to), since = 0; }
     Running left() { return std::move(old); } // the model that has gone, once
-    bool untouched() const { return home; }   // and at rest: nobody waits for the next tick
 
     uint64_t digest() const; // of the displacements and the forces, to compare replays
 

@@ -38,20 +38,18 @@ Slide slide(const Model& model, State& state, const Surface& surface, double rad
             out.patch_seconds.push_back(seconds(met - began));
             out.model_seconds.push_back(seconds(done - met));
             out.cold.push_back(state.cold);
-            beat.rest();
-            const auto woken = clock::now();
-            if (ahead && t > 0 && beat.left() > Beat::room) {
+            if (ahead && t > 0) {
                 double next[3];
                 for (int k = 0; k < 3; k++) next[k] = 2 * points[3 * t + k] - points[3 * (t - 1) + k];
                 if (surface.patch(surface.closest(next), radius, scratch, patch) == Surface::Contact::good)
                     model.expect(state, &patch, 1);
             }
-            out.ahead_seconds.push_back(seconds(clock::now() - woken));
-            beat.hold();
+            out.ahead_seconds.push_back(seconds(clock::now() - done));
+            beat.wait();
         }
     };
     std::exception_ptr wrong;
-    std::thread([&] { // of its own, since it may run ahead of others
+    std::thread([&] { // of its own, ahead of others as the loop's is
         try {
             run();
         } catch (...) {
