@@ -1,9 +1,10 @@
 """A breast of clinical size, reconstructed by M-MAP: `python -m benchmarks clinical` (minutes, 8 GB).
 
 15 views of 1664x2048 pixels of 0.13 mm on W2's arc; 1996x2457x78 voxels of 0.1x0.1x1 mm, x along 2457. The scan is that of
-an analytic phantom with counting noise. Five levels of at most 6, 12, 60, 100 and 200 iterations, finest first: the coarse
-ones are cheap, and each finest iteration costs more than all of them. Seconds are of the wall and of the CPU, all
-threads; peak memory is that of the process while it reconstructs, the scan's arrays and Python included.
+an analytic phantom with counting noise. Five levels of at most 6, 12, 60, 100 and 200 iterations, finest first: what is
+broad is found on the coarse ones, where an iteration costs a quarter a level, and sweeps find the rest. Seconds are of
+the wall and of the CPU, all threads; peak memory is that of the process while it reconstructs, the scan's arrays and
+Python included.
 `python -m benchmarks.clinical 4` makes panel and voxels 4 times coarser, and tells how far from the minimum each finest
 iterate is: gap (Φ − Φ*) / (Φ of a uniform volume − Φ*), Φ* after 150 finest iterations.
 

@@ -7,8 +7,8 @@ namespace palpate {
 // What Bands does per eight voxels or columns: see Bands::look and Bands::spread, and its layout of weights.
 
 constexpr int most_taps = 6, most_terms = 2; // of the kernels that are unrolled for them
-constexpr int spread_terms = 3;
-constexpr int rows_at_once = 4; // that read the weights together
+constexpr int spread_terms = 3;              // up to so many are spread together, more one by one
+constexpr int rows_at_once = 4;              // that read the weights together
 
 // How far eight neighbours reach: within eight of the first, within sixteen, or further.
 enum class Span { near, wide, any };

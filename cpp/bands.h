@@ -40,7 +40,7 @@ private:
     int kernel = 0;     // which one looks: 10 · terms + taps where they are unrolled
     bool close = false; // eight neighbouring voxels touch sixteen columns at most
     Span look_span = Span::any, spread_span = Span::any;
-    std::vector<int32_t> lead; // per voxel ahead: the first tap that is shared with it, of any voxel
+    std::vector<int32_t> lead; // per voxel ahead: the first tap that any voxel shares with it (unrolled: unused)
     int spread_taps = 0;
     int seen_begin = 0, seen_end = 0;        // voxels with a shadow on the panel
     std::vector<int32_t> first, first_voxel; // under a voxel; over a column

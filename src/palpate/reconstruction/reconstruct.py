@@ -190,9 +190,8 @@ def _run(
             solver = _solver(method, A, data, prior, weight, values, curvature, knobs)
         for iteration, (f, now) in enumerate(solver, done + 1):
             finished = method in DIRECT or rule.finished(level, iteration, now, objective)
-            handed = (
-                method in ("map", "ml") and pace is None
-            )  # never written to; no copy, for a volume can be gigabytes
+            # Never written to again by the solver: no copy, for a volume can be gigabytes.
+            handed = method in ("map", "ml") and pace is None
             if handed and not finished:
                 f.flags.writeable = False
             volume = Volume(f if handed else f.copy(), grid)
