@@ -45,7 +45,7 @@ PLAN = {2e4: (1, 2, 3), 2e3: (1,), 2e5: (1,)}
 RUNS = {
     f"{name} {optimiser}": (levels, optimiser)
     for name, levels in (("F-MAP", 1), ("M-MAP-3", 3))
-    for optimiser in ("descent", "momentum", "subsets", "auto")
+    for optimiser in ("descent", "momentum", "subsets", *["auto"] * (levels > 1))
 }
 
 

@@ -43,9 +43,8 @@ def lines(wanted: tuple[str, ...] = ()) -> Iterator[str]:
     kidneys = [(f"{name} {size}", name, edge) for name in names for size, edge in KIDNEYS.items()]
     cases = [(title, _kidney(name, edge)) for title, name, edge in kidneys]
     cases += [(name, make()) for name, make in SHAPES.items()]
+    cases = [case for case in cases if not wanted or any(word in case[0] for word in wanted)]
     for name, shape in cases:
-        if wanted and not any(word in name for word in wanted):
-            continue
         figures = measured(shape)
         kept += figures[-1] == "kept"
         yield row(name, shape.edge, *figures)

@@ -101,8 +101,8 @@ def iterates(
     likelihood: "poisson" for counts, "gaussian" for counts with a variance that follows the mean (`Gaussian`),
     "least-squares" for intensities that are none, or a function from a scan to a likelihood. start: on the coarsest level.
     curvature: see `Transmission.curvature`. optimiser: of "map" and "ml", one or one a level, finest first: "momentum"
-    (`accelerate`), "descent" (`descend`), "subsets" (`ordered_subsets`), or "auto", which is momentum,
-    on the finest level after three sweeps of descent where the panel is parallel to the slices (`sweep_then_accelerate`).
+    (`accelerate`), "descent" (`descend`), "subsets" (`ordered_subsets`), or "auto", which is momentum, on the finest of
+    several levels after three sweeps of descent where the panel is parallel to the slices (`sweep_then_accelerate`).
     iterations: at most so many a level, one number or one a level, finest first. tolerance: a level ends when an iteration
     lowers the objective by less than this share; coarse levels end sooner, at 40 times it on level 1 (5 where
     sweeps begin the finest), a quarter of that a level down. downsample, interpolation: see `pyramid`, `resample`. window,
@@ -117,7 +117,7 @@ def iterates(
     chosen = LIKELIHOODS[likelihood] if isinstance(likelihood, str) else likelihood
     scans = pyramid(scan, grid, levels if method in ("map", "ml") else 1, downsample)
     A = Projector(scan.views, grid)  # a geometry that cannot be is refused here
-    rule = _Rule(most, tolerance, optimisers[0] == "auto" and sweeps_are_cheap(A))
+    rule = _Rule(most, tolerance, levels > 1 and optimisers[0] == "auto" and sweeps_are_cheap(A))
     prior = prior if prior is not None else Prior()
     knobs = (window, cutoff, relaxation)
     steps = _run(scans, A, method, prior, chosen, start, curvature, optimisers, rule, interpolation, resume, knobs)
