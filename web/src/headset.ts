@@ -1,6 +1,6 @@
 // Into the organ with a headset, where the browser offers one (WebXR Device API): it hangs life-size times five before
 // the eyes; each controller is a tool in space, and takes hold of what it touches while its trigger is down.
-import { Group, Matrix4, PerspectiveCamera, Vector3 } from "three";
+import { CylinderGeometry, Group, Matrix4, Mesh, MeshPhongMaterial, PerspectiveCamera, Vector3 } from "three";
 import { FREE, HOLD, type Commands } from "./commands";
 import { atMost, minus, slot } from "./geometry";
 import type { Frame, Vector } from "./messages";
@@ -8,6 +8,7 @@ import type { View } from "./view";
 
 const LARGER = 5;
 const BEFORE = 0.7, UNDER = 0.25; // m from the eyes, and below them
+const LONG = 0.13, THICK = 0.004; // m, of what a hand holds: its tip is what touches
 
 export class Headset {
   private readonly rig = new Group(); // the room, in the organ's millimetres
@@ -17,9 +18,11 @@ export class Headset {
 
   constructor(private readonly view: View, private readonly commands: Commands, private readonly newest: () => Frame | null) {
     this.rig.add(this.camera);
+    const pen = new CylinderGeometry(THICK / 4, THICK, LONG).rotateX(-Math.PI / 2).translate(0, 0, LONG / 2);
+    const steel = new MeshPhongMaterial({ color: 0x9aa3ad });
     for (const i of [0, 1]) {
       const controller = view.renderer.xr.getController(i);
-      this.rig.add(controller);
+      this.rig.add(controller.add(new Mesh(pen, steel)));
       controller.addEventListener("selectstart", () => this.take(i));
       controller.addEventListener("selectend", () => (this.taken[i] = null));
       controller.addEventListener("disconnected", () => this.commands.away(i));
@@ -51,10 +54,14 @@ export class Headset {
     await xr.setSession(session);
     session.addEventListener("end", () => {
       xr.enabled = false;
-      for (const i of [0, 1]) this.commands.away(i);
+      for (const i of [0, 1]) {
+        this.taken[i] = null;
+        this.commands.away(i);
+      }
       this.view.resize();
     });
   }
+
   /** Once a picture: tells where the controllers are, and draws for both eyes. */
   turn(): void {
     const stamp = performance.now();

@@ -165,6 +165,7 @@ export class View {
   }
 
   resize(): void {
+    if (this.renderer.xr.isPresenting) return; // the headset's own size; measured again when it is taken off
     this.measure();
     const { clientWidth: width, clientHeight: height } = this.canvas;
     if (!width || !height) return;
@@ -198,7 +199,7 @@ export class View {
   draw(camera: Camera = this.turntable.camera): boolean {
     if (!this.shown || (!this.due && camera === this.turntable.camera)) return false;
     this.due = false;
-    if (this.slow) this.focus();
+    if (this.slow && camera === this.turntable.camera) this.focus();
     this.flesh.light(camera);
     this.renderer.render(this.world, camera);
     return true;
