@@ -15,6 +15,7 @@ from palpate.tissue.compliance import ComplianceModel
 from palpate.tissue.contact import patch
 
 SPEED = 0.1  # mm a tick, 100 mm/s
+READ = 210 * 36  # bytes, the blocks of the pairs of twenty nodes
 PUSH = np.array([0.3, 0.0, -2.0])
 
 
@@ -130,7 +131,9 @@ def by_hand(points: Float64) -> Float64:
 def _slide(model: ComplianceModel) -> Iterator[str]:
     """From a cold first touch, which rests until the force is exact, along the top at 100 mm/s; then back, warm.
 
-    "unforeseen": no look ahead between ticks."""
+    "unforeseen": no look ahead between ticks. "the machine": what adding up the same bytes takes from tick to tick, as many
+    as a tick of such a patch reads and for about as long, by turns with the slides.
+    """
     tissue, radius = model.tissue, 2 * model.tissue.edge
     rest = np.repeat([[10.0, 23.0, 50.0]], 1000, axis=0)
     way = np.array([[10.0 + SPEED * k, 23.0, 50.0] for k in range(300)])
@@ -152,6 +155,7 @@ def _slide(model: ComplianceModel) -> Iterator[str]:
         yield row(f"{name}: finding the patch p50, p99, µs", _shares(found), "")
         yield row(f"{name}: looking ahead once it was answered p50, p99, µs", _shares(ahead[moved]), "")
         yield row(f"{name}: greatest step of the force while sliding, %", step, "")
+        yield row("the machine at that time: p50, p99, µs", _shares(_core.reading_beat(len(points), READ)), "")
 
 
 def _shares(seconds: np.ndarray) -> str:

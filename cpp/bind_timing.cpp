@@ -47,6 +47,20 @@ void bind_timing(nb::module_& m) {
         nb::sig("def empty_beat(ticks: int, rate: int = ...) -> tuple[typing.Any, int]"),
         "A thread that does nothing, by the loop's clock: s that each tick began after its deadline, and the number "
         "that missed the next one. The machine's own jitter.");
+    m.def(
+        "reading_beat",
+        [](int ticks, int bytes, int rate) {
+            std::vector<double> out;
+            {
+                nb::gil_scoped_release away;
+                out = reading_beat(ticks, bytes, rate);
+            }
+            return Column<double>::from(out);
+        },
+        "ticks"_a, "bytes"_a, "rate"_a = int(Loop::rate),
+        nb::sig("def reading_beat(ticks: int, bytes: int, rate: int = ...) -> typing.Any"),
+        "A thread that adds up so many bytes each tick, always the same, by the loop's clock: (ticks) s that it took. "
+        "How unevenly the machine lets work go on.");
     m.def("may_wake_promptly", &may_wake_promptly,
           "Does the system let a thread of the loop go ahead of ordinary ones?");
 }

@@ -20,6 +20,27 @@ Empty empty_beat(int ticks, int rate) {
     return out;
 }
 
+std::vector<double> reading_beat(int ticks, int bytes, int rate) {
+    if (ticks < 1 || bytes < 1 || rate < 1)
+        throw std::invalid_argument("reading_beat: ticks, bytes and rate are at least 1");
+    std::vector<double> out(size_t(ticks), 0.0);
+    const std::vector<float> held(size_t(bytes) / sizeof(float) + 1, 1.0f);
+    volatile float sum = 0; // so that the reading stays
+    std::thread([&] {
+        using clock = std::chrono::steady_clock;
+        Beat beat(rate);
+        for (double& seconds : out) {
+            beat.wait();
+            const auto began = clock::now();
+            float here = 0;
+            for (float v : held) here += v; // one after another: each waits for the last
+            sum = here;
+            seconds = std::chrono::duration<double>(clock::now() - began).count();
+        }
+    }).join();
+    return out;
+}
+
 bool may_wake_promptly() {
     bool may = false;
     std::thread([&] { may = wake_promptly(); }).join();

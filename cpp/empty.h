@@ -11,6 +11,9 @@ struct Empty {
 
 Empty empty_beat(int ticks, int rate);
 
+// What it does to one that adds up so many bytes each tick, always the same: s that each tick's adding took.
+std::vector<double> reading_beat(int ticks, int bytes, int rate);
+
 bool may_wake_promptly(); // ahead of ordinary threads
 
 } // namespace palpate

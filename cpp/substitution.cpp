@@ -29,19 +29,19 @@ template <class T> void Substitution<T>::forward(const T* value, const int* list
     for (int l = 0; l < count; l++) {
         const int s = list[l], size = tree.own(s);
         const Triangle n{tree.own_panels(s), tree.below_panels(s)};
-        const int* index = &tree.index[tree.index_start[s]];
+        const int* index = tree.index.data() + tree.index_start[s];
         const int64_t mine = int64_t(tile) * n.own, others = int64_t(tile) * n.below;
         for (int g = 0; g < groups; g++) {
-            std::copy_n(of(g, 3 * tree.first[s]), width * size, &own[g * mine]);
-            std::fill(&own[g * mine] + width * size, &own[g * mine] + mine, T(0));
+            std::copy_n(of(g, 3 * tree.first[s]), width * size, own.data() + g * mine);
+            std::fill(own.data() + g * mine + width * size, own.data() + (g + 1) * mine, T(0));
             for (int i = 0; i < width * n.below; i++)
-                std::copy_n(of(g, index[i]), width, &below[g * others + width * i]);
+                std::copy_n(of(g, index[i]), width, below.data() + g * others + width * i);
         }
         palpate::forward(value + tree.entry_start[s], n, groups, own.data(), below.data());
         for (int g = 0; g < groups; g++) {
-            std::copy_n(&own[g * mine], width * size, of(g, 3 * tree.first[s]));
+            std::copy_n(own.data() + g * mine, width * size, of(g, 3 * tree.first[s]));
             for (int i = 0; i < width * n.below; i++)
-                std::copy_n(&below[g * others + width * i], width, of(g, index[i]));
+                std::copy_n(below.data() + g * others + width * i, width, of(g, index[i]));
         }
     }
 }
@@ -50,16 +50,16 @@ template <class T> void Substitution<T>::backward(const T* value, const int* lis
     for (int l = count - 1; l >= 0; l--) {
         const int s = list[l], size = tree.own(s);
         const Triangle n{tree.own_panels(s), tree.below_panels(s)};
-        const int* index = &tree.index[tree.index_start[s]];
+        const int* index = tree.index.data() + tree.index_start[s];
         const int64_t mine = int64_t(tile) * n.own, others = int64_t(tile) * n.below;
         for (int g = 0; g < groups; g++) {
-            std::copy_n(of(g, 3 * tree.first[s]), width * size, &own[g * mine]);
-            std::fill(&own[g * mine] + width * size, &own[g * mine] + mine, T(0));
+            std::copy_n(of(g, 3 * tree.first[s]), width * size, own.data() + g * mine);
+            std::fill(own.data() + g * mine + width * size, own.data() + (g + 1) * mine, T(0));
             for (int i = 0; i < width * n.below; i++)
-                std::copy_n(of(g, index[i]), width, &below[g * others + width * i]);
+                std::copy_n(of(g, index[i]), width, below.data() + g * others + width * i);
         }
         palpate::backward(value + tree.entry_start[s], n, groups, own.data(), below.data());
-        for (int g = 0; g < groups; g++) std::copy_n(&own[g * mine], width * size, of(g, 3 * tree.first[s]));
+        for (int g = 0; g < groups; g++) std::copy_n(own.data() + g * mine, width * size, of(g, 3 * tree.first[s]));
     }
 }
 
@@ -67,9 +67,9 @@ template <class T> void Substitution<T>::forward_one(const T* value, const int* 
     for (int l = 0; l < count; l++) {
         const int s = list[l], size = tree.own(s);
         const Triangle n{tree.own_panels(s), tree.below_panels(s)};
-        const int* index = &tree.index[tree.index_start[s]];
+        const int* index = tree.index.data() + tree.index_start[s];
         std::copy_n(&x[3 * tree.first[s]], size, own.data());
-        std::fill_n(&own[size], width * n.own - size, T(0));
+        std::fill_n(own.data() + size, width * n.own - size, T(0));
         for (int i = 0; i < width * n.below; i++) below[i] = x[index[i]];
         palpate::forward_one(value + tree.entry_start[s], n, own.data(), below.data());
         std::copy_n(own.data(), size, &x[3 * tree.first[s]]);
@@ -82,9 +82,9 @@ template <class T> void Substitution<T>::backward_one(const T* value, const int*
     for (int l = count - 1; l >= 0; l--) {
         const int s = list[l], size = tree.own(s);
         const Triangle n{tree.own_panels(s), tree.below_panels(s)};
-        const int* index = &tree.index[tree.index_start[s]];
+        const int* index = tree.index.data() + tree.index_start[s];
         std::copy_n(&x[3 * tree.first[s]], size, own.data());
-        std::fill_n(&own[size], width * n.own - size, T(0));
+        std::fill_n(own.data() + size, width * n.own - size, T(0));
         for (int i = 0; i < width * n.below; i++) below[i] = x[index[i]];
         palpate::backward_one(value + tree.entry_start[s], n, own.data(), below.data(), sums);
         std::copy_n(own.data(), size, &x[3 * tree.first[s]]);

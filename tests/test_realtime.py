@@ -117,6 +117,13 @@ def test_an_empty_thread_keeps_its_beat():
         _core.empty_beat(0)
 
 
+def test_a_thread_that_reads_takes_longer_for_more():
+    little, much = (np.median(_core.reading_beat(30, size, 500)) for size in (400, 400_000))
+    assert 0 <= little < much
+    with pytest.raises(ValueError, match="at least 1"):
+        _core.reading_beat(1, 0)
+
+
 def test_the_finger_keeps_to_the_skin_at_its_speed():
     tissue = organ(9)
     points, press = path(tissue, 1500)
