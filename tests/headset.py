@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+FETCH = ("ci", "--no-audit", "--no-fund", "--fetch-retries=1", "--fetch-timeout=30000")
 HERE = Path(__file__).parent / "stand_ins" / "headset"
 ON = "window.headset = new IWER.XRDevice(IWER.metaQuest3, { stereoEnabled: true });"
 INSTALLED = "headset.installRuntime({ forceInstall: true });"
@@ -18,9 +19,7 @@ def emulator(folder):
 
     for name in ("package.json", "package-lock.json"):
         shutil.copy(HERE / name, folder)
-    done = npm(
-        ["ci", "--no-audit", "--no-fund"], return_completed_process=True, cwd=folder, capture_output=True, text=True
-    )
+    done = npm(FETCH, return_completed_process=True, cwd=folder, capture_output=True, text=True)
     if done.returncode != 0:
         told = f"the headset's emulator cannot be fetched: {done.stderr.strip()[-300:]}"
         (pytest.fail if os.environ.get("PALPATE_REQUIRE_BROWSER") == "1" else pytest.skip)(told)
