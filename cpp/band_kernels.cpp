@@ -143,43 +143,88 @@ PALPATE_INLINE const float* add_run(const float* weight, const float* u, int64_t
     return weight;
 }
 
+// What the columns say of one term or pair, at each tap; `step` vectors apart.
+template <class Sums>
+PALPATE_INLINE void lay_out(const Order& order, const float* from, int taps, int step, float* to) {
+    const Sums columns(from);
+    Lanes u;
+    for (int t = 0; t < taps; t++, to += step * lanes) {
+        columns.pick(order, t, u);
+        store(to, u);
+    }
+}
+
+// to[tap][s] = Σ over terms m of the voxel's weight · what the columns say of the pair m, s.
+template <int terms, class Sums>
+PALPATE_INLINE void fold(const Order& order, const float* from, int64_t pitch, int taps, const float* weight,
+                         float* to) {
+    for (int t = 0; t < taps; t++, to += terms * lanes) {
+        Lanes w[terms], sum[terms], u;
+        PALPATE_UNROLL
+        for (int m = 0; m < terms; m++) load(w[m], weight + (m * taps + t) * lanes), sum[m] = Lanes{};
+        const float* pair = from;
+        PALPATE_UNROLL
+        for (int m = 0; m < terms; m++) {
+            PALPATE_UNROLL
+            for (int s = m; s < terms; s++, pair += pitch) {
+                Sums(pair).pick(order, t, u);
+                sum[s] += w[m] * u;
+                if (s > m) sum[m] += w[s] * u;
+            }
+        }
+        PALPATE_UNROLL
+        for (int m = 0; m < terms; m++) store(to + m * lanes, sum[m]);
+    }
+}
+
 // Numerical kernel. What the columns say is first laid out as the weights are, so that all that a voxel shares with
-// another is one run.
-template <int rows, class Sums>
-PALPATE_INLINE void look_run(int terms, int taps, const int32_t* lead, int bands, const float* weight,
+// another is one run. folded: the number of terms if what pairs say is folded, else 0.
+template <int rows, class Sums, int folded>
+PALPATE_INLINE void look_run(int any_terms, int taps, const int32_t* lead, int bands, const float* weight,
                              const int32_t* first, int groups, const Looked& all, int begin, float* scratch) {
-    const int pairs = pairs_of(terms), slopes = terms * taps, size = slopes + pairs * taps;
+    const int terms = folded ? folded : any_terms, pairs = pairs_of(terms), each = folded ? folded : pairs;
+    const int slopes = terms * taps, size = slopes + each * taps;
     for (int g = 0; g < groups; g++, first += lanes) {
         Order order;
         order_of(first, order);
         for (int r = 0; r < rows; r++) {
             const float* from = all.sums + (begin + r) * all.row + first[0];
             float* to = scratch + int64_t(r) * size * lanes;
-            Lanes u;
-            for (int q = 0; q < terms + pairs; q++, from += all.pitch) {
-                const Sums columns(from);
-                const int step = q < terms ? 1 : pairs, start = q < terms ? q * taps : slopes + q - terms;
-                for (int t = 0; t < taps; t++) {
-                    columns.pick(order, t, u);
-                    store(to + (start + t * step) * lanes, u);
-                }
-            }
+            for (int m = 0; m < terms; m++, from += all.pitch, to += taps * lanes)
+                lay_out<Sums>(order, from, taps, 1, to);
+            if (folded)
+                fold<folded ? folded : 1, Sums>(order, from, all.pitch, taps, weight, to);
+            else
+                for (int q = 0; q < pairs; q++, from += all.pitch)
+                    lay_out<Sums>(order, from, taps, pairs, to + q * lanes);
         }
         float* out = all.out + begin * all.out_row + g * lanes;
         weight = add_run<rows>(weight, scratch, size * lanes, slopes, out, all.out_row);
         for (int k = 0; k < bands; k++)
-            weight = add_run<rows>(weight, scratch + (slopes + lead[k] * pairs) * lanes, size * lanes,
-                                   (taps - lead[k]) * pairs, out + (1 + k) * all.plane, all.out_row);
+            weight = add_run<rows>(weight, scratch + (slopes + lead[k] * each) * lanes, size * lanes,
+                                   (taps - lead[k]) * each, out + (1 + k) * all.plane, all.out_row);
     }
 }
 
-template <class Sums>
+template <class Sums, int folded>
 PALPATE_INLINE void look_runs(int terms, int taps, const int32_t* lead, int bands, const float* weight,
                               const int32_t* first, int groups, const Looked& all, float* scratch) {
     int i = 0;
     for (; i + rows_at_once <= all.rows; i += rows_at_once)
-        look_run<rows_at_once, Sums>(terms, taps, lead, bands, weight, first, groups, all, i, scratch);
-    for (; i < all.rows; i++) look_run<1, Sums>(terms, taps, lead, bands, weight, first, groups, all, i, scratch);
+        look_run<rows_at_once, Sums, folded>(terms, taps, lead, bands, weight, first, groups, all, i, scratch);
+    for (; i < all.rows; i++)
+        look_run<1, Sums, folded>(terms, taps, lead, bands, weight, first, groups, all, i, scratch);
+}
+
+template <class Sums>
+PALPATE_INLINE void look_folded(int terms, int taps, bool folded, const int32_t* lead, int bands, const float* weight,
+                                const int32_t* first, int groups, const Looked& all, float* scratch) {
+    if (!folded)
+        look_runs<Sums, 0>(terms, taps, lead, bands, weight, first, groups, all, scratch);
+    else if (terms == 3)
+        look_runs<Sums, 3>(terms, taps, lead, bands, weight, first, groups, all, scratch);
+    else
+        look_runs<Sums, 4>(terms, taps, lead, bands, weight, first, groups, all, scratch);
 }
 
 // terms: 0 for any number; then term by term. taps: likewise.
@@ -246,15 +291,16 @@ PALPATE_KERNEL void look_at(int kernel, bool close, const float* weight, const i
     }
 }
 
-PALPATE_KERNEL void look_along(Span span, int terms, int taps, const std::vector<int32_t>& lead, const float* weight,
-                               const int32_t* first, int groups, const Looked& rows, float* scratch) {
+PALPATE_KERNEL void look_along(Span span, int terms, int taps, bool folded, const std::vector<int32_t>& lead,
+                               const float* weight, const int32_t* first, int groups, const Looked& rows,
+                               float* scratch) {
     const int bands = int(lead.size());
     if (span == Span::near)
-        look_runs<Near>(terms, taps, lead.data(), bands, weight, first, groups, rows, scratch);
+        look_folded<Near>(terms, taps, folded, lead.data(), bands, weight, first, groups, rows, scratch);
     else if (span == Span::wide)
-        look_runs<Wide>(terms, taps, lead.data(), bands, weight, first, groups, rows, scratch);
+        look_folded<Wide>(terms, taps, folded, lead.data(), bands, weight, first, groups, rows, scratch);
     else
-        look_runs<Anywhere>(terms, taps, lead.data(), bands, weight, first, groups, rows, scratch);
+        look_folded<Anywhere>(terms, taps, folded, lead.data(), bands, weight, first, groups, rows, scratch);
 }
 
 PALPATE_KERNEL void spread_at(Span span, const float* weight, const int32_t* first, int terms, int taps,

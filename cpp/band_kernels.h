@@ -25,9 +25,11 @@ struct Looked {
 // Rising voxels, unrolled. kernel: 10 · terms + taps. close: eight voxels touch sixteen columns at most.
 void look_at(int kernel, bool close, const float* weight, const int32_t* first, int groups, const Looked& rows);
 
-// Any others. lead: (bands) the first tap that a voxel shares with the one so far ahead. scratch: rows_at_once · (terms
-// + pairs) · taps vectors.
-void look_along(Span span, int terms, int taps, const std::vector<int32_t>& lead, const float* weight,
+// Any others. lead: (bands) the first tap that a voxel shares with the one so far ahead. folded: what the columns say
+// of pairs of terms is first weighed by the voxel itself, terms · terms products a tap, so that each voxel ahead takes
+// one a term instead of one a pair; for 3 and 4 terms. scratch: rows_at_once · (terms + pairs) · taps vectors.
+constexpr int least_folded = 3, most_folded = 4;
+void look_along(Span span, int terms, int taps, bool folded, const std::vector<int32_t>& lead, const float* weight,
                 const int32_t* first, int groups, const Looked& rows, float* scratch);
 
 void spread_at(Span span, const float* weight, const int32_t* first, int terms, int taps, const float* change, int n,

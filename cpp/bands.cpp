@@ -65,6 +65,10 @@ void Bands::place() {
     for (int i = 0; i < n && !kernel; i++)
         for (int k = 0; k <= ahead && i + k < n; k++)
             if (count[i] > 0 && count[i + k] > 0) lead[k] = std::max(0, std::min(lead[k], first[i + k] - first[i]));
+    int shared = 0;
+    for (int begin : lead) shared += taps - begin;
+    folded = !kernel && terms >= least_folded && terms <= most_folded &&
+             terms * terms * taps + terms * shared < pairs_of(terms) * shared;
 }
 
 // Per voxel and term `taps` zeros, then the weights from column first on: what another voxel's columns read beyond is
@@ -103,10 +107,11 @@ template <int terms, int taps> void Bands::couple_by() {
     }
 }
 
-// Terms, taps; then voxels ahead, the taps shared with them, pairs of terms.
+// Terms, taps; then voxels ahead, the taps shared with them, pairs of terms; or, folded, the other voxel's terms.
 void Bands::couple_any() {
+    const int each = folded ? terms : pairs_of(terms);
     int64_t size = int64_t(terms) * taps;
-    for (int begin : lead) size += int64_t(pairs_of(terms)) * (taps - begin);
+    for (int begin : lead) size += int64_t(each) * (taps - begin);
     weight.resize(first.size() * size);
     for (size_t i = 0; i < first.size(); i++) {
         float* out = &weight[i / lanes * lanes * size + i % lanes];
@@ -115,12 +120,15 @@ void Bands::couple_any() {
         for (size_t k = 0; k < lead.size(); k++) {
             const int shift = i + k < first.size() ? first[i + k] - first[i] : taps;
             for (int t = lead[k]; t < taps; t++)
-                for (int m = 0; m < terms; m++)
-                    for (int s = m; s < terms; s++, out += lanes) {
+                for (int m = 0; m < terms; m++) {
+                    const float c = at(int(i + k), m, shift)[t];
+                    if (folded) *out = c, out += lanes;
+                    for (int s = m; s < terms && !folded; s++, out += lanes) {
                         const float a = at(int(i), m, 0)[t], b = at(int(i), s, 0)[t];
-                        const float c = at(int(i + k), m, shift)[t], d = at(int(i + k), s, shift)[t];
+                        const float d = at(int(i + k), s, shift)[t];
                         *out = m == s ? a * c : a * d + b * c;
                     }
+                }
         }
     }
 }
@@ -188,7 +196,7 @@ void Bands::look(Looked rows, int from, int begin, int end, float* scratch) cons
     if (kernel)
         look_at(kernel, close, weights, first.data() + begin, groups, rows);
     else
-        look_along(look_span, terms, taps, lead, weights, first.data() + begin, groups, rows, scratch);
+        look_along(look_span, terms, taps, folded, lead, weights, first.data() + begin, groups, rows, scratch);
 }
 
 void Bands::spread(const float* change, int begin, int from, int n, float* out, int64_t pitch) const {

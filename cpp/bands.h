@@ -37,8 +37,9 @@ public:
 
 private:
     int terms = 0, taps = 0, ahead = 0, columns = 0, around = 0;
-    int kernel = 0;     // which one looks: 10 · terms + taps where they are unrolled
-    bool close = false; // eight neighbouring voxels touch sixteen columns at most
+    int kernel = 0;      // which one looks: 10 · terms + taps where they are unrolled
+    bool close = false;  // eight neighbouring voxels touch sixteen columns at most
+    bool folded = false; // see look_along
     Span look_span = Span::any, spread_span = Span::any;
     std::vector<int32_t> lead; // per voxel ahead: the first tap that any voxel shares with it (unrolled: unused)
     int spread_taps = 0;

@@ -194,6 +194,29 @@ def test_so_are_sweeps_of_several_blocks_and_parts(geometry, backwards, shape, s
     assert np.abs(made - expected).max() <= 1e-6 * expected.max()
 
 
+FINE = pp.Grid((2, 19, 45), (1.0, 0.1, 0.1), (-2.2, -0.9, 30.0))
+
+
+def under(source):
+    """Pixels of 0.13 mm, in the shadow of FINE's middle."""
+    x, y, z = source
+    share = 30.5 / (z - 30.5)
+    return pp.Views([source], pp.Panel((36, 66), (0.13, 0.13), (-4.2 - share * x, -2.3 - share * y, 0)))
+
+
+@pytest.mark.parametrize(
+    ("source", "products"), [((260, 0, 600), 1), ((150, -35, 640), 3), ((200, -60, 600), 4), ((260, -120, 600), 6)]
+)
+@pytest.mark.parametrize("backwards", [False, True])
+def test_so_are_sweeps_over_voxels_finer_than_pixels_in_thick_slices(source, products, backwards):
+    """Each shares its pixels with many ahead of it, in as many products as the source lies off both axes."""
+    views = under(source)
+    assert pp.Projector(views, FINE).geometry.products(0) == products
+    made, expected, start = one_after_the_other(views, FINE, 3000.0, backwards)
+    assert np.abs(expected - start).max() > 0.01
+    assert np.abs(made - expected).max() <= 1e-6 * expected.max()
+
+
 def narrow_arc():
     return pp.arc_views(pp.Panel((4, 64), (2.5, 0.1), (-3.2, -4, 0)), [-20, 0, 15], radius=200, pivot=(0, 0, 20))
 
