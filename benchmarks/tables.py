@@ -16,6 +16,7 @@ from palpate.tissue.contact import patch
 
 SPEED = 0.1  # mm a tick, 100 mm/s
 READ = 210 * 36  # bytes, the blocks of the pairs of twenty nodes
+AGAIN = 9  # slides from cold tables, for the median of what their slowest ticks took
 PUSH = np.array([0.3, 0.0, -2.0])
 
 
@@ -139,6 +140,7 @@ def _slide(model: ComplianceModel) -> Iterator[str]:
     way = np.array([[10.0 + SPEED * k, 23.0, 50.0] for k in range(300)])
     path, state = np.concatenate([rest, way]), model.start()
     back = path[::-1].copy()
+    yield from _cold(model, path)
     slides = ("cold", path, True), ("again", back, True), ("by hand", by_hand(back), True), ("unforeseen", back, False)
     for name, points, foreseen in slides:
         found, answered, force, cold, ahead = _core.slide(
@@ -156,6 +158,18 @@ def _slide(model: ComplianceModel) -> Iterator[str]:
         yield row(f"{name}: looking ahead once it was answered p50, p99, µs", _shares(ahead[moved]), "")
         yield row(f"{name}: greatest step of the force while sliding, %", step, "")
         yield row("the machine at that time: p50, p99, µs", _shares(_core.reading_beat(len(points), READ)), "")
+
+
+def _cold(model: ComplianceModel, path: Float64) -> Iterator[str]:
+    """Each of `AGAIN` slides finds no table, and the machine's own unevenness is measured after it."""
+    radius, slowest, machine = 2 * model.tissue.edge, [], []
+    for _ in range(AGAIN):
+        answered = _core.slide(model.native, model.start(), model.tissue.surface, radius, path, PUSH, 20, 1, True)[1]
+        slowest.append(1e6 * np.percentile(answered[1001:], 99))
+        machine.append(1e6 * np.percentile(_core.reading_beat(len(path), READ), 99))
+    spread = f"{np.median(slowest):.1f} ({min(slowest):.1f} to {max(slowest):.1f})"
+    yield row(f"p99 of a tick's force in {AGAIN} cold slides, median and range, µs", spread, "")
+    yield row("the machine beside them, median, µs", f"{np.median(machine):.1f}", "")
 
 
 def _shares(seconds: np.ndarray) -> str:
