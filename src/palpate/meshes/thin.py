@@ -84,9 +84,8 @@ def missed(surface: tuple[Float64, Int64], nodes: Float64, tets: Int64, edge: fl
     skin = boundary_faces(tets.astype(np.int32))
     used = points[:: max(1, len(points) // MOST_POINTS)]
     edges = np.unique(np.sort(skin[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
-    middles = np.concatenate(
-        [nodes[skin].mean(axis=1), nodes[edges].mean(axis=1)]
-    )  # an edge can bridge what no face does
+    bridges = nodes[edges].mean(axis=1)  # over a valley that the middles of the faces beside them miss
+    middles = np.concatenate([nodes[skin].mean(axis=1), bridges])
     # Most lie close to a node or a middle: only the rest is measured to triangles.
     rest = used[cKDTree(np.concatenate([nodes[np.unique(skin)], middles])).query(used)[0] > NEAR * edge]
     outside = rest[distance_to_surface(rest, nodes, skin) > NEAR * edge] if len(rest) else rest
