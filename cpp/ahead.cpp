@@ -16,7 +16,6 @@ constexpr auto frame = std::chrono::milliseconds(33);
 constexpr auto idle = std::chrono::microseconds(200);
 constexpr int foresight = 200;    // ticks that the hand's way is followed
 constexpr double slow = 0.01;     // mm a tick: below it there is time for columns
-constexpr double spread = 0.3;    // by how much the way ahead widens: surfaces curve and hands turn
 constexpr double generous = 1.25; // of the patch's breadth: blocks reach so far, as patches differ from place to place
 
 } // namespace
@@ -83,22 +82,21 @@ void Ahead::look() {
     }
 }
 
-// Vertices that the patch will meet, in the order of their arrival.
+// Vertices that the patch may meet, by the way until it does: what lies ahead counts once, sideways twice, behind three
+// times, as hands turn. Around a hand that rests, as far as the patch is broad.
 void Ahead::find_way() {
     on_way.clear();
     arrival.clear();
-    const double pace = speed();
-    if (pace < 1e-4) return;
+    const double pace = speed(), scale = pace > 0 ? 1 / pace : 0;
     for (int v = 0; v < elastic.vertices(); v++) {
         double along = 0, square = 0;
         for (int c = 0; c < 3; c++) {
             const double d = elastic.position[3 * size_t(v) + c] - centre[c];
-            along += d * velocity[c] / pace;
+            along += d * velocity[c] * scale;
             square += d * d;
         }
-        if (along < 0 || along > pace * foresight + breadth) continue;
-        const double wide = 0.6 * breadth + spread * along;
-        if (square - along * along <= wide * wide) arrival.push_back({along, v});
+        const double way = 2 * std::sqrt(square) - along;
+        if (way <= pace * foresight + 2 * breadth) arrival.push_back({way, v});
     }
     std::sort(arrival.begin(), arrival.end());
     for (const auto& [when, v] : arrival) on_way.push_back(v);
