@@ -5,6 +5,7 @@ the real loop, stroked with real pointer events. The page's own clock ends when 
 rasterising goes on in the GPU process, whose time is given apart. A monitor's own delay is not in any of it.
 """
 
+import bisect
 import contextlib
 import json
 import os
@@ -21,6 +22,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+import psutil
+
 import palpate as pp
 from benchmarks.stream import stream, streaming
 from palpate.samples import sample
@@ -31,6 +34,7 @@ from palpate.studies.realtime.browser import SOFTWARE
 SECONDS, TRACED = 8, 4
 ARGUMENTS = ["--no-sandbox", *SOFTWARE]
 HARDWARE = "PALPATE_BENCH_GPU"  # set: draw with the graphics card, if Chromium finds one
+TASK = "ThreadControllerImpl::RunTask"  # in a trace: all that a thread does
 WIDE = {"width": 1280, "height": 800}
 
 
@@ -38,8 +42,10 @@ WIDE = {"width": 1280, "height": 800}
 class Seen:
     """One organ's figures. sent, drawn: a second. work: ms of the page's thread for a frame, by its clock: median, 99 %.
 
-    main, worker: CPU ms of those threads for a picture, all tasks, from a trace. raster: wall ms of the GPU process's
-    main thread for a picture. delay: ms from a pointer event to the end of drawing what obeys it: median, 99 %, count.
+    main: processor ms of the page's thread for a picture, all that page and browser do there: mean as the system counts
+    it, then median and 99 % from a trace, which slows it. worker: CPU ms of that thread for a picture, raster: wall ms of
+    the GPU process's main thread, both from the trace. delay: ms from a pointer event to the end of drawing what obeys
+    it: median, 99 %, count.
     """
 
     name: str
@@ -47,7 +53,7 @@ class Seen:
     sent: float
     drawn: float
     work: tuple[float, float]
-    main: float
+    main: tuple[float, float, float]
     worker: float
     raster: float
     delay: tuple[float, float, int] | None
@@ -67,8 +73,9 @@ def lines() -> Iterator[str]:
         arguments = ARGUMENTS[:1] if hardware else ARGUMENTS
         chromium = playwright.chromium.launch(executable_path=found, args=arguments)
         yield (
-            "| organ | triangles | sent /s | drawn /s | work of a frame, ms (99 %) | main thread, CPU ms "
-            "| worker, CPU ms | GPU process, ms | hand to picture, ms (99 %, events) |"
+            "| organ | triangles | sent /s | drawn /s | work of a frame, ms (99 %) "
+            "| processor time of that thread, ms (traced: median, 99 %) | worker, CPU ms | GPU process, ms "
+            "| hand to picture, ms (99 %, events) |"
         )
         yield "|---|---|---|---|---|---|---|---|---|"
         made_up = stream(71)
@@ -89,7 +96,7 @@ def row(seen: Seen) -> str:
     delay = f"{seen.delay[0]:.0f} ({seen.delay[1]:.0f}, {seen.delay[2]})" if seen.delay else "–"
     return (
         f"| {seen.name} | {seen.triangles:,} | {sent} | {seen.drawn:.0f} | {seen.work[0]:.1f} ({seen.work[1]:.1f}) "
-        f"| {seen.main:.1f} | {seen.worker:.1f} | {seen.raster:.1f} "
+        f"| {seen.main[0]:.1f} ({seen.main[1]:.1f}, {seen.main[2]:.1f}) | {seen.worker:.1f} | {seen.raster:.1f} "
         f"| {delay} |"
     )
 
@@ -136,9 +143,11 @@ def measured(chromium: Any, address: str, name: str, sent: Any) -> Seen:
     stroke(page, x, y, 2.0, sent is None)  # shaders are compiled, code is warm
     pictures, before = page.evaluate("palpate.pictures"), sent() if sent else 0
     page.evaluate("palpate.work.length = 0")
+    before_it = renderers()
     began = time.perf_counter()
     events = stroke(page, x, y, SECONDS, sent is None)
     took = time.perf_counter() - began
+    spent = max(now - before_it.get(process, 0) for process, now in renderers().items())  # the others wait
     drawn = page.evaluate("palpate.pictures") - pictures
     came = (sent() - before) if sent else float("nan")
     work = sorted(page.evaluate("palpate.work.slice()"))
@@ -147,7 +156,8 @@ def measured(chromium: Any, address: str, name: str, sent: Any) -> Seen:
     chromium.start_tracing(page=page, categories=["toplevel", "devtools.timeline"])  # which slows it
     stroke(page, x, y, TRACED, sent is None)
     traced = page.evaluate("palpate.pictures") - pictures
-    trace = threads(json.loads(chromium.stop_tracing()))
+    trace = json.loads(chromium.stop_tracing())
+    total, each = threads(trace), sorted(per_picture(trace))
     renderer = page.evaluate(
         "(() => { const gl = document.createElement('canvas').getContext('webgl2');"
         " return gl.getParameter(gl.getExtension('WEBGL_debug_renderer_info').UNMASKED_RENDERER_WEBGL); })()"
@@ -156,7 +166,8 @@ def measured(chromium: Any, address: str, name: str, sent: Any) -> Seen:
     page.context.close()
     return Seen(
         name, triangles, came / took, drawn / took, (statistics.median(work), work[int(0.99 * (len(work) - 1))]),
-        trace["main"] / traced, trace["worker"] / traced, trace["raster"] / traced,
+        (1000 * spent / drawn, statistics.median(each), each[int(0.99 * (len(each) - 1))]),
+        total["worker"] / traced, total["raster"] / traced,
         (delay["median"], delay["p99"], delay["count"]) if events else None, renderer,
     )  # fmt: skip
 
@@ -174,13 +185,43 @@ def stroke(page: Any, x: float, y: float, seconds: float, hand: bool) -> int:
     return events
 
 
-def threads(trace: Any) -> Counter[str]:
-    """ms of the page's main thread and worker (CPU) and of the GPU process's main thread (wall), from a trace."""
+WANTED = {"CrRendererMain": "main", "DedicatedWorker thread": "worker", "CrGpuMain": "raster"}
+
+
+def events(trace: Any) -> Iterator[tuple[str, Any]]:
+    """Whole events of a trace, with the thread of `WANTED` that they are of."""
     names = {(e["pid"], e["tid"]): e["args"]["name"] for e in trace["traceEvents"] if e["name"] == "thread_name"}
-    wanted = {"CrRendererMain": "main", "DedicatedWorker thread": "worker", "CrGpuMain": "raster"}
-    total: Counter[str] = Counter()
     for event in trace["traceEvents"]:
-        part = wanted.get(names.get((event["pid"], event["tid"]), ""))
-        if part and event.get("ph") == "X" and event["name"] in ("RunTask", "ThreadControllerImpl::RunTask"):
+        part = WANTED.get(names.get((event["pid"], event["tid"]), ""))
+        if part and event.get("ph") == "X":
+            yield part, event
+
+
+def threads(trace: Any) -> Counter[str]:
+    """ms of the page's worker (CPU) and of the GPU process's main thread (wall)."""
+    total: Counter[str] = Counter()
+    for part, event in events(trace):
+        if event["name"] == TASK:
             total[part] += event.get("dur" if part == "raster" else "tdur", 0) / 1000
     return total
+
+
+def per_picture(trace: Any) -> list[float]:
+    """CPU ms of the page's thread, all its tasks from one animation frame to the next, for each of them."""
+    main = sorted((e for part, e in events(trace) if part == "main"), key=lambda e: e["ts"])
+    turns = [e["ts"] for e in main if e["name"] == "FireAnimationFrame"]
+    spent = [0.0] * len(turns)
+    for task in main:
+        if task["name"] == TASK and (at := bisect.bisect_left(turns, task["ts"] + task["dur"])) > 0:
+            spent[at - 1] += task.get("tdur", 0) / 1000
+    return spent[1:-1]  # the first and the last are not whole
+
+
+def renderers() -> dict[int, float]:
+    """Processor seconds of the main thread of each of the browser's processes that may hold a page; Linux."""
+    seconds = {}
+    for process in psutil.process_iter(["cmdline"]):
+        if any("--type=renderer" in word for word in process.info["cmdline"] or []):
+            own = next(thread for thread in process.threads() if thread.id == process.pid)
+            seconds[process.pid] = own.user_time + own.system_time
+    return seconds

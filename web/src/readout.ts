@@ -8,7 +8,7 @@ import { element, write } from "./controls";
 import { Plot } from "./plot";
 
 const DEPTHS: Record<Kind, string> = { press: "Depth", pull: "Pulled by", grasp: "Jaw by", needle: "Inside" };
-const WORDS_EVERY = 66, PLOTS_EVERY = 50; // ms
+const WORDS_EVERY = 125, PLOTS_EVERY = 66; // ms
 
 /** Force (N) and depth (mm) of the tool at work: of those of a kind the one that feels most; of others if none is out. */
 export function felt(frame: Frame, kind: Kind): { tool: number; force: number; depth: number } | null {
