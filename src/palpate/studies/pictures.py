@@ -172,8 +172,8 @@ def _framed(axes: object, points: Float64, eye: tuple[float, float]) -> None:
     low, high = points.min(axis=0), points.max(axis=0)
     for name, a, b in zip("xyz", low, high, strict=True):
         getattr(axes, f"set_{name}lim")(a, b)
-    axes.set_box_aspect(np.maximum(high - low, 1e-6), zoom=1.2)  # type: ignore[attr-defined]
+    axes.set_box_aspect(np.maximum(high - low, 1e-6), zoom=1.05)  # type: ignore[attr-defined]
     axes.view_init(*eye)  # type: ignore[attr-defined]
-    for name in "xyz":
-        getattr(axes, f"set_{name}label")(f"{name} mm", fontsize=8)
+    for words, pad in (("x mm", 4), ("y mm", 4), ("z", -1)):  # there is little room beside the last one
+        getattr(axes, f"set_{words[0]}label")(words, fontsize=8, labelpad=pad)
     axes.tick_params(labelsize=7)  # type: ignore[attr-defined]
