@@ -2,11 +2,14 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.sparse import coo_array, csgraph, diags_array
 from scipy.sparse.linalg import cg
 from solids import block, brick
 
 import palpate as pp
+from palpate.tissue.springs import edge_stiffness
 
 TOP = np.array([25.0, 25.0, 50.0])
 
@@ -110,8 +113,6 @@ def test_cotangent_weights_are_the_scalar_laplacian():
     # With them a linear field is in balance at every inner node, on any mesh whose dihedral angles are not obtuse.
     mesh = brick((4, 4, 4))
     tissue = pp.Tissue(mesh, 5.0, 0.3, mesh.nodes[:, 2] == 0)
-    from palpate.tissue.springs import edge_stiffness
-
     K = edge_stiffness(tissue, "cotangent").toarray()
     floor = K[K > 0].min()
     field = mesh.nodes @ [0.3, -0.2, 0.5]
@@ -120,6 +121,21 @@ def test_cotangent_weights_are_the_scalar_laplacian():
     assert inner.any()
     np.testing.assert_allclose(pull[inner], 0, atol=1e-9)
     assert floor > 0
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 2**31))
+def test_springs_do_not_know_how_the_organ_lies(seed):
+    """Where and how a body lies changes its springs by rounding only, right angles of a lattice included."""
+    rng = np.random.default_rng(seed)
+    body = block(4)
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    turn *= np.sign(np.linalg.det(turn))
+    there = pp.TetMesh(body.mesh.nodes @ turn.T + rng.normal(0, 200, 3), body.mesh.tets)
+    for weights in ("equal", "cotangent"):
+        K = edge_stiffness(body, weights).toarray()
+        moved = edge_stiffness(pp.Tissue(there, body.young, body.poisson, body.held), weights).toarray()
+        np.testing.assert_allclose(moved, K, rtol=1e-9, atol=1e-9 * K.max())
 
 
 def test_the_dissertations_cube_stays_within_a_millimetre():

@@ -10,6 +10,8 @@ from palpate.tissue.contact import Contacts
 from palpate.tissue.rings import RingModel, best_relaxation, least_ritz_value, typical_contact, without_diagonal
 from palpate.tissue.tissue import KPA, SpringLaw, Tissue
 
+ROUNDING = 1e-9  # of the stiffest edge: right angles of a body in any place, turned anyhow, are off by less
+
 
 class SpringModel(RingModel):
     """Every node tied home by k_h and to its neighbours by linear springs k_e (u_j − u_i); law.scale matches the force.
@@ -70,7 +72,8 @@ def edge_stiffness(tissue: Tissue, weights: str) -> csr_array:
 
     "equal": Young's modulus of the tets around the edge (volume-weighted mean) times the mean edge length.
     "cotangent": −Σ E V ∇φ_i·∇φ_j over these tets, the stiffness of the scalar Laplacian; where obtuse angles make it
-    smaller than 5 % of the mean it is raised to that, so that no spring pushes.
+    smaller than 5 % of the mean it is raised to that, so that no spring pushes. Across right angles, where it is zero
+    but for rounding, there is no spring.
     """
     mesh = tissue.mesh
     pairs = [(a, b) for a in range(4) for b in range(a + 1, 4)]
@@ -89,6 +92,8 @@ def edge_stiffness(tissue: Tissue, weights: str) -> csr_array:
 
     K = gathered(value)
     if weights == "cotangent":
+        K.data[np.abs(K.data) < ROUNDING * K.data.max()] = 0
+        K.eliminate_zeros()
         K.data = np.maximum(K.data, 0.05 * K.data.mean())
         return K
     volume = gathered(np.stack([mesh.volumes] * len(pairs)))
