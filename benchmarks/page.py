@@ -34,6 +34,7 @@ from palpate.studies.realtime.browser import SOFTWARE
 SECONDS, TRACED = 8, 4
 ARGUMENTS = ["--no-sandbox", *SOFTWARE]
 HARDWARE = "PALPATE_BENCH_GPU"  # set: draw with the graphics card, if Chromium finds one
+WANTED = {"CrRendererMain": "main", "DedicatedWorker thread": "worker", "CrGpuMain": "raster"}
 TASK = "ThreadControllerImpl::RunTask"  # in a trace: all that a thread does
 WIDE = {"width": 1280, "height": 800}
 
@@ -183,9 +184,6 @@ def stroke(page: Any, x: float, y: float, seconds: float, hand: bool) -> int:
         page.wait_for_timeout(15)
         events += 1
     return events
-
-
-WANTED = {"CrRendererMain": "main", "DedicatedWorker thread": "worker", "CrGpuMain": "raster"}
 
 
 def events(trace: Any) -> Iterator[tuple[str, Any]]:

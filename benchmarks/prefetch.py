@@ -55,7 +55,7 @@ def _landing(model: ComplianceModel) -> tuple[int, int]:
 
 
 def _slide(model: ComplianceModel, path: Float64, first: int) -> tuple[int, float]:
-    """Ticks without tables from tick `first` on, and the greatest change of the force in one of them, %."""
+    """Ticks without tables from tick `first` on, and the greatest change of the force from one of them to the next, %."""
     _, _, force, cold, _ = _core.slide(
         model.native, model.start(), model.tissue.surface, 2 * model.tissue.edge, path, PUSH, 1, 1, True
     )

@@ -9,6 +9,7 @@ from scipy.sparse.linalg import splu
 import palpate as pp
 from benchmarks import prefetch
 from benchmarks.cube import brick
+from benchmarks.prefetch import PUSH
 from benchmarks.timing import header, row
 from palpate import _core
 from palpate.arrays import Float64
@@ -18,7 +19,6 @@ from palpate.tissue.contact import patch
 SPEED = 0.1  # mm a tick, 100 mm/s
 READ = 210 * 36  # bytes, the blocks of the pairs of twenty nodes
 AGAIN = 9  # slides from cold tables, for the median of what their slowest ticks took
-PUSH = np.array([0.3, 0.0, -2.0])
 
 
 def lines() -> Iterator[str]:
