@@ -4,6 +4,7 @@
 #include "interpolate.h"
 #include "projector.h"
 #include "shadow.h"
+#include "sliding.h"
 #include <algorithm>
 #include <map>
 #include <nanobind/stl/pair.h>
@@ -108,6 +109,8 @@ void bind_projection(nb::module_& m) {
     m.def(
         "all_finite", [](In<float, 1> values) { return all_finite(values.data(), int64_t(values.size())); },
         "values"_a.noconvert(), nb::call_guard<nb::gil_scoped_release>(), "Whether none is infinite or not a number.");
+    m.def("allow_sliding", &allow_sliding, "whether"_a,
+          "Whether the projector may keep sixteen columns in registers where the machine can; for tests.");
     m.def(
         "project", [](const Geometry& g, In<float, 3> f, Array<float, 3> p) { project(g, f.data(), p.data()); },
         "geometry"_a, "f"_a.noconvert(), "p"_a.noconvert(), nb::call_guard<nb::gil_scoped_release>());

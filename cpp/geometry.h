@@ -62,6 +62,7 @@ struct View {
     Resampling resampling; // empty unless tilted
     int subs;              // sub-slices a slice
     int moments;           // products of 1-D weights a sub-slice: see AxisWeights
+    double trim;           // of the weights: see cover
     double still, band;    // rows of voxels less than `band` from row `still`, under the source, need moment 0 alone
     bool calm(int row) const { return row > still - band && row < still + band; }
     Path path;

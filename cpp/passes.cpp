@@ -4,15 +4,16 @@
 // first-level cache, and so does the tile.
 #include "passes.h"
 #include "eight.h"
+#include "sliding.h"
 
 namespace palpate {
 namespace {
 
 constexpr int soon = 2 * group; // rows to call for in advance: as long as memory takes
 
-// `rows` rows of the source, resampled. plain: see Columns.
+// `rows` rows of the source, resampled. plain: see ColumnSpans.
 template <int moments, int rows, int fixed, bool plain, bool halved>
-PALPATE_INLINE void resample_rows(const float* source, int64_t stride, const Columns& columns, int64_t moment_size,
+PALPATE_INLINE void resample_rows(const float* source, int64_t stride, const ColumnSpans& columns, int64_t moment_size,
                                   float* out) {
     const Spans& c = columns.spans;
     for (int j = 0; j < c.count; j += lanes) {
@@ -73,7 +74,7 @@ PALPATE_INLINE void add_row_of(const float* ring, int row, int mask, int64_t mom
 
 // Numerical kernel.
 template <int moments, int fixed, bool plain, bool halved>
-PALPATE_INLINE void add_slice_by(const Source& source, const Spans& rows, const Columns& columns, Ring& ring,
+PALPATE_INLINE void add_slice_by(const Source& source, const Spans& rows, const ColumnSpans& columns, Ring& ring,
                                  float* sum) {
     const int count = rows.end - rows.begin, mask = ring.size - 1;
     const int64_t moment_size = int64_t(ring.size) * width, stride = source.stride;
@@ -100,7 +101,7 @@ PALPATE_INLINE void add_slice_by(const Source& source, const Spans& rows, const 
 }
 
 template <int moments>
-PALPATE_INLINE void add_slice_of(const Source& source, const Spans& rows, const Columns& columns, Ring& ring,
+PALPATE_INLINE void add_slice_of(const Source& source, const Spans& rows, const ColumnSpans& columns, Ring& ring,
                                  float* sum) {
     if (columns.jump) {
         if (!columns.plain) return add_slice_by<moments, 0, false, true>(source, rows, columns, ring, sum);
@@ -128,35 +129,39 @@ PALPATE_INLINE void add_slice_of(const Source& source, const Spans& rows, const 
 
 } // namespace
 
-PALPATE_KERNEL void add_slice_1(const Source& source, const Spans& rows, const Columns& columns, Ring& ring,
+PALPATE_KERNEL void add_slice_1(const Source& source, const Spans& rows, const ColumnSpans& columns, Ring& ring,
                                 float* sum) {
     add_slice_of<1>(source, rows, columns, ring, sum);
 }
-PALPATE_KERNEL void add_slice_2(const Source& source, const Spans& rows, const Columns& columns, Ring& ring,
+PALPATE_KERNEL void add_slice_2(const Source& source, const Spans& rows, const ColumnSpans& columns, Ring& ring,
                                 float* sum) {
     add_slice_of<2>(source, rows, columns, ring, sum);
 }
-PALPATE_KERNEL void add_slice_3(const Source& source, const Spans& rows, const Columns& columns, Ring& ring,
+PALPATE_KERNEL void add_slice_3(const Source& source, const Spans& rows, const ColumnSpans& columns, Ring& ring,
                                 float* sum) {
     add_slice_of<3>(source, rows, columns, ring, sum);
 }
 
-void add_slice(const Source& source, const Spans& rows, const Columns& columns, Ring& ring, float* sum) {
+void add_slice(const Source& source, const Spans& rows, ColumnSpans& columns, Ring& ring, float* sum) {
+    if (slide_slice(source, rows, columns, sum)) return;
+    columns.see();
     ring.prepare(rows.taps, rows.moments);
     if (rows.moments == 1) return add_slice_1(source, rows, columns, ring, sum);
     if (rows.moments == 2) return add_slice_2(source, rows, columns, ring, sum);
     add_slice_3(source, rows, columns, ring, sum);
 }
 
-void Columns::prepare(int columns_of_source) {
+void ColumnSpans::prepare(int columns_of_source) {
     jump = 0;
-    see(columns_of_source);
+    limit = columns_of_source;
+    seen = false;
 }
 
-void Columns::see(int columns_of_source) {
-    plain = true;
+void ColumnSpans::see() {
+    if (seen) return;
+    seen = plain = true;
     for (int j = 0; j < spans.count; j += lanes) {
-        reach[j / lanes] = Reach(spans.first + j, near(), columns_of_source);
+        reach[j / lanes] = Reach(spans.first + j, near(), limit);
         plain = plain && reach[j / lanes].vectors == Reach::one;
     }
 }
@@ -177,8 +182,10 @@ PALPATE_KERNEL void halve(const int32_t* first, int taps, const float* weight, f
         }
 }
 
-void Columns::prepare_halved(int columns_of_half, int64_t jump_to_odd) {
+void ColumnSpans::prepare_halved(int columns_of_half, int64_t jump_to_odd) {
     jump = jump_to_odd;
+    limit = columns_of_half;
+    seen = false;
     const int taps = spans.taps, size = (taps + 1) * run;
     if (int(halves.size()) < spans.moments * size) halves.resize(spans.moments * size);
     for (int m = 0; m < spans.moments; m++) {
@@ -188,7 +195,6 @@ void Columns::prepare_halved(int columns_of_half, int64_t jump_to_odd) {
     spans.weight.swap(halves);
     spans.taps = taps + 1;
     for (int i = 0; i < run; i++) spans.first[i] /= 2;
-    see(columns_of_half);
 }
 
 void Ring::prepare(int taps, int moments) {

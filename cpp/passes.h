@@ -36,7 +36,7 @@ struct Reach {
 // The columns of a tile, ready for the first pass. Where the source is finer than they, eight of them reach beyond one
 // vector; its rows are then stored `halved`: the even elements, and `jump` after them the odd ones. Of each half they
 // reach half as far: the first (taps + 1) / 2 taps are those of the even half, the others those of the odd one.
-struct Columns {
+struct ColumnSpans {
     Spans spans;
     int64_t jump; // 0: not halved
     Reach reach[width / lanes];
@@ -44,10 +44,12 @@ struct Columns {
     void prepare(int columns_of_source);
     void prepare_halved(int columns_of_half, int64_t jump_to_odd);        // takes spans over, of the whole source
     int near() const { return jump ? (spans.taps + 1) / 2 : spans.taps; } // taps side by side
+    void see(); // finds reach and plain, where somebody asks for them
 
 private:
     Buffer halves;
-    void see(int columns_of_source);
+    int limit; // columns of the source, or of a half
+    bool seen;
 };
 
 // Rows that the second pass may ask for at once, of all moments: `size` of them, a power of two, turn by turn.
@@ -59,6 +61,6 @@ struct Ring {
 
 // Both passes of a sub-slice: sum[row][column] += sum over moments and taps of rows' weight x columns' weight x source.
 // Of as many moments as the rows have.
-void add_slice(const Source& source, const Spans& rows, const Columns& columns, Ring& ring, float* sum);
+void add_slice(const Source& source, const Spans& rows, ColumnSpans& columns, Ring& ring, float* sum);
 
 } // namespace palpate

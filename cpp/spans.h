@@ -28,7 +28,7 @@ void calm_voxels(const View& view, int from, Spans& out);
 // For `count` <= run pixels from `from` on: the `voxels` voxels above them.
 void over_pixels(const Shadow& shadow, int moments, int from, int count, int voxels, Spans& out);
 
-// For `count` <= run voxels from `from` on: those of the `pixels` pixels under them.
-void under_voxels(const Shadow& shadow, int moments, int from, int count, int pixels, Spans& out);
+// For `count` <= run of the `voxels` voxels, from `from` on: those of the `pixels` pixels under them.
+void under_voxels(const Shadow& shadow, int moments, int from, int count, int voxels, int pixels, Spans& out);
 
 } // namespace palpate

@@ -6,8 +6,9 @@
 namespace palpate {
 namespace {
 
-constexpr int most = 16;   // sub-slices; times most_moments, the reference that fewer are judged by
-constexpr int samples = 9; // voxels along x and y, in 3 slices
+constexpr int most = 16;        // sub-slices; times most_moments, the reference that fewer are judged by
+constexpr int samples = 9;      // voxels along x and y, in 3 slices
+constexpr double most_trim = 6; // tolerances: see cover
 
 using Footprint = std::vector<double>; // over a window of pixels that holds it
 
@@ -82,26 +83,49 @@ struct Tally {
     }
 };
 
-} // namespace
-
-namespace {
-
 constexpr int slices = 3; // first, middle and last
+
+std::vector<Cut> cuts(const Geometry& g, const View& v, int subs, int moments) {
+    std::vector<Cut> out;
+    for (int z : {0, g.grid.nz / 2, g.grid.nz - 1}) out.emplace_back(g, v, z, subs, moments);
+    return out;
+}
+
+double error(const Geometry& g, const Grid& grid, const std::vector<Cut>& tried, const std::vector<Cut>& reference) {
+    Tally tally;
+    for (int i = 0; i < slices; i++)
+        for (int j = 0; j < samples; j++) tally.add(tried[i], reference[i], grid, sample(j, grid.ny));
+    return tally.relative(g.grid.nz);
+}
+
+// As an endless panel would see it: what is chosen so is the same whatever part of the volume the panel sees.
+View endless(View v) {
+    const int margin = 1 << 16; // pixels
+    v.left -= margin * v.pa;
+    v.low -= margin * v.pb;
+    v.na += 2 * margin;
+    v.nb += 2 * margin;
+    return v;
+}
+
+// The fewest products of sub-slices and moments that are within the tolerance.
+void find_products(const Geometry& g, const View& bare, const Grid& grid, View& v) {
+    const std::vector<Cut> reference = cuts(g, bare, most, most_moments);
+    for (int count = 1; count <= most * most_moments; count++)
+        for (v.moments = most_moments; v.moments >= 1; v.moments--) { // more moments err less than as many sub-slices
+            v.subs = count / v.moments;
+            if (count % v.moments != 0 || v.subs > most) continue;
+            if (error(g, grid, cuts(g, bare, v.subs, v.moments), reference) <= g.tolerance) return;
+        }
+    v.subs = most;
+    v.moments = most_moments;
+}
 
 // The middle and half width of the rows whose shadows move so little that moment 0 alone is within the tolerance. Its
 // error grows with how far the row's shadow moves, that is with the distance from the row under the source.
-void find_calm_rows(const Geometry& g, View wide, const Grid& grid, const int (&z)[slices], View& v) {
-    const int margin = 1 << 16; // pixels: whatever the panel sees of the volume, the rows are the same
-    wide.left -= margin * v.pa;
-    wide.low -= margin * v.pb;
-    wide.na += 2 * margin;
-    wide.nb += 2 * margin;
+void find_calm_rows(const Geometry& g, const View& wide, const Grid& grid, View& v) {
     v.still = (v.source[1] - grid.y0) / grid.dy;
-    std::vector<Cut> plain, reference;
-    for (int i = 0; i < slices; i++) {
-        plain.emplace_back(g, wide, z[i], v.subs, 1);
-        reference.emplace_back(g, wide, z[i], v.subs, v.moments);
-    }
+    const std::vector<Cut> plain = cuts(g, wide, v.subs, 1), reference = cuts(g, wide, v.subs, v.moments);
     double steepest = 0;
     for (int j = 0; j < samples; j++) {
         const int y = sample(j, grid.ny);
@@ -112,35 +136,30 @@ void find_calm_rows(const Geometry& g, View wide, const Grid& grid, const int (&
     v.band = steepest > 0 ? g.tolerance / steepest : 0;
 }
 
+// As much of the weights' ends as may go within the tolerance.
+void find_trim(const Geometry& g, View wide, const Grid& grid, View& v) {
+    const std::vector<Cut> reference = cuts(g, wide, most, most_moments);
+    for (double share = most_trim; share >= 1; share /= 2) {
+        wide.trim = share * g.tolerance;
+        if (error(g, grid, cuts(g, wide, v.subs, v.moments), reference) > g.tolerance) continue;
+        v.trim = wide.trim;
+        return;
+    }
+}
+
 } // namespace
 
 void cut(const Geometry& g, View& v) {
     const Grid grid = g.seen_by(v);
     Resampling kept = std::move(v.resampling);
-    v.still = v.band = 0;
+    v.still = v.band = v.trim = 0;
     const View bare =
         v; // without the resampling, which the weights do not read; rows as on a turned panel's first column
     v.resampling = std::move(kept);
-    const int moments = most_moments;
-    const int z[slices] = {0, g.grid.nz / 2, g.grid.nz - 1};
-    std::vector<Cut> reference;
-    for (int i = 0; i < slices; i++) reference.emplace_back(g, bare, z[i], most, most_moments);
-    for (int count = 1; count <= most * moments; count++)
-        for (v.moments = moments; v.moments >= 1; v.moments--) { // more moments err less than as many sub-slices
-            if (count % v.moments != 0) continue;
-            v.subs = count / v.moments;
-            if (v.subs > most) continue;
-            Tally tally;
-            for (int i = 0; i < slices; i++) {
-                const Cut tried(g, bare, z[i], v.subs, v.moments);
-                for (int j = 0; j < samples; j++) tally.add(tried, reference[i], grid, sample(j, grid.ny));
-            }
-            if (tally.relative(g.grid.nz) > g.tolerance) continue;
-            if (v.moments > 1 && v.pose != Pose::turned) find_calm_rows(g, bare, grid, z, v);
-            return;
-        }
-    v.subs = most;
-    v.moments = moments;
+    find_products(g, bare, grid, v);
+    if (v.pose == Pose::turned) return;
+    if (v.moments > 1) find_calm_rows(g, endless(bare), grid, v);
+    find_trim(g, endless(bare), grid, v);
 }
 
 } // namespace palpate

@@ -9,23 +9,23 @@ namespace palpate {
 // from `from` to `to`.
 template <int moments>
 PALPATE_INLINE void trapezoids_by(const double* __restrict from, const double* __restrict to, int begin, int end,
-                                  int tap, const double* __restrict share, const int32_t* __restrict first,
-                                  float* __restrict weight) {
+                                  int tap, int n, double per_trim, const double* __restrict share,
+                                  const int32_t* __restrict first, float* __restrict weight) {
     for (int i = begin; i < end; i++) {
         const double q = first[i] + tap;
         double left[moments], right[moments], w = 0;
-        cover(from[i] - q, to[i] - q, moments, left);
-        cover(from[i + 1] - q, to[i + 1] - q, moments, right);
+        cover(from[i] - q, to[i] - q, moments, i == 0 ? untrimmed : per_trim, left);
+        cover(from[i + 1] - q, to[i + 1] - q, moments, i + 1 == n ? untrimmed : per_trim, right);
         for (int m = 0; m < moments; m++) w += share[m] * (right[m] - left[m]);
         weight[i] = std::fabs(w) > 1e-7 ? float(w) : 0.0f; // rounding must not tie a voxel to pixels it does not reach
     }
 }
 
-PALPATE_KERNEL void trapezoids(const double* from, const double* to, int begin, int end, int tap, int moments,
-                               const double* share, const int32_t* first, float* weight) {
-    if (moments == 1) return trapezoids_by<1>(from, to, begin, end, tap, share, first, weight);
-    if (moments == 2) return trapezoids_by<2>(from, to, begin, end, tap, share, first, weight);
-    trapezoids_by<3>(from, to, begin, end, tap, share, first, weight);
+PALPATE_KERNEL void trapezoids(const double* from, const double* to, int begin, int end, int tap, int n, int moments,
+                               double per_trim, const double* share, const int32_t* first, float* weight) {
+    if (moments == 1) return trapezoids_by<1>(from, to, begin, end, tap, n, per_trim, share, first, weight);
+    if (moments == 2) return trapezoids_by<2>(from, to, begin, end, tap, n, per_trim, share, first, weight);
+    trapezoids_by<3>(from, to, begin, end, tap, n, per_trim, share, first, weight);
 }
 
 Node gauss(int count, int index) {
@@ -41,6 +41,7 @@ Shadow shadow(const Geometry& geometry, const View& view, int z, int sub, Axis a
     const double spacing = x ? grid.dx : grid.dy, edge = (x ? grid.x0 : grid.y0) - 0.5 * spacing;
     const double s = view.source[x ? 0 : 1], p0 = x ? view.left : view.low, pitch = x ? view.pa : view.pb;
     Shadow out;
+    out.trim = view.trim;
     for (int face = 0; face < 2; face++) {
         const double down = grid.z0 + (z - 0.5 + double(sub + face) / view.subs) * grid.dz - view.source[2];
         const double magnification = (view.height - view.source[2]) / down;
@@ -97,7 +98,8 @@ void by_voxel(const Geometry& geometry, const View& view, int z, int product, Ax
     // No tap leaves the panel: those before the shadow weigh nothing.
     for (int i = 0; i < n; i++) out.first[i] = std::min(out.first[i], count - taps);
     for (int t = 0; t < taps; t++)
-        trapezoids(from, to, begin, end, t, moments, share, out.first.data(), &out.weight[size_t(t) * n]);
+        trapezoids(from, to, begin, end, t, n, moments, per(view.trim), share, out.first.data(),
+                   &out.weight[size_t(t) * n]);
     if (!x && moment > 0 && !turned)
         for (int t = 0; t < taps; t++)
             for (int i = 0; i < n; i++)

@@ -8,21 +8,45 @@ namespace palpate {
 
 constexpr int most_moments = 3;
 
+// A voxel's edge that moves from p1 to p2 evenly over the thickness t in [0, 1] of a sub-slice, in pixels.
+template <class Real> struct Crossing {
+    Real move, speed, low, per;
+
+    PALPATE_INLINE Crossing(Real p1, Real p2)
+        : move(p2 - p1), speed(std::max(std::fabs(move), Real(1e-6))), low(std::min(p1, p2)), per(1 / speed) {}
+    // When it gets to the beginning of pixel q, if it moves upwards.
+    PALPATE_INLINE Real reaches(Real q) const { return std::min(std::max((q - low) * per, Real(0)), Real(1)); }
+    // See below; of pixel q, on which the edge is from t0 to t1.
+    PALPATE_INLINE void cover(Real q, Real t0, Real t1, int moments, Real per_trim, Real* out) const {
+        out[0] = (1 - t1) + (t1 - t0) * (low - q + Real(0.5) * speed * (t0 + t1));
+        if (moments > 1)
+            out[1] =
+                Real(1.7320508075688772) * move * (t1 * t1 * (Real(0.5) - t1 / 3) - t0 * t0 * (Real(0.5) - t0 / 3));
+        if (moments > 2) {
+            const Real s0 = t0 * (1 - t0), s1 = t1 * (1 - t1);
+            out[2] = Real(-1.118033988749895) * move * (s1 * s1 - s0 * s0);
+        }
+        const Real small = std::min(out[0], 1 - out[0]);
+        const Real kept = std::min(std::max(small * per_trim - 1, Real(0)), Real(1));
+        out[0] = out[0] < Real(0.5) ? out[0] * kept : 1 - small * kept;
+        for (int m = 1; m < moments; m++) out[m] *= kept;
+    }
+};
+
 // The part left of a voxel's edge of the pixel [0, 1], while the edge moves from p1 to p2 evenly over the sub-slice's
 // thickness t in [0, 1]: its moments with the Legendre polynomials 1, √3 (2t - 1), √5 (6t² - 6t + 1), by parts. Real is
 // float or double.
-template <class Real> PALPATE_INLINE void cover(Real p1, Real p2, int moments, Real* out) {
-    const Real move = p2 - p1, speed = std::max(std::fabs(move), Real(1e-6)), low = std::min(p1, p2), per = 1 / speed;
-    const Real t0 = std::min(std::max(-low * per, Real(0)), Real(1)); // between t0 and t1 the edge is on the pixel
-    const Real t1 = std::min(std::max((1 - low) * per, Real(0)), Real(1));
-    out[0] = (1 - t1) + (t1 - t0) * (low + Real(0.5) * speed * (t0 + t1));
-    if (moments > 1)
-        out[1] = Real(1.7320508075688772) * move * (t1 * t1 * (Real(0.5) - t1 / 3) - t0 * t0 * (Real(0.5) - t0 / 3));
-    if (moments > 2) {
-        const Real s0 = t0 * (1 - t0), s1 = t1 * (1 - t1);
-        out[2] = Real(-1.118033988749895) * move * (s1 * s1 - s0 * s0);
-    }
+//
+// Where the edge leaves less than `trim` of the pixel on one side of it, and so of a voxel, its other side gets it all:
+// the last pixels of a long trapezoid weigh next to nothing and cost as much as any other. Between once and twice
+// `trim` the moments come on evenly, so that rounding decides nothing. per_trim: 1 / trim, or `untrimmed`.
+template <class Real> PALPATE_INLINE void cover(Real p1, Real p2, int moments, Real per_trim, Real* out) {
+    const Crossing<Real> edge(p1, p2);
+    edge.cover(0, edge.reaches(0), edge.reaches(1), moments, per_trim, out);
 }
+
+constexpr double untrimmed = 1e30; // 1 / trim where nothing is trimmed
+inline double per(double trim) { return trim > 0 ? 1 / trim : untrimmed; }
 
 // One of `count` Gauss points of a sub-slice's thickness: where it lies in [0, 1], and its Lagrange polynomial in the
 // Legendre polynomials of cover().
@@ -35,6 +59,7 @@ Node gauss(int count, int index);
 // counted so that pixel a is [a, a + 1], when the ray is at the lower [0] and the upper [1] face.
 struct Shadow {
     double offset[2], slope[2]; // slope > 0
+    double trim;                // see cover
 };
 enum class Axis { x, y };
 Shadow shadow(const Geometry& geometry, const View& view, int z, int sub, Axis axis);

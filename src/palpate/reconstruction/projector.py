@@ -23,7 +23,8 @@ class Projector:
     tolerance: relative L2 error of each view against exact line integrals through the voxels, for independent voxel
     values uniform in [0, 1] (smooth volumes are far below it). It decides how many products of 1-D weights a slice is
     made of where a source lies off both axes, and the shadow moves along both while the ray crosses the slice; time
-    grows with them; rows of voxels that need fewer have fewer. It holds for panels parallel to the slices and for those
+    grows with them; rows of voxels that need fewer have fewer. And how little a voxel may weigh in a pixel before its
+    neighbour there gets its weight: all that it saves is time. It holds for panels parallel to the slices and for those
     turned about x or y alone; any other panel is averaged from a parallel one of half its pitch, which adds about
     0.5 %. The error is estimated on sample voxels of each view. Rays run on beyond a panel that cuts the grid.
     `geometry` is what the kernels share.

@@ -1,0 +1,231 @@
+// Forward projection of the separable views, in tiles that stay in the second-level cache while all slices add to them.
+// The volume's middle slice is cut into blocks, and every panel where their shadows end: the tiles of all views under
+// one block read nearly the same voxels of a slice, which come from memory once for all of them.
+#include "forward.h"
+#include "buffer.h"
+#include "parallel.h"
+#include "passes.h"
+#include <algorithm>
+#include <cmath>
+
+namespace palpate {
+namespace {
+
+constexpr int stack = 2;      // tiles of a panel, one above the other, that share their weights along x
+constexpr int together = 16;  // views whose tiles the cache holds together
+constexpr int slab = 8;       // slices
+constexpr int line = 16;      // floats of a cache line
+constexpr int tasks_each = 4; // per thread, so that none waits long for another
+
+// Blocks along one axis: number i reaches from voxel edge i * step to the next; its shadow has at most `size` pixels.
+class Blocks {
+    double step = HUGE_VAL;
+    std::vector<Shadow> middle; // per view, of the slice in the middle
+
+public:
+    int begin = INT32_MAX, end = INT32_MIN;
+
+    Blocks(const Geometry& g, const std::vector<int>& views, Axis axis, int size) {
+        for (int k : views) {
+            middle.push_back(shadow(g, g.views[k], g.grid.nz / 2, 0, axis));
+            step = std::min(step, (size - 0.01) / middle.back().slope[0]);
+        }
+        for (size_t i = 0; i < views.size(); i++) {
+            const View& v = g.views[views[i]];
+            const double pixels = axis == Axis::x ? v.na : v.nb, scale = 1 / (middle[i].slope[0] * step);
+            begin = std::min(begin, int(std::floor(-middle[i].offset[0] * scale)));
+            end = std::max(end, int(std::ceil((pixels - middle[i].offset[0]) * scale)));
+        }
+    }
+    int size() const { return end - begin; }
+    // First pixel of block `number`, of view number i of these.
+    int edge(size_t i, int number, int pixels) const {
+        const double at = std::round(middle[i].offset[0] + middle[i].slope[0] * step * number);
+        return number == begin ? 0 : number == end ? pixels : int(std::min(std::max(at, 0.0), double(pixels)));
+    }
+};
+
+// Voxels of a slice that the tiles under a block read.
+struct Region {
+    int y0 = INT32_MAX, y1 = 0;
+    double x0 = HUGE_VAL, x1 = 0;
+
+    void add(const Spans& rows, const Shadow& x, int a0, int a1) {
+        if (!rows.reached) return;
+        y0 = std::min(y0, rows.begin);
+        y1 = std::max(y1, rows.end);
+        for (int face = 0; face < 2; face++) {
+            x0 = std::min(x0, (a0 - x.offset[face]) / x.slope[face]);
+            x1 = std::max(x1, (a1 - x.offset[face]) / x.slope[face]);
+        }
+    }
+    // Calls for one of `parts` parts of it: its rows lie too far apart for the hardware to foresee.
+    void await(const float* slice, const Grid& grid, int part, int parts) const {
+        const int rows = std::max(0, y1 - y0), first = y0 + rows * part / parts, last = y0 + rows * (part + 1) / parts;
+        const int begin = std::max(0, int(x0)), end = std::min(grid.nx, int(x1) + 1);
+        for (int64_t row = first; row < last; row++)
+            for (int column = begin; column < end + line - 1; column += line)
+                __builtin_prefetch(slice + row * grid.nx + column, 0, 2);
+    }
+};
+
+// Scales a tile of a view's image by the rays' path and writes it to the measured pixels, or as it is to the fine ones
+// of a tilted panel.
+void write_tile(const View& v, const float* from, int b0, int b1, int a0, int columns, float* image) {
+    for (int b = b0; b < b1; b++, from += width) {
+        if (v.pose == Pose::tilted) {
+            std::copy_n(from, columns, image + int64_t(b) * v.na + a0);
+            continue;
+        }
+        float path[width];
+        const int64_t first = v.start + b * v.step_b + a0 * v.step_a;
+        v.path(first, v.step_a, columns, path);
+        for (int a = 0; a < columns; a++) image[first + a * v.step_a] = from[a] * path[a];
+    }
+}
+
+struct Tile {
+    int b0, b1, a0, a1;
+};
+
+// What a thread needs, kept between its tasks.
+struct Scratch {
+    std::vector<Spans> rows;          // per view of the group, slice, sub-slice, tile of the stack
+    std::vector<ColumnSpans> columns; // per sub-slice of a slab
+    Ring ring;
+    Buffer sum;
+};
+
+class Forward {
+    const Geometry& g;
+    const float* f;
+    const std::vector<float*>& images;
+    std::vector<int> views;                   // of one group
+    std::vector<std::vector<Shadow>> shadows; // along x; per view, per sub-slice
+
+    int depth(size_t i) const { return g.grid.nz * g.views[views[i]].subs; }
+    float* sum_of(Scratch& s, size_t i, int t) const { return &s.sum[(i * stack + t) * height * width]; }
+
+public:
+    const Blocks across, along;
+
+    Forward(const Geometry& g, const float* f, const std::vector<float*>& images, const std::vector<int>& views)
+        : g(g), f(f), images(images), views(views), across(g, views, Axis::x, width),
+          along(g, views, Axis::y, stack * height) {
+        for (int k : views) {
+            const View& v = g.views[k];
+            shadows.emplace_back();
+            for (int i = 0; i < g.grid.nz * v.subs; i++)
+                shadows.back().push_back(shadow(g, v, i / v.subs, i % v.subs, Axis::x));
+        }
+    }
+
+    // The tiles under blocks number `first` to `last` - 1 across of row `down` of blocks.
+    void strip(int down, int first, int last, Scratch& s) const {
+        std::vector<Tile> tiles(views.size());
+        std::vector<size_t> rows_of(views.size() + 1, 0); // into s.rows
+        for (size_t i = 0; i < views.size(); i++) {
+            const int pixels = g.views[views[i]].nb;
+            tiles[i].b0 = along.edge(i, down, pixels);
+            tiles[i].b1 = along.edge(i, down + 1, pixels);
+            rows_of[i + 1] = rows_of[i] + size_t(depth(i)) * stack;
+        }
+        if (s.rows.size() < rows_of.back()) s.rows.resize(rows_of.back());
+        s.sum.resize(views.size() * stack * height * width);
+        for (size_t i = 0; i < views.size(); i++) {
+            const View& v = g.views[views[i]];
+            for (int d = 0; d < depth(i); d++) {
+                const Shadow y = shadow(g, v, d / v.subs, d % v.subs, Axis::y);
+                for (int t = 0; t < stack; t++) {
+                    Spans& rows = s.rows[rows_of[i] + size_t(d) * stack + t];
+                    const int b = tiles[i].b0 + t * height, count = std::min(height, tiles[i].b1 - b);
+                    rows.reached = false;
+                    if (count <= 0) continue;
+                    over_pixels(y, v.moments, b, count, g.grid.ny, rows);
+                    calm_pixels(v, rows);
+                }
+            }
+        }
+        for (int block = first; block < last; block++) {
+            for (size_t i = 0; i < views.size(); i++) {
+                const int pixels = g.views[views[i]].na;
+                tiles[i].a0 = across.edge(i, block, pixels);
+                tiles[i].a1 = across.edge(i, block + 1, pixels);
+            }
+            project_block(tiles, rows_of, s);
+            for (size_t i = 0; i < views.size(); i++)
+                for (int t = 0; t < stack; t++) {
+                    const int b = tiles[i].b0 + t * height;
+                    if (b < tiles[i].b1)
+                        write_tile(g.views[views[i]], sum_of(s, i, t), b, std::min(tiles[i].b1, b + height),
+                                   tiles[i].a0, tiles[i].a1 - tiles[i].a0, images[views[i]]);
+                }
+        }
+    }
+
+private:
+    // Slab by slab: a tile of a view stays in the first-level cache for a slab's slices, the slab in the second for all
+    // views, while the next one is called for.
+    void project_block(const std::vector<Tile>& tiles, const std::vector<size_t>& rows_of, Scratch& s) const {
+        std::fill(s.sum.begin(), s.sum.end(), 0.0f);
+        Region next[slab];
+        for (int z = 0; z < g.grid.nz; z += slab) {
+            const int end = std::min(g.grid.nz, z + slab), after = std::min(g.grid.nz, end + slab);
+            for (int c = end; c < after; c++) {
+                next[c - end] = {};
+                for (size_t i = 0; i < views.size(); i++) {
+                    const int d = c * g.views[views[i]].subs;
+                    for (int t = 0; t < stack; t++)
+                        next[c - end].add(s.rows[rows_of[i] + size_t(d) * stack + t], shadows[i][d], tiles[i].a0,
+                                          tiles[i].a1);
+                }
+            }
+            for (size_t i = 0; i < views.size(); i++) {
+                for (int c = end; c < after; c++)
+                    next[c - end].await(f + c * g.grid.slice(), g.grid, int(i), int(views.size()));
+                if (tiles[i].a0 < tiles[i].a1 && tiles[i].b0 < tiles[i].b1)
+                    add_slab(i, z, end, tiles[i], rows_of[i], s);
+            }
+        }
+    }
+
+    void add_slab(size_t i, int z0, int z1, const Tile& tile, size_t rows_of, Scratch& s) const {
+        const View& v = g.views[views[i]];
+        const int first = z0 * v.subs, count = (z1 - z0) * v.subs;
+        if (int(s.columns.size()) < count) s.columns.resize(count);
+        for (int d = 0; d < count; d++) {
+            over_pixels(shadows[i][first + d], v.moments, tile.a0, tile.a1 - tile.a0, g.grid.nx, s.columns[d].spans);
+            if (s.columns[d].spans.reached) s.columns[d].prepare(g.grid.nx);
+        }
+        for (int t = 0; t < stack; t++)
+            for (int d = 0; d < count; d++) {
+                const Spans& rows = s.rows[rows_of + size_t(first + d) * stack + t];
+                const float* slice = f + (first + d) / v.subs * g.grid.slice();
+                if (rows.reached && s.columns[d].spans.reached)
+                    add_slice({slice, g.grid.nx, g.grid.nx}, rows, s.columns[d], s.ring, sum_of(s, i, t));
+            }
+    }
+};
+
+} // namespace
+
+void project_tiles(const Geometry& g, const float* f, const std::vector<float*>& images) {
+    std::vector<Scratch> scratch(threads());
+    std::vector<int> all;
+    for (size_t k = 0; k < images.size(); k++)
+        if (images[k]) all.push_back(int(k));
+    const size_t groups = (all.size() + together - 1) / together;
+    for (size_t n = 0; n < groups; n++) {
+        const Forward forward(g, f, images,
+                              {all.begin() + all.size() * n / groups, all.begin() + all.size() * (n + 1) / groups});
+        const int down = forward.along.size(), across = forward.across.size();
+        const int parts = std::max(1, std::min(across, tasks_each * threads() / down));
+        parallel_tasks(int64_t(down) * parts, [&](int64_t task, int thread) {
+            const int part = int(task % parts), first = forward.across.begin;
+            forward.strip(forward.along.begin + int(task / parts), first + across * part / parts,
+                          first + across * (part + 1) / parts, scratch[thread]);
+        });
+    }
+}
+
+} // namespace palpate

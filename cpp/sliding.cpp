@@ -1,0 +1,202 @@
+// The two passes of the separable projector for short sums, sixteen columns at a time. A row of the source is resampled
+// into registers; the rows of the tile that need it, one after the other, find it there with those before it. Weights
+// along x, and the rows in use, take up to thirty of the thirty-two registers that AVX-512 has: with sixteen of half
+// the width there is no room for that.
+#include "sliding.h"
+#include <atomic>
+
+#ifdef PALPATE_VERSIONS
+
+namespace palpate {
+namespace {
+
+std::atomic<bool> allowed{true};
+
+constexpr int wide = 16;
+constexpr int soon = 3; // rows to call for in advance
+typedef float Wide __attribute__((vector_size(4 * wide)));
+typedef int32_t WideOrder __attribute__((vector_size(4 * wide)));
+
+#define PALPATE_WIDE __attribute__((target("arch=x86-64-v4"), noinline))
+#define PALPATE_UNROLL_LONG _Pragma("GCC unroll 16")
+
+PALPATE_INLINE void load(Wide& v, const float* p) { std::memcpy(&v, p, sizeof v); }
+PALPATE_INLINE void store(float* p, const Wide& v) { std::memcpy(p, &v, sizeof v); }
+
+// Where sixteen neighbouring columns read a row: from `first` on, in `order`; within one vector from each tap on, or
+// within two.
+struct Place {
+    int first;
+    bool one, fits;
+    WideOrder order;
+
+    Place(const int32_t* from, int taps, int columns) {
+        int reach = 0;
+        for (int n : {1, 2}) {
+            first = n == 1 ? std::min(from[0], columns - wide - (taps - 1)) : std::min(from[0], columns - 2 * wide);
+            one = n == 1;
+            reach = from[wide - 1] - first + (one ? 0 : taps - 1);
+            fits = first >= 0 && reach < n * wide;
+            if (fits) break;
+        }
+        for (int i = 0; i < wide; i++) order[i] = from[i] - first;
+    }
+};
+
+// `blocks` times sixteen columns, from column j of the tile on.
+template <int blocks, int moments, int taps, int window, bool one>
+PALPATE_INLINE void slide(const float* source, int64_t stride, const Place* places, const Spans& columns, int j,
+                          const Spans& rows, float* sum) {
+    Wide weight[blocks][moments][taps];
+    WideOrder order[blocks][one ? 1 : taps];
+    const float* from[blocks];
+    PALPATE_UNROLL
+    for (int b = 0; b < blocks; b++) {
+        PALPATE_UNROLL
+        for (int m = 0; m < moments; m++) PALPATE_UNROLL_LONG
+        for (int t = 0; t < taps; t++) load(weight[b][m][t], &columns.weight[(m * taps + t) * run + j + b * wide]);
+        PALPATE_UNROLL_LONG
+        for (int t = 0; t < (one ? 1 : taps); t++) order[b][t] = places[b].order + t;
+        from[b] = source + rows.begin * stride + places[b].first;
+    }
+    Wide row[blocks][window][moments] = {};
+    const float* by = rows.weight.data();
+    int next = rows.begin;
+    for (int r = 0; r < rows.count; r++, by++) {
+        if (rows.own[r] == 0) continue;
+        for (; next < rows.first[r] + window; next++) PALPATE_UNROLL
+        for (int b = 0; b < blocks; b++, from[b - 1] += stride) {
+            PALPATE_UNROLL
+            for (int k = 0; k + 1 < window; k++) PALPATE_UNROLL
+            for (int m = 0; m < moments; m++) row[b][k][m] = row[b][k + 1][m];
+            if (!one) __builtin_prefetch(from[b] + soon * stride, 0, 3);
+            __builtin_prefetch(from[b] + soon * stride + wide, 0, 3);
+            Wide x[2];
+            if (!one) load(x[0], from[b]), load(x[1], from[b] + wide);
+            PALPATE_UNROLL_LONG
+            for (int t = 0; t < taps; t++) {
+                Wide y;
+                if (one) {
+                    load(y, from[b] + t);
+                    y = __builtin_shuffle(y, order[b][0]);
+                } else {
+                    y = __builtin_shuffle(x[0], x[1], order[b][one ? 0 : t]);
+                }
+                PALPATE_UNROLL
+                for (int m = 0; m < moments; m++)
+                    if (t == 0)
+                        row[b][window - 1][m] = y * weight[b][m][t];
+                    else
+                        row[b][window - 1][m] += y * weight[b][m][t];
+            }
+        }
+        Wide s[blocks];
+        PALPATE_UNROLL
+        for (int b = 0; b < blocks; b++) load(s[b], sum + r * width + b * wide);
+        PALPATE_UNROLL
+        for (int k = 0; k < window; k++) PALPATE_UNROLL
+        for (int m = 0; m < moments; m++) {
+            const float w = by[(m * window + k) * run];
+            PALPATE_UNROLL
+            for (int b = 0; b < blocks; b++) s[b] += row[b][k][m] * w;
+        }
+        PALPATE_UNROLL
+        for (int b = 0; b < blocks; b++) store(sum + r * width + b * wide, s[b]);
+    }
+}
+
+template <int moments, int taps, int window>
+PALPATE_WIDE void slide_tile(const Source& source, const Spans& rows, const Spans& columns, const Place* places,
+                             float* sum) {
+    constexpr int most = moments * taps <= 6 && moments * window <= 6 ? 2 : 1; // blocks that the registers hold
+    const float* from = source.values;
+    for (int j = 0; j < columns.count;) {
+        const Place* at = places + j / wide;
+        const bool two = most == 2 && j + wide < columns.count && at[0].one == at[1].one;
+        if (two && at->one)
+            slide<most, moments, taps, window, true>(from, source.stride, at, columns, j, rows, sum + j);
+        else if (two)
+            slide<most, moments, taps, window, false>(from, source.stride, at, columns, j, rows, sum + j);
+        else if (at->one)
+            slide<1, moments, taps, window, true>(from, source.stride, at, columns, j, rows, sum + j);
+        else
+            slide<1, moments, taps, window, false>(from, source.stride, at, columns, j, rows, sum + j);
+        j += two ? 2 * wide : wide;
+    }
+}
+
+using Kernel = void (*)(const Source&, const Spans&, const Spans&, const Place*, float*);
+
+template <int moments, int taps> Kernel of_window(int window) {
+    switch (window) {
+    case 2:
+        return slide_tile<moments, taps, 2>;
+    case 3:
+        return slide_tile<moments, taps, 3>;
+    case 4:
+        return slide_tile<moments, taps, 4>;
+    case 5:
+        return slide_tile<moments, taps, 5>;
+    }
+    return nullptr;
+}
+
+template <int moments> Kernel of_taps(int taps, int window) {
+    switch (taps) {
+    case 2:
+        return of_window<moments, 2>(window);
+    case 3:
+        return of_window<moments, 3>(window);
+    case 4:
+        return of_window<moments, 4>(window);
+    case 5:
+        return of_window<moments, 5>(window);
+    case 6:
+        return of_window<moments, 6>(window);
+    case 7:
+        return of_window<moments, 7>(window);
+    case 8:
+        return of_window<moments, 8>(window);
+    case 9:
+        return of_window<moments, 9>(window);
+    }
+    return nullptr;
+}
+
+} // namespace
+
+bool slides() {
+    static const bool there = __builtin_cpu_supports("x86-64-v4");
+    return there && allowed;
+}
+
+void allow_sliding(bool whether) { allowed = whether; }
+
+bool slide_slice(const Source& source, const Spans& rows, const ColumnSpans& columns, float* sum) {
+    const Spans& c = columns.spans;
+    if (!slides() || columns.jump) return false;
+    const Kernel kernel = rows.moments == 1   ? of_taps<1>(c.taps, rows.taps)
+                          : rows.moments == 2 ? of_taps<2>(c.taps, rows.taps)
+                                              : of_taps<3>(c.taps, rows.taps);
+    if (!kernel) return false;
+    Place places[width / wide] = {{c.first, c.taps, source.columns},
+                                  {c.first + wide, c.taps, source.columns},
+                                  {c.first + 2 * wide, c.taps, source.columns},
+                                  {c.first + 3 * wide, c.taps, source.columns}};
+    for (int j = 0; j < c.count; j += wide)
+        if (!places[j / wide].fits) return false;
+    kernel(source, rows, c, places, sum);
+    return true;
+}
+
+} // namespace palpate
+
+#else
+
+namespace palpate {
+bool slides() { return false; }
+void allow_sliding(bool) {}
+bool slide_slice(const Source&, const Spans&, const ColumnSpans&, float*) { return false; }
+} // namespace palpate
+
+#endif

@@ -1,0 +1,15 @@
+#pragma once
+#include "passes.h"
+
+namespace palpate {
+
+// Both passes of a sub-slice with all that they pass on in registers, for tiles that need no more of it than there are:
+// does what add_slice does, or returns false.
+bool slide_slice(const Source& source, const Spans& rows, const ColumnSpans& columns, float* sum);
+
+// Whether this machine can, and how many neighbours of the source sixteen columns may span, taps included.
+bool slides();
+constexpr int slide_span = 32;
+void allow_sliding(bool whether); // for tests of both ways on one machine
+
+} // namespace palpate
