@@ -37,7 +37,7 @@ struct Scratch {
     std::vector<Spans> rows;     // of the task's rows: per view, sub-slice, tile of the stack
     std::vector<Shadow> shadows; // along x: per view, sub-slice
     ColumnSpans columns;
-    Ring ring;
+    RowRing ring;
     Buffer sum; // per slice, tile of the stack
     Buffer window, path;
 };

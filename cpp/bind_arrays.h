@@ -4,7 +4,7 @@
 
 // Vectors as numpy arrays that own what they show, without a copy.
 
-template <class T> struct Column { // of one dimension
+template <class T> struct OneColumn { // of one dimension
     static nanobind::ndarray<nanobind::numpy, T, nanobind::ndim<1>> from(std::vector<T> values) {
         auto* kept = new std::vector<T>(std::move(values));
         nanobind::capsule owner(kept, [](void* p) noexcept { delete static_cast<std::vector<T>*>(p); });

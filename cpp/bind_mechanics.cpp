@@ -260,9 +260,9 @@ void bind_ring_models(nb::module_& m) {
             [](Springs* self, In<int32_t, 1> start, In<int32_t, 1> column, In<double, 1> stiffness,
                In<double, 2> position, In<uint8_t, 1> held, const std::string& law, double parameter, bool by_distance,
                double edge, double relaxation, bool imposed) {
-                Law::Kind kind = law == "uniform"  ? Law::Kind::uniform
-                                 : law == "linear" ? Law::Kind::linear
-                                                   : Law::Kind::exponential;
+                SpringLaw::Kind kind = law == "uniform"  ? SpringLaw::Kind::uniform
+                                       : law == "linear" ? SpringLaw::Kind::linear
+                                                         : SpringLaw::Kind::exponential;
                 new (self) Springs(start.data(), column.data(), stiffness.data(), position.data(), int(held.shape(0)),
                                    flags(held), {kind, parameter, by_distance, edge}, relaxation, imposed);
             },

@@ -99,10 +99,10 @@ nb::tuple drain(Driven& driven) {
         switch_ticks.push_back(change.tick);
         lacking.push_back(uint8_t(change.lacking));
     }
-    return nb::make_tuple(Column<int64_t>::from(ticks), Column<uint8_t>::from(tools), Column<uint8_t>::from(kinds),
-                          rows(points), rows(displacements), Column<int64_t>::from(digest_ticks),
-                          Column<uint64_t>::from(values), Column<int64_t>::from(switch_ticks),
-                          Column<uint8_t>::from(lacking));
+    return nb::make_tuple(OneColumn<int64_t>::from(ticks), OneColumn<uint8_t>::from(tools),
+                          OneColumn<uint8_t>::from(kinds), rows(points), rows(displacements),
+                          OneColumn<int64_t>::from(digest_ticks), OneColumn<uint64_t>::from(values),
+                          OneColumn<int64_t>::from(switch_ticks), OneColumn<uint8_t>::from(lacking));
 }
 
 nb::list drain_changes(Driven& driven) { // (tick, model)
@@ -238,7 +238,7 @@ void bind_simulation(nb::module_& m) {
         .def(
             "tallies",
             [](const Driven& d) {
-                auto column = [](const Tally& tally) { return Column<int64_t>::from(tally.counts()); };
+                auto column = [](const Tally& tally) { return OneColumn<int64_t>::from(tally.counts()); };
                 return nb::make_tuple(column(d.loop.worked), column(d.loop.computed), column(d.loop.woken));
             },
             nb::sig("def tallies(self) -> tuple[typing.Any, ...]"),

@@ -23,9 +23,9 @@ void bind_timing(nb::module_& m) {
                 out = slide(model, state, surface, radius, points.data(), int(points.shape(0)), displacement.data(),
                             ramp, sweeps, ahead);
             }
-            return nb::make_tuple(Column<double>::from(out.patch_seconds), Column<double>::from(out.model_seconds),
-                                  rows(out.force), Column<uint8_t>::from(out.cold),
-                                  Column<double>::from(out.ahead_seconds));
+            return nb::make_tuple(OneColumn<double>::from(out.patch_seconds),
+                                  OneColumn<double>::from(out.model_seconds), rows(out.force),
+                                  OneColumn<uint8_t>::from(out.cold), OneColumn<double>::from(out.ahead_seconds));
         },
         "model"_a, "state"_a, "surface"_a, "radius"_a, "points"_a.noconvert(), "displacement"_a, "ramp"_a, "sweeps"_a,
         "ahead"_a = true,
@@ -41,7 +41,7 @@ void bind_timing(nb::module_& m) {
                 nb::gil_scoped_release away;
                 out = empty_beat(ticks, rate);
             }
-            return nb::make_tuple(Column<double>::from(out.woken), out.late);
+            return nb::make_tuple(OneColumn<double>::from(out.woken), out.late);
         },
         "ticks"_a, "rate"_a = int(Loop::rate),
         nb::sig("def empty_beat(ticks: int, rate: int = ...) -> tuple[typing.Any, int]"),
@@ -55,7 +55,7 @@ void bind_timing(nb::module_& m) {
                 nb::gil_scoped_release away;
                 out = reading_beat(ticks, bytes, rate);
             }
-            return Column<double>::from(out);
+            return OneColumn<double>::from(out);
         },
         "ticks"_a, "bytes"_a, "rate"_a = int(Loop::rate),
         nb::sig("def reading_beat(ticks: int, bytes: int, rate: int = ...) -> typing.Any"),

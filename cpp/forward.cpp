@@ -92,7 +92,7 @@ struct Tile {
 struct Scratch {
     std::vector<Spans> rows;          // per view of the group, slice, sub-slice, tile of the stack
     std::vector<ColumnSpans> columns; // per sub-slice of a slab
-    Ring ring;
+    RowRing ring;
     Buffer sum;
 };
 

@@ -74,7 +74,7 @@ PALPATE_INLINE void add_row_of(const float* ring, int row, int mask, int64_t mom
 
 // Numerical kernel.
 template <int moments, int fixed, bool plain, bool halved>
-PALPATE_INLINE void add_slice_by(const Source& source, const Spans& rows, const ColumnSpans& columns, Ring& ring,
+PALPATE_INLINE void add_slice_by(const Source& source, const Spans& rows, const ColumnSpans& columns, RowRing& ring,
                                  float* sum) {
     const int count = rows.end - rows.begin, mask = ring.size - 1;
     const int64_t moment_size = int64_t(ring.size) * width, stride = source.stride;
@@ -101,7 +101,7 @@ PALPATE_INLINE void add_slice_by(const Source& source, const Spans& rows, const 
 }
 
 template <int moments>
-PALPATE_INLINE void add_slice_of(const Source& source, const Spans& rows, const ColumnSpans& columns, Ring& ring,
+PALPATE_INLINE void add_slice_of(const Source& source, const Spans& rows, const ColumnSpans& columns, RowRing& ring,
                                  float* sum) {
     if (columns.jump) {
         if (!columns.plain) return add_slice_by<moments, 0, false, true>(source, rows, columns, ring, sum);
@@ -129,20 +129,20 @@ PALPATE_INLINE void add_slice_of(const Source& source, const Spans& rows, const 
 
 } // namespace
 
-PALPATE_KERNEL void add_slice_1(const Source& source, const Spans& rows, const ColumnSpans& columns, Ring& ring,
+PALPATE_KERNEL void add_slice_1(const Source& source, const Spans& rows, const ColumnSpans& columns, RowRing& ring,
                                 float* sum) {
     add_slice_of<1>(source, rows, columns, ring, sum);
 }
-PALPATE_KERNEL void add_slice_2(const Source& source, const Spans& rows, const ColumnSpans& columns, Ring& ring,
+PALPATE_KERNEL void add_slice_2(const Source& source, const Spans& rows, const ColumnSpans& columns, RowRing& ring,
                                 float* sum) {
     add_slice_of<2>(source, rows, columns, ring, sum);
 }
-PALPATE_KERNEL void add_slice_3(const Source& source, const Spans& rows, const ColumnSpans& columns, Ring& ring,
+PALPATE_KERNEL void add_slice_3(const Source& source, const Spans& rows, const ColumnSpans& columns, RowRing& ring,
                                 float* sum) {
     add_slice_of<3>(source, rows, columns, ring, sum);
 }
 
-void add_slice(const Source& source, const Spans& rows, ColumnSpans& columns, Ring& ring, float* sum) {
+void add_slice(const Source& source, const Spans& rows, ColumnSpans& columns, RowRing& ring, float* sum) {
     if (slide_slice(source, rows, columns, sum)) return;
     columns.see();
     ring.prepare(rows.taps, rows.moments);
@@ -197,7 +197,7 @@ void ColumnSpans::prepare_halved(int columns_of_half, int64_t jump_to_odd) {
     for (int i = 0; i < run; i++) spans.first[i] /= 2;
 }
 
-void Ring::prepare(int taps, int moments) {
+void RowRing::prepare(int taps, int moments) {
     int needed = group;
     while (needed < taps + group) needed *= 2;
     if (needed > size) size = needed;

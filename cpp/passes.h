@@ -53,7 +53,7 @@ private:
 };
 
 // Rows that the second pass may ask for at once, of all moments: `size` of them, a power of two, turn by turn.
-struct Ring {
+struct RowRing {
     Buffer values;
     int size = 0;
     void prepare(int taps, int moments);
@@ -61,6 +61,6 @@ struct Ring {
 
 // Both passes of a sub-slice: sum[row][column] += sum over moments and taps of rows' weight x columns' weight x source.
 // Of as many moments as the rows have.
-void add_slice(const Source& source, const Spans& rows, ColumnSpans& columns, Ring& ring, float* sum);
+void add_slice(const Source& source, const Spans& rows, ColumnSpans& columns, RowRing& ring, float* sum);
 
 } // namespace palpate

@@ -35,7 +35,7 @@ PALPATE_KERNEL void sweep(const int* order, int count, const int* start, const i
 
 } // namespace
 
-double Law::operator()(double row) const {
+double SpringLaw::operator()(double row) const {
     switch (kind) {
     case Kind::uniform:
         return a;
@@ -48,7 +48,7 @@ double Law::operator()(double row) const {
 }
 
 Springs::Springs(const int32_t* start, const int32_t* column, const double* k, const double* x, int nodes,
-                 std::vector<uint8_t> h, Law l, double r, bool imposed)
+                 std::vector<uint8_t> h, SpringLaw l, double r, bool imposed)
     : RingModel({{start, start + nodes + 1}, {column, column + start[nodes]}}, std::move(h), r, 1),
       stiffness(k, k + start[nodes]), sum(nodes, 0), position(x, x + 3 * size_t(nodes)), law(l), rigid(imposed) {
     for (int i = 0; i < nodes; i++)

@@ -4,7 +4,7 @@
 namespace palpate {
 
 // How the ratio of spring constants RSC = k_h / k_e grows with the row r (1 at the contact), a and b its parameters.
-struct Law {
+struct SpringLaw {
     enum class Kind { uniform, linear, exponential } kind = Kind::uniform;
     double a = 0.1; // uniform: RSC = a; linear: RSC = a r; exponential: RSC = 1 - exp(a r), a < 0
     // The row as a whole number (the dissertation's table), or 1 + distance from the contact in edge lengths: the same
@@ -21,14 +21,14 @@ public:
     // start (nodes + 1), column, stiffness (start[nodes]) N/mm > 0: edge springs, symmetric, no diagonal.
     // position: (nodes, 3) mm at rest. imposed: every touched node goes with the tool (the dissertation's contact).
     Springs(const int32_t* start, const int32_t* column, const double* stiffness, const double* position, int nodes,
-            std::vector<uint8_t> held, Law law, double relaxation, bool imposed);
+            std::vector<uint8_t> held, SpringLaw law, double relaxation, bool imposed);
     void internal_force(const State& state, double* out) const override;
     // Least diag(K)^-1 K can stretch anything: 1 - rho, rho <= sum / (sum + home), as the contact now stands.
     double contraction(const State& state) const;
 
 private:
     std::vector<double> stiffness, sum, position;
-    const Law law;
+    const SpringLaw law;
     const bool rigid;
     void prepare(RingState& s) const override;
     void touched_matrix(RingState& s, double* A) const override;

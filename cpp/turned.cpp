@@ -15,8 +15,8 @@ constexpr int line = 16;                      // floats of a cache line
 constexpr int band = 8, depth = 8;            // rows of voxels, and slices, of a task of the backprojection
 constexpr int stretch = 2 * run;              // voxels along x whose columns stay in the nearest cache
 
-std::vector<Table> tables(const Geometry& g, const View& v, bool of_pixels) {
-    std::vector<Table> out(size_t(g.grid.nz) * v.subs);
+std::vector<ColumnTable> tables(const Geometry& g, const View& v, bool of_pixels) {
+    std::vector<ColumnTable> out(size_t(g.grid.nz) * v.subs);
     parallel(int64_t(out.size()), [&](int64_t begin, int64_t end, int) {
         for (int64_t slab = begin; slab < end; slab++)
             of_pixels ? over_columns(g, v, int(slab), out[slab]) : under_columns(g, v, int(slab), out[slab]);
@@ -52,7 +52,7 @@ class Projection {
     const View& v;
     const Grid grid;
     const float* f;
-    const std::vector<Table> x = tables(g, v, true);
+    const std::vector<ColumnTable> x = tables(g, v, true);
     const std::vector<Edges> y = all_edges(g, v);
 
 public:
@@ -125,7 +125,7 @@ private:
 
     // The tile's columns of voxel rows low to high.
     void resample(int slab, const Tile& t, int low, int high, int64_t point_size, float* out) const {
-        const Table& table = x[slab];
+        const ColumnTable& table = x[slab];
         const float* from = f + slab / v.subs * grid.slice() + int64_t(low) * grid.nx;
         const int taps = table.taps_of(t.a0);
         for (int a = t.a0; a < t.a1; a += lanes) {
@@ -147,7 +147,7 @@ class Backprojection {
     const int64_t stride; // of the image, with columns of 0 behind it up to an odd number of cache lines (neighbouring
                           // rows would else compete for their place), and rows of 0 above and below it
     int taps = 0;         // most pixels under a voxel
-    const std::vector<Table> x = tables(g, v, false);
+    const std::vector<ColumnTable> x = tables(g, v, false);
     const std::vector<Edges> y = all_edges(g, v);
     Buffer padded;
 
@@ -175,7 +175,7 @@ public:
 
 private:
     void add(int slab, int x0, int x1, int y0, int y1, float* slice, Scratch& s) const {
-        const Table& table = x[slab];
+        const ColumnTable& table = x[slab];
         int low = v.na, end = 0;
         for (int begin = x0; begin < x1; begin += run) {
             if (table.taps_of(begin) == 0) continue;

@@ -9,7 +9,7 @@ typedef int32_t Order __attribute__((vector_size(32)));
 // The weights along x of one sub-slice for all its Gauss points, in the direction of the result, in blocks of `run`
 // elements: of(i, points)[(point * taps + t) * run] belongs to element first[i] + t of the source, where taps is that
 // of the block, 0 if it has no weight. In a block first never falls.
-struct Table {
+struct ColumnTable {
     std::vector<int32_t> first, taps;
     Buffer weight;
     int most = 1; // taps of a block
@@ -17,8 +17,9 @@ struct Table {
     float* of(int i, int points) { return &weight[size_t(i / run) * points * most * run + i % run]; }
     int taps_of(int i) const { return taps[i / run]; }
 };
-void over_columns(const Geometry& geometry, const View& view, int slab, Table& out); // slab: slice * subs + sub-slice
-void under_columns(const Geometry& geometry, const View& view, int slab, Table& out);
+void over_columns(const Geometry& geometry, const View& view, int slab,
+                  ColumnTable& out); // slab: slice * subs + sub-slice
+void under_columns(const Geometry& geometry, const View& view, int slab, ColumnTable& out);
 
 // Eight neighbouring columns from `a` on, of which those beyond `last` stand for the last.
 struct Eight {

@@ -20,7 +20,7 @@ void by_points(const Geometry& g, const View& v, int slab, std::vector<AxisWeigh
 }
 
 // Blocks of weights 0, for elements of which i touches those of the source, 0 .. size, from first[i] to end[i].
-void make_room(const std::vector<int32_t>& end, int points, int size, Table& out) {
+void make_room(const std::vector<int32_t>& end, int points, int size, ColumnTable& out) {
     const int count = int(end.size()), blocks = (count + run - 1) / run;
     out.taps.assign(blocks, 0);
     for (int i = 0; i < count; i++) out.taps[i / run] = std::max(out.taps[i / run], end[i] - out.first[i]);
@@ -32,7 +32,7 @@ void make_room(const std::vector<int32_t>& end, int points, int size, Table& out
 
 } // namespace
 
-void under_columns(const Geometry& g, const View& v, int slab, Table& out) {
+void under_columns(const Geometry& g, const View& v, int slab, ColumnTable& out) {
     std::vector<AxisWeights> voxels;
     std::vector<int32_t> end;
     by_points(g, v, slab, voxels, end);
@@ -48,7 +48,7 @@ void under_columns(const Geometry& g, const View& v, int slab, Table& out) {
         }
 }
 
-void over_columns(const Geometry& g, const View& v, int slab, Table& out) {
+void over_columns(const Geometry& g, const View& v, int slab, ColumnTable& out) {
     std::vector<AxisWeights> voxels;
     std::vector<int32_t> own;
     by_points(g, v, slab, voxels, own);

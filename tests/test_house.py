@@ -1,6 +1,7 @@
 """The layout: imports go one way, down the chain of the data."""
 
 import ast
+import re
 from pathlib import Path
 
 import pytest
@@ -59,3 +60,13 @@ def test_no_public_name_hides_a_folder():
 def test_every_public_name_is_there():
     for name in palpate.__all__:
         assert getattr(palpate, name) is not None
+
+
+def test_no_two_headers_of_the_core_give_a_type_one_name():
+    """They share a namespace: the linker would take the code made for one, of its destructor say, for the other too."""
+    found = {}
+    for header in sorted((Path(__file__).parents[1] / "cpp").glob("*.h")):
+        for name in re.findall(r"^(?:template <.*> )?(?:struct|class) (\w+)(?: : .*)? \{", header.read_text(), re.M):
+            found.setdefault(name, []).append(header.name)
+    assert len(found) > 100
+    assert {name: headers for name, headers in found.items() if len(headers) > 1} == {}
