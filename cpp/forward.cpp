@@ -12,7 +12,8 @@ namespace palpate {
 namespace {
 
 constexpr int stack = 2;      // tiles of a panel, one above the other, that share their weights along x
-constexpr int together = 16;  // views whose tiles the cache holds together
+constexpr int together = 16;  // views whose tiles the cache holds together, at most
+constexpr int kept = 4096;    // rows' weights of so many sub-slices and tiles, at most: some 10 MB
 constexpr int slab = 8;       // slices
 constexpr int line = 16;      // floats of a cache line
 constexpr int tasks_each = 4; // per thread, so that none waits long for another
@@ -152,6 +153,7 @@ public:
                 tiles[i].a0 = across.edge(i, block, pixels);
                 tiles[i].a1 = across.edge(i, block + 1, pixels);
             }
+            if (std::all_of(tiles.begin(), tiles.end(), [](const Tile& t) { return t.a0 >= t.a1; })) continue;
             project_block(tiles, rows_of, s);
             for (size_t i = 0; i < views.size(); i++)
                 for (int t = 0; t < stack; t++) {
@@ -214,7 +216,10 @@ void project_tiles(const Geometry& g, const float* f, const std::vector<float*>&
     std::vector<int> all;
     for (size_t k = 0; k < images.size(); k++)
         if (images[k]) all.push_back(int(k));
-    const size_t groups = (all.size() + together - 1) / together;
+    int subs = 1;
+    for (int k : all) subs = std::max(subs, g.views[k].subs);
+    const size_t most = std::max(1, std::min(together, kept / (g.grid.nz * subs * stack)));
+    const size_t groups = (all.size() + most - 1) / most;
     for (size_t n = 0; n < groups; n++) {
         const Forward forward(g, f, images,
                               {all.begin() + all.size() * n / groups, all.begin() + all.size() * (n + 1) / groups});
