@@ -11,11 +11,12 @@
 namespace palpate {
 namespace {
 
-constexpr int stack = 2;      // tiles of a panel, one above the other, that share their weights along x
-constexpr int together = 16;  // views whose tiles the cache holds together, at most
-constexpr int kept = 4096;    // rows' weights of so many sub-slices and tiles, at most: some 10 MB
-constexpr int slab = 8;       // slices
 constexpr int line = 16;      // floats of a cache line
+constexpr int together = 16;  // views whose tiles the cache holds together, at most
+constexpr int tall = 4;       // tiles of a panel, one above the other, that share their weights along x, at most
+constexpr int held = 32;      // tiles of all these views that the cache holds
+constexpr int layers = 16;    // slices of a slab, times tiles one above the other
+constexpr int kept = 4096;    // rows' weights of so many sub-slices and tiles, at most: some 10 MB
 constexpr int tasks_each = 4; // per thread, so that none waits long for another
 
 // Blocks along one axis: number i reaches from voxel edge i * step to the next; its shadow has at most `size` pixels.
@@ -97,12 +98,20 @@ struct Scratch {
     Buffer sum;
 };
 
+// How many tiles of a view stand one above the other. Weights along x are shared by them, which counts where a tile
+// asks for one product a slice; the slab that they read is as much larger.
+int stack_of(const Geometry& g, const std::vector<int>& views) {
+    const bool light = std::all_of(views.begin(), views.end(), [&](int k) { return products(g.views[k]) == 1; });
+    return light && int(views.size()) * tall <= held ? tall : tall / 2;
+}
+
 class Forward {
     const Geometry& g;
     const float* f;
     const std::vector<float*>& images;
     std::vector<int> views;                   // of one group
     std::vector<std::vector<Shadow>> shadows; // along x; per view, per sub-slice
+    const int stack, slab;                    // tiles one above the other; slices
 
     int depth(size_t i) const { return g.grid.nz * g.views[views[i]].subs; }
     float* sum_of(Scratch& s, size_t i, int t) const { return &s.sum[(i * stack + t) * height * width]; }
@@ -111,8 +120,8 @@ public:
     const Blocks across, along;
 
     Forward(const Geometry& g, const float* f, const std::vector<float*>& images, const std::vector<int>& views)
-        : g(g), f(f), images(images), views(views), across(g, views, Axis::x, width),
-          along(g, views, Axis::y, stack * height) {
+        : g(g), f(f), images(images), views(views), stack(stack_of(g, views)), slab(layers / stack),
+          across(g, views, Axis::x, width), along(g, views, Axis::y, stack * height) {
         for (int k : views) {
             const View& v = g.views[k];
             shadows.emplace_back();
@@ -170,7 +179,7 @@ private:
     // views, while the next one is called for.
     void project_block(const std::vector<Tile>& tiles, const std::vector<size_t>& rows_of, Scratch& s) const {
         std::fill(s.sum.begin(), s.sum.end(), 0.0f);
-        Region next[slab];
+        std::vector<Region> next(slab);
         for (int z = 0; z < g.grid.nz; z += slab) {
             const int end = std::min(g.grid.nz, z + slab), after = std::min(g.grid.nz, end + slab);
             for (int c = end; c < after; c++) {
@@ -218,7 +227,7 @@ void project_tiles(const Geometry& g, const float* f, const std::vector<float*>&
         if (images[k]) all.push_back(int(k));
     int subs = 1;
     for (int k : all) subs = std::max(subs, g.views[k].subs);
-    const size_t most = std::max(1, std::min(together, kept / (g.grid.nz * subs * stack)));
+    const size_t most = std::max(1, std::min(together, kept / (g.grid.nz * subs * tall)));
     const size_t groups = (all.size() + most - 1) / most;
     for (size_t n = 0; n < groups; n++) {
         const Forward forward(g, f, images,
