@@ -1,17 +1,12 @@
 // The separable projector: each sub-slice is resampled onto the panel by two passes of short 1-D sums,
 // A_k = path * sum of products W^y x W^x, and back by the same two passes with the weights read the other way.
 //
-// The result is made in tiles that stay in the first-level cache while all that adds to them is read: for a tile of a
-// panel the slices, for a tile of a slice the views. The first pass resamples the rows of the source, for all moments
-// at once; neighbouring results have neighbouring sources, so that a tap is one load and one shuffle of a vector, not
-// a gather. The second adds whole rows.
+// The result is made in tiles that stay in the cache while all that adds to them is read (forward.cpp, backward.cpp).
+// What the tiles do not serve is here: tilted panels' way to the parallel ones, and turned panels (turned.cpp).
 #include "projector.h"
 #include "backward.h"
-#include "buffer.h"
 #include "forward.h"
 #include "parallel.h"
-#include "passes.h"
-#include "sliding.h"
 #include "turned.h"
 #include <algorithm>
 

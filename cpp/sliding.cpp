@@ -3,7 +3,9 @@
 // along x, and the rows in use, take up to thirty of the thirty-two registers that AVX-512 has: with sixteen of half
 // the width there is no room for that.
 #include "sliding.h"
+#include <array>
 #include <atomic>
+#include <utility>
 
 #ifdef PALPATE_VERSIONS
 
@@ -127,40 +129,19 @@ PALPATE_WIDE void slide_tile(const Source& source, const Spans& rows, const Span
 
 using Kernel = void (*)(const Source&, const Spans&, const Spans&, const Place*, float*);
 
-template <int moments, int taps> Kernel of_window(int window) {
-    switch (window) {
-    case 2:
-        return slide_tile<moments, taps, 2>;
-    case 3:
-        return slide_tile<moments, taps, 3>;
-    case 4:
-        return slide_tile<moments, taps, 4>;
-    case 5:
-        return slide_tile<moments, taps, 5>;
-    }
-    return nullptr;
-}
+constexpr int least = 2, most_taps = 9, most_window = 5, windows = most_window - least + 1;
+constexpr int tile_kinds = (most_taps - least + 1) * windows;
 
-template <int moments> Kernel of_taps(int taps, int window) {
-    switch (taps) {
-    case 2:
-        return of_window<moments, 2>(window);
-    case 3:
-        return of_window<moments, 3>(window);
-    case 4:
-        return of_window<moments, 4>(window);
-    case 5:
-        return of_window<moments, 5>(window);
-    case 6:
-        return of_window<moments, 6>(window);
-    case 7:
-        return of_window<moments, 7>(window);
-    case 8:
-        return of_window<moments, 8>(window);
-    case 9:
-        return of_window<moments, 9>(window);
-    }
-    return nullptr;
+template <int moments, int... kind>
+constexpr std::array<Kernel, tile_kinds> kernels(std::integer_sequence<int, kind...>) {
+    return {slide_tile<moments, least + kind / windows, least + kind % windows>...};
+}
+template <int moments> constexpr auto kernels_of = kernels<moments>(std::make_integer_sequence<int, tile_kinds>());
+
+Kernel kernel_of(int moments, int taps, int window) {
+    if (taps < least || taps > most_taps || window < least || window > most_window) return nullptr;
+    const int kind = (taps - least) * windows + window - least;
+    return moments == 1 ? kernels_of<1>[kind] : moments == 2 ? kernels_of<2>[kind] : kernels_of<3>[kind];
 }
 
 } // namespace
@@ -175,9 +156,7 @@ void allow_sliding(bool whether) { allowed = whether; }
 bool slide_slice(const Source& source, const Spans& rows, const ColumnSpans& columns, float* sum) {
     const Spans& c = columns.spans;
     if (!slides() || columns.jump) return false;
-    const Kernel kernel = rows.moments == 1   ? of_taps<1>(c.taps, rows.taps)
-                          : rows.moments == 2 ? of_taps<2>(c.taps, rows.taps)
-                                              : of_taps<3>(c.taps, rows.taps);
+    const Kernel kernel = kernel_of(rows.moments, c.taps, rows.taps);
     if (!kernel) return false;
     Place places[width / wide] = {{c.first, c.taps, source.columns},
                                   {c.first + wide, c.taps, source.columns},

@@ -7,14 +7,15 @@ constexpr int block = 16;
 
 PALPATE_INLINE int32_t within(double x, int limit) { return int32_t(std::min(std::max(x, 0.0), double(limit))); }
 
-// How deep an edge reaches into a pixel, with the part of it that is left of it when the thickness is crossed still
-// trimmed away; `move` is how far the edge moves meanwhile, in pixels.
+// How far into a pixel an edge may come, in pixels, while what it cuts off is still trimmed away; `move` is how far it
+// moves over the thickness. It cuts off d² / (2 move) where it comes in while it moves, d - move / 2 where it is
+// faster.
 double inset(double move, double trim) {
     return move > 2 * trim ? std::min(1.0, std::sqrt(2 * trim * move)) : trim + 0.5 * move;
 }
 
-// The least of it that elements `from` to `from` + `count` of one axis allow, whose edges move by `move` + i * `step`,
-// and edges over `over` more elements too.
+// The least of that which elements `from` to `from` + `count` of one axis allow, whose edges move by `move` + i *
+// `step`, and edges over `over` more elements too.
 double least_inset(double move, double step, int from, int count, double over, double trim) {
     const double first = move + step * (from - over), last = move + step * (from + count + over);
     const double least = (first < 0) != (last < 0) ? 0 : std::min(std::fabs(first), std::fabs(last));
@@ -118,8 +119,6 @@ PALPATE_KERNEL void weigh_pixels(const Shadow& s, int moments, int from, int cou
     if (moments == 2) return weigh_pixels_by<2>(s, from, count, voxels, taps, first, weight);
     weigh_pixels_by<3>(s, from, count, voxels, taps, first, weight);
 }
-
-namespace {} // namespace
 
 // What of the source the elements reach: its beginning and end, and the most that one takes. Nothing: begin >= end.
 PALPATE_KERNEL void reach(const int32_t* __restrict first, const int32_t* __restrict last, int count, int limit,

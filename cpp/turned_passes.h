@@ -17,8 +17,8 @@ struct ColumnTable {
     float* of(int i, int points) { return &weight[size_t(i / run) * points * most * run + i % run]; }
     int taps_of(int i) const { return taps[i / run]; }
 };
-void over_columns(const Geometry& geometry, const View& view, int slab,
-                  ColumnTable& out); // slab: slice * subs + sub-slice
+// slab: slice * subs + sub-slice
+void over_columns(const Geometry& geometry, const View& view, int slab, ColumnTable& out);
 void under_columns(const Geometry& geometry, const View& view, int slab, ColumnTable& out);
 
 // Eight neighbouring columns from `a` on, of which those beyond `last` stand for the last.

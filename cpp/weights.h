@@ -8,7 +8,8 @@ namespace palpate {
 
 constexpr int most_moments = 3;
 
-// A voxel's edge that moves from p1 to p2 evenly over the thickness t in [0, 1] of a sub-slice, in pixels.
+// A voxel's edge that moves from p1 to p2 evenly over the thickness t in [0, 1] of a sub-slice, in pixels. Real is
+// float or double.
 template <class Real> struct Crossing {
     Real move, speed, low, per;
 
@@ -16,7 +17,12 @@ template <class Real> struct Crossing {
         : move(p2 - p1), speed(std::max(std::fabs(move), Real(1e-6))), low(std::min(p1, p2)), per(1 / speed) {}
     // When it gets to the beginning of pixel q, if it moves upwards.
     PALPATE_INLINE Real reaches(Real q) const { return std::min(std::max((q - low) * per, Real(0)), Real(1)); }
-    // See below; of pixel q, on which the edge is from t0 to t1.
+    // The part of pixel q, [q, q + 1], left of the edge, which is on it from t0 to t1: its moments with the Legendre
+    // polynomials 1, √3 (2t - 1), √5 (6t² - 6t + 1), by parts.
+    //
+    // Where the edge leaves less than `trim` of the pixel on one side of it, and so of a voxel, its other side gets it
+    // all: the last pixels of a long trapezoid weigh next to nothing and cost as much as any other. Between once and
+    // twice `trim` the moments come on evenly, so that rounding decides nothing. per_trim: 1 / trim, or `untrimmed`.
     PALPATE_INLINE void cover(Real q, Real t0, Real t1, int moments, Real per_trim, Real* out) const {
         out[0] = (1 - t1) + (t1 - t0) * (low - q + Real(0.5) * speed * (t0 + t1));
         if (moments > 1)
@@ -33,13 +39,7 @@ template <class Real> struct Crossing {
     }
 };
 
-// The part left of a voxel's edge of the pixel [0, 1], while the edge moves from p1 to p2 evenly over the sub-slice's
-// thickness t in [0, 1]: its moments with the Legendre polynomials 1, √3 (2t - 1), √5 (6t² - 6t + 1), by parts. Real is
-// float or double.
-//
-// Where the edge leaves less than `trim` of the pixel on one side of it, and so of a voxel, its other side gets it all:
-// the last pixels of a long trapezoid weigh next to nothing and cost as much as any other. Between once and twice
-// `trim` the moments come on evenly, so that rounding decides nothing. per_trim: 1 / trim, or `untrimmed`.
+// The same of pixel [0, 1] and an edge that moves from p1 to p2.
 template <class Real> PALPATE_INLINE void cover(Real p1, Real p2, int moments, Real per_trim, Real* out) {
     const Crossing<Real> edge(p1, p2);
     edge.cover(0, edge.reaches(0), edge.reaches(1), moments, per_trim, out);
