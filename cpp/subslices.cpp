@@ -7,12 +7,19 @@ namespace palpate {
 namespace {
 
 constexpr int most = 16;        // sub-slices; times most_moments, the reference that fewer are judged by
-constexpr int samples = 9;      // voxels along x and y, in 3 slices
+constexpr int samples = 9;      // voxels at most along x and y, in 3 slices
 constexpr double most_trim = 6; // tolerances: see cover
 
 using Footprint = std::vector<double>; // over a window of pixels that holds it
 
-// The axis tables of slice z, one a product.
+// Evenly spread over n voxels.
+std::vector<int> sample(int n) {
+    std::vector<int> out(std::min(n, samples));
+    for (size_t i = 0; i < out.size(); i++) out[i] = int((i + 0.5) * n / double(out.size()));
+    return out;
+}
+
+// The axis tables of slice z at the sample voxels, one a product.
 struct Cut {
     int subs;
     std::vector<AxisWeights> x, y;
@@ -20,14 +27,14 @@ struct Cut {
     Cut(const Geometry& g, View v, int z, int subs, int moments) : subs(subs), x(subs * moments), y(subs * moments) {
         v.subs = subs;
         v.moments = moments;
+        const Grid grid = g.seen_by(v);
+        const std::vector<int> along_x = sample(grid.nx), along_y = sample(grid.ny);
         for (int product = 0; product < products(v); product++) {
-            by_voxel(g, v, z, product, Axis::x, x[product]);
-            by_voxel(g, v, z, product, Axis::y, y[product]);
+            by_voxel(g, v, z, product, Axis::x, along_x, x[product]);
+            by_voxel(g, v, z, product, Axis::y, along_y, y[product]);
         }
     }
 };
-
-int sample(int i, int n) { return int((i + 0.5) * n / samples); }
 
 struct Window {
     int low, size;
@@ -60,13 +67,12 @@ Footprint footprint(const Cut& cut, Window wy, Window wx, int y, int x) {
     return out;
 }
 
-// Sums over the sample voxels: footprints' error squared, squares, and values.
+// Sums over rows of sample voxels: footprints' error squared, squares, and values.
 struct Tally {
     double error = 0, square = 0, value = 0;
 
-    void add(const Cut& cut, const Cut& reference, const Grid& g, int y) {
-        for (int i = 0; i < samples; i++) {
-            const int x = sample(i, g.nx);
+    void add(const Cut& cut, const Cut& reference, int y) {
+        for (int x = 0; x < cut.x[0].n; x++) {
             const Window wy = window(reference.y, y), wx = window(reference.x, x);
             const Footprint exact = footprint(reference, wy, wx, y, x), rough = footprint(cut, wy, wx, y, x);
             for (size_t p = 0; p < exact.size(); p++) {
@@ -91,10 +97,10 @@ std::vector<Cut> cuts(const Geometry& g, const View& v, int subs, int moments) {
     return out;
 }
 
-double error(const Geometry& g, const Grid& grid, const std::vector<Cut>& tried, const std::vector<Cut>& reference) {
+double error(const Geometry& g, const std::vector<Cut>& tried, const std::vector<Cut>& reference) {
     Tally tally;
     for (int i = 0; i < slices; i++)
-        for (int j = 0; j < samples; j++) tally.add(tried[i], reference[i], grid, sample(j, grid.ny));
+        for (int y = 0; y < tried[i].y[0].n; y++) tally.add(tried[i], reference[i], y);
     return tally.relative(g.grid.nz);
 }
 
@@ -109,13 +115,13 @@ View endless(View v) {
 }
 
 // The fewest products of sub-slices and moments that are within the tolerance.
-void find_products(const Geometry& g, const View& bare, const Grid& grid, View& v) {
+void find_products(const Geometry& g, const View& bare, View& v) {
     const std::vector<Cut> reference = cuts(g, bare, most, most_moments);
     for (int count = 1; count <= most * most_moments; count++)
         for (v.moments = most_moments; v.moments >= 1; v.moments--) { // more moments err less than as many sub-slices
             v.subs = count / v.moments;
             if (count % v.moments != 0 || v.subs > most) continue;
-            if (error(g, grid, cuts(g, bare, v.subs, v.moments), reference) <= g.tolerance) return;
+            if (error(g, cuts(g, bare, v.subs, v.moments), reference) <= g.tolerance) return;
         }
     v.subs = most;
     v.moments = most_moments;
@@ -127,21 +133,21 @@ void find_calm_rows(const Geometry& g, const View& wide, const Grid& grid, View&
     v.still = (v.source[1] - grid.y0) / grid.dy;
     const std::vector<Cut> plain = cuts(g, wide, v.subs, 1), reference = cuts(g, wide, v.subs, v.moments);
     double steepest = 0;
-    for (int j = 0; j < samples; j++) {
-        const int y = sample(j, grid.ny);
+    const std::vector<int> rows = sample(grid.ny);
+    for (size_t y = 0; y < rows.size(); y++) {
         Tally tally;
-        for (int i = 0; i < slices; i++) tally.add(plain[i], reference[i], grid, y);
-        steepest = std::max(steepest, tally.relative(g.grid.nz) / std::max(std::fabs(y - v.still), 1.0));
+        for (int i = 0; i < slices; i++) tally.add(plain[i], reference[i], int(y));
+        steepest = std::max(steepest, tally.relative(g.grid.nz) / std::max(std::fabs(rows[y] - v.still), 1.0));
     }
     v.band = steepest > 0 ? g.tolerance / steepest : 0;
 }
 
 // As much of the weights' ends as may go within the tolerance.
-void find_trim(const Geometry& g, View wide, const Grid& grid, View& v) {
+void find_trim(const Geometry& g, View wide, View& v) {
     const std::vector<Cut> reference = cuts(g, wide, most, most_moments);
     for (double share = most_trim; share >= 1; share /= 2) {
         wide.trim = share * g.tolerance;
-        if (error(g, grid, cuts(g, wide, v.subs, v.moments), reference) > g.tolerance) continue;
+        if (error(g, cuts(g, wide, v.subs, v.moments), reference) > g.tolerance) continue;
         v.trim = wide.trim;
         return;
     }
@@ -156,10 +162,10 @@ void cut(const Geometry& g, View& v) {
     const View bare =
         v; // without the resampling, which the weights do not read; rows as on a turned panel's first column
     v.resampling = std::move(kept);
-    find_products(g, bare, grid, v);
+    find_products(g, bare, v);
     if (v.pose == Pose::turned) return;
     if (v.moments > 1) find_calm_rows(g, endless(bare), grid, v);
-    find_trim(g, endless(bare), grid, v);
+    find_trim(g, endless(bare), v);
 }
 
 } // namespace palpate

@@ -89,6 +89,9 @@ inline int products(const View& view) { return view.subs * view.moments; }
 // Per voxel along `axis`: the pixels that its shadow touches. product: sub-slice * moments + moment. Along y of a
 // turned panel: those of column 0.
 void by_voxel(const Geometry& geometry, const View& view, int z, int product, Axis axis, AxisWeights& out);
+// Of some voxels only, in ascending order.
+void by_voxel(const Geometry& geometry, const View& view, int z, int product, Axis axis, const std::vector<int>& voxels,
+              AxisWeights& out);
 
 // Along y on a turned panel: when the ray is at the product's Gauss point, the edge below voxel y lands on row
 // at(y, a) of column a, counted so that pixel b is [b, b + 1]; the voxel's weight there is the part of the pixel

@@ -53,6 +53,28 @@ def test_only_measured_pixels_count_and_half_must_be():
     assert (coarse.incident[:, -1, 3] == 200).all()
 
 
+@pytest.mark.parametrize("downsample", ["sum", "linear", "nearest", "median"])
+@pytest.mark.parametrize("shape", [(20, 30), (21, 30), (7, 5)])
+@pytest.mark.parametrize("measured", [1.0, 0.7])
+def test_one_number_a_view_is_made_coarser_as_the_whole_array_is(shape, measured, downsample):
+    """Each fine pixel by itself, in a loop: what of four is measured, its sum, its mean, its median, or the first."""
+    rng = np.random.default_rng(1)
+    views = pp.Views([(0, 0, 1000)] * 2, pp.Panel(shape, (1, 1), (0, 0, 0)))
+    mask, incident = rng.random(views.shape) < measured, np.array([50.0, 80.0])
+    counts = rng.integers(0, 40, views.shape).astype(np.float32)
+    whole = np.broadcast_to(incident[:, None, None], views.shape).copy()
+    few, all_of_them = (coarser_scan(pp.Scan(counts, b, views, 0.5, mask), downsample) for b in (incident, whole))
+    for name in ("counts", "incident", "background", "mask"):
+        np.testing.assert_array_equal(getattr(few, name), getattr(all_of_them, name))
+    how = {"sum": np.sum, "linear": np.mean, "median": np.median, "nearest": lambda four: four[0]}[downsample]
+    for k, r, c in np.ndindex(few.shape):
+        block = np.s_[k, 2 * r : 2 * r + 2, 2 * c : 2 * c + 2]
+        there = np.array([True]) if downsample == "nearest" else mask[block].ravel()
+        if few.mask[k, r, c]:
+            four = counts[block].ravel()[: there.size][there]
+            assert few.counts[k, r, c] == pytest.approx(how(four), rel=1e-6)
+
+
 @pytest.mark.parametrize("rotated", [False, True])
 def test_coarse_pixels_lie_in_the_middle_of_their_fine_ones(rotated):
     panel = pp.Panel((4, 6), (0.5, 0.7), (3, 2, 1), (0.6, 0, 0.8), (0, 1, 0)) if rotated else PANEL

@@ -10,7 +10,7 @@ from palpate.reconstruction.likelihood import Curvature, Likelihood, value_and_s
 from palpate.reconstruction.prior import Prior
 from palpate.reconstruction.projector import Projector
 
-SLICES, ROWS = 8, 256  # whose curvature stands for that of all
+SLICES, ROWS = 8, 64  # whose curvature stands for that of all
 
 
 def descend(
