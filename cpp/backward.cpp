@@ -160,8 +160,11 @@ private:
         const Source source = w.source(s.window.data());
         for (int d = 0; d < subs(k); d++) {
             const Spans* rows = &s.rows[(first + d) * stack];
-            if (std::none_of(rows, rows + tiles(), [](const Spans& r) { return r.reached; })) continue;
-            under_voxels(s.shadows[first + d], v.moments, x0, x1 - x0, g.grid.nx, v.na, s.columns.spans);
+            int moments = 0;
+            for (int t = 0; t < tiles(); t++)
+                if (rows[t].reached) moments = std::max(moments, rows[t].moments);
+            if (moments == 0) continue;
+            under_voxels(s.shadows[first + d], moments, x0, x1 - x0, g.grid.nx, v.na, s.columns.spans);
             if (!s.columns.spans.reached) continue;
             w.jump ? s.columns.prepare_halved(source.columns, w.jump) : s.columns.prepare(source.columns);
             for (int t = 0; t < tiles(); t++)

@@ -88,8 +88,15 @@ void bind_projection(nb::module_& m) {
             "source"_a, "origin"_a, "row_axis"_a, "column_axis"_a, "pitch"_a, "rows"_a, "columns"_a, "shape"_a,
             "spacing"_a, "grid_origin"_a, "tolerance"_a, nb::call_guard<nb::gil_scoped_release>())
         .def(
-            "products", [](const Geometry& g, int view) { return products(g.views.at(view)); }, "view"_a,
-            "Products of 1-D weights a slice in a view: sub-slices times moments.")
+            "products",
+            [](const Geometry& g, int view, int row) {
+                const View& v = g.views.at(view);
+                return row < 0 ? products(v) : v.subs * (v.pose == Pose::turned ? v.moments : v.moments_of(row));
+            },
+            "view"_a, "row"_a = -1,
+            "Products of 1-D weights a slice in a view, sub-slices times moments: most, or of one row of voxels along "
+            "x "
+            "(along y where the view sees the two swapped).")
         .def(
             "pose",
             [](const Geometry& g, int view) {

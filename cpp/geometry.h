@@ -46,6 +46,8 @@ enum class Pose {
     tilted,   // any other: through a finer parallel panel on which the same rays land
 };
 
+constexpr int most_moments = 3;
+
 // One view as the kernels see it. `image` pixel (b, a), a roughly along x, b along y, is number
 // start + b * step_b + a * step_a of the measured image, unless tilted: then `resampling` averages the image over each
 // measured pixel. Where `swapped`, x and y of source, panel and grid have changed places (a mirror image of the world,
@@ -63,8 +65,15 @@ struct View {
     int subs;              // sub-slices a slice
     int moments;           // products of 1-D weights a sub-slice: see AxisWeights
     double trim;           // of the weights: see cover
-    double still, band;    // rows of voxels less than `band` from row `still`, under the source, need moment 0 alone
-    bool calm(int row) const { return row > still - band && row < still + band; }
+    // Rows of voxels less than band[m] from row `still`, under the source, need no more than m moments.
+    double still;
+    std::array<double, most_moments> band;
+    bool calm(int row, int m) const { return row > still - band[m] && row < still + band[m]; }
+    int moments_of(int row) const {
+        int m = 1;
+        while (m < moments && !calm(row, m)) m++;
+        return m;
+    }
     Path path;
 };
 

@@ -193,28 +193,25 @@ void under_voxels(const Shadow& s, int moments, int from, int count, int voxels,
     clear_beyond(count, out);
 }
 
-void calm_pixels(const View& view, Spans& out) {
-    if (out.moments == 1 || !out.reached) return;
-    bool all = true;
-    for (int row = out.begin; row < out.end; row++) all = all && view.calm(row);
-    if (all) out.moments = 1;
-    if (all || view.band == 0) return;
+// Clears the moments that the voxels' rows need not, row(i, t) that of element i at tap t; the rows of all of them are
+// begin .. end - 1.
+template <class Row> static void calm(const View& view, int begin, int end, Row row, Spans& out) {
+    int most = 1;
+    for (int y = begin; y < end && most < out.moments; y++) most = std::max(most, view.moments_of(y));
+    out.moments = most;
     for (int m = 1; m < out.moments; m++)
-        for (int t = 0; t < out.taps; t++)
+        for (int t = 0; t < out.taps && view.band[m] > 0; t++)
             for (int i = 0; i < out.count; i++)
-                if (view.calm(out.first[i] + t)) out.weight[(m * out.taps + t) * run + i] = 0;
+                if (view.calm(row(i, t), m)) out.weight[(m * out.taps + t) * run + i] = 0;
+}
+
+void calm_pixels(const View& view, Spans& out) {
+    if (out.moments > 1 && out.reached)
+        calm(view, out.begin, out.end, [&](int i, int t) { return out.first[i] + t; }, out);
 }
 
 void calm_voxels(const View& view, int from, Spans& out) {
-    if (out.moments == 1 || !out.reached) return;
-    bool all = true;
-    for (int i = 0; i < out.count; i++) all = all && view.calm(from + i);
-    if (all) out.moments = 1;
-    if (all || view.band == 0) return;
-    for (int m = 1; m < out.moments; m++)
-        for (int t = 0; t < out.taps; t++)
-            for (int i = 0; i < out.count; i++)
-                if (view.calm(from + i)) out.weight[(m * out.taps + t) * run + i] = 0;
+    if (out.moments > 1 && out.reached) calm(view, from, from + out.count, [&](int i, int) { return from + i; }, out);
 }
 
 } // namespace palpate

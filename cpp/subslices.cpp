@@ -127,19 +127,24 @@ void find_products(const Geometry& g, const View& bare, View& v) {
     v.moments = most_moments;
 }
 
-// The middle and half width of the rows whose shadows move so little that moment 0 alone is within the tolerance. Its
-// error grows with how far the row's shadow moves, that is with the distance from the row under the source.
+// The middle of the rows whose shadows move so little that the first moments are within the tolerance, and half their
+// width. The error grows with how far the row's shadow moves, that is with the distance from the row under the source,
+// and no faster: for two moments of three as the distance's square at first, but what is beyond the tolerance is
+// straight.
 void find_calm_rows(const Geometry& g, const View& wide, const Grid& grid, View& v) {
     v.still = (v.source[1] - grid.y0) / grid.dy;
-    const std::vector<Cut> plain = cuts(g, wide, v.subs, 1), reference = cuts(g, wide, v.subs, v.moments);
-    double steepest = 0;
+    const std::vector<Cut> reference = cuts(g, wide, v.subs, v.moments);
     const std::vector<int> rows = sample(grid.ny);
-    for (size_t y = 0; y < rows.size(); y++) {
-        Tally tally;
-        for (int i = 0; i < slices; i++) tally.add(plain[i], reference[i], int(y));
-        steepest = std::max(steepest, tally.relative(g.grid.nz) / std::max(std::fabs(rows[y] - v.still), 1.0));
+    for (int m = 1; m < v.moments; m++) {
+        const std::vector<Cut> fewer = cuts(g, wide, v.subs, m);
+        double steepest = 0;
+        for (size_t y = 0; y < rows.size(); y++) {
+            Tally tally;
+            for (int i = 0; i < slices; i++) tally.add(fewer[i], reference[i], int(y));
+            steepest = std::max(steepest, tally.relative(g.grid.nz) / std::max(std::fabs(rows[y] - v.still), 1.0));
+        }
+        v.band[m] = std::max(v.band[m - 1], steepest > 0 ? g.tolerance / steepest : 0);
     }
-    v.band = steepest > 0 ? g.tolerance / steepest : 0;
 }
 
 // As much of the weights' ends as may go within the tolerance.
@@ -158,7 +163,8 @@ void find_trim(const Geometry& g, View wide, View& v) {
 void cut(const Geometry& g, View& v) {
     const Grid grid = g.seen_by(v);
     Resampling kept = std::move(v.resampling);
-    v.still = v.band = v.trim = 0;
+    v.still = v.trim = 0;
+    v.band = {};
     const View bare =
         v; // without the resampling, which the weights do not read; rows as on a turned panel's first column
     v.resampling = std::move(kept);

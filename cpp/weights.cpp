@@ -118,7 +118,7 @@ static void weigh_along(const Geometry& geometry, const View& view, int z, int p
     if (!x && moment > 0 && !turned)
         for (int t = 0; t < taps; t++)
             for (int i = 0; i < n; i++)
-                if (view.calm(voxels ? voxels[i] : i)) out.weight[size_t(t) * n + i] = 0;
+                if (view.calm(voxels ? voxels[i] : i, moment)) out.weight[size_t(t) * n + i] = 0;
 }
 
 void by_voxel(const Geometry& geometry, const View& view, int z, int product, Axis axis, AxisWeights& out) {

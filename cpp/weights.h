@@ -6,8 +6,6 @@
 
 namespace palpate {
 
-constexpr int most_moments = 3;
-
 // A voxel's edge that moves from p1 to p2 evenly over the thickness t in [0, 1] of a sub-slice, in pixels. Real is
 // float or double.
 template <class Real> struct Crossing {
@@ -30,7 +28,8 @@ template <class Real> struct Crossing {
                 Real(1.7320508075688772) * move * (t1 * t1 * (Real(0.5) - t1 / 3) - t0 * t0 * (Real(0.5) - t0 / 3));
         if (moments > 2) {
             const Real s0 = t0 * (1 - t0), s1 = t1 * (1 - t1);
-            out[2] = Real(-1.118033988749895) * move * (s1 * s1 - s0 * s0);
+            out[2] =
+                Real(-1.118033988749895) * speed * (s1 * s1 - s0 * s0); // even: the same for an edge that moves down
         }
         const Real small = std::min(out[0], 1 - out[0]);
         const Real kept = std::min(std::max(small * per_trim - 1, Real(0)), Real(1));

@@ -345,6 +345,22 @@ def test_moving_everything_by_a_symmetry_changes_nothing(pose, move, volume):
     assert np.linalg.norm(q - p) <= (0.02 if pose[1] else 2e-3 if pose[0] else 1e-5) * np.linalg.norm(p)
 
 
+@pytest.mark.parametrize("tolerance", [3e-3, 1e-3, 3e-4])
+def test_whichever_way_a_shadow_moves_along_x_and_y_the_weights_are_as_good(tolerance):
+    """Sources far off both axes, in the four directions: mirror images of one another, in what they cost too."""
+    grid = pp.Grid((8, 150, 150), (1, 0.1, 0.1), (-7.45, -7.45, 30.5))
+    f, kept, costs = noise(grid), [], []
+    for x, y in ((1, 1), (-1, 1), (1, -1), (-1, -1)):
+        panel = centred((300, 300), (0.13, 0.13), (-13 * x, -9 * y, 0), (0, 1, 0), (1, 0, 0))  # under the grid
+        A = pp.Projector(pp.Views([(250 * x, 170 * y, 600)], panel), grid, tolerance)
+        kept.append(A(f[:, ::y, ::x])[:, ::y, ::x])
+        costs.append(A.geometry.products(0))
+    assert costs == [costs[0]] * 4
+    assert costs[0] > 1
+    for image in kept[1:]:
+        assert np.abs(image - kept[0]).max() < 1e-5 * kept[0].max()
+
+
 @pytest.mark.parametrize("pose", [(0, 0, 0), (0.3, 0, 0), (0.3, 0.8, 0.5)], ids=["parallel", "turned", "tilted"])
 def test_moving_everything_by_a_shift_changes_nothing(pose):
     axes, shift = turned(*pose), np.array([32.0, -16.0, 64.0])
