@@ -111,167 +111,46 @@ PALPATE_INLINE void look_with(int taps, const float* weight, const int32_t* firs
     }
 }
 
-// out += Σ over `count` vectors of weight · u, of `rows` rows, `stride` floats apart, that read the weights together.
-// Returns the weights behind.
-template <int rows>
-PALPATE_INLINE const float* add_run(const float* weight, const float* u, int64_t stride, int count, float* out,
-                                    int64_t out_row) {
-    Lanes sum[rows], other[rows], w, v, x;
-    PALPATE_UNROLL
-    for (int r = 0; r < rows; r++) load(sum[r], out + r * out_row), other[r] = Lanes{};
-    for (; count >= 2; count -= 2, weight += 2 * lanes, u += 2 * lanes) {
-        load(w, weight), load(v, weight + lanes);
-        PALPATE_UNROLL
-        for (int r = 0; r < rows; r++) {
-            load(x, u + r * stride);
-            sum[r] += w * x;
-            load(x, u + r * stride + lanes);
-            other[r] += v * x;
-        }
-    }
-    if (count) {
-        load(w, weight);
-        weight += lanes;
-        PALPATE_UNROLL
-        for (int r = 0; r < rows; r++) {
-            load(x, u + r * stride);
-            sum[r] += w * x;
-        }
-    }
-    PALPATE_UNROLL
-    for (int r = 0; r < rows; r++) store(out + r * out_row, sum[r] + other[r]);
-    return weight;
-}
-
-// What the columns say of one term or pair, at each tap; `step` vectors apart.
-template <class Sums>
-PALPATE_INLINE void lay_out(const Order& order, const float* from, int taps, int step, float* to) {
-    const Sums columns(from);
-    Lanes u;
-    for (int t = 0; t < taps; t++, to += step * lanes) {
-        columns.pick(order, t, u);
-        store(to, u);
-    }
-}
-
-// to[tap][s] = Σ over terms m of the voxel's weight · what the columns say of the pair m, s.
-template <int terms, class Sums>
-PALPATE_INLINE void fold(const Order& order, const float* from, int64_t pitch, int taps, const float* weight,
-                         float* to) {
-    for (int t = 0; t < taps; t++, to += terms * lanes) {
-        Lanes w[terms], sum[terms], u;
-        PALPATE_UNROLL
-        for (int m = 0; m < terms; m++) load(w[m], weight + (m * taps + t) * lanes), sum[m] = Lanes{};
-        const float* pair = from;
-        PALPATE_UNROLL
-        for (int m = 0; m < terms; m++) {
-            PALPATE_UNROLL
-            for (int s = m; s < terms; s++, pair += pitch) {
-                Sums(pair).pick(order, t, u);
-                sum[s] += w[m] * u;
-                if (s > m) sum[m] += w[s] * u;
-            }
-        }
-        PALPATE_UNROLL
-        for (int m = 0; m < terms; m++) store(to + m * lanes, sum[m]);
-    }
-}
-
-// Numerical kernel. What the columns say is first laid out as the weights are, so that all that a voxel shares with
-// another is one run. folded: the number of terms if what pairs say is folded, else 0.
-template <int rows, class Sums, int folded>
-PALPATE_INLINE void look_run(int any_terms, int taps, const int32_t* lead, int bands, const float* weight,
-                             const int32_t* first, int groups, const Looked& all, int begin, float* scratch) {
-    const int terms = folded ? folded : any_terms, pairs = pairs_of(terms), each = folded ? folded : pairs;
-    const int slopes = terms * taps, size = slopes + each * taps;
-    for (int g = 0; g < groups; g++, first += lanes) {
-        Order order;
-        order_of(first, order);
-        for (int r = 0; r < rows; r++) {
-            const float* from = all.sums + (begin + r) * all.row + first[0];
-            float* to = scratch + int64_t(r) * size * lanes;
-            for (int m = 0; m < terms; m++, from += all.pitch, to += taps * lanes)
-                lay_out<Sums>(order, from, taps, 1, to);
-            if (folded)
-                fold<folded ? folded : 1, Sums>(order, from, all.pitch, taps, weight, to);
-            else
-                for (int q = 0; q < pairs; q++, from += all.pitch)
-                    lay_out<Sums>(order, from, taps, pairs, to + q * lanes);
-        }
-        float* out = all.out + begin * all.out_row + g * lanes;
-        weight = add_run<rows>(weight, scratch, size * lanes, slopes, out, all.out_row);
-        for (int k = 0; k < bands; k++)
-            weight = add_run<rows>(weight, scratch + (slopes + lead[k] * each) * lanes, size * lanes,
-                                   (taps - lead[k]) * each, out + (1 + k) * all.plane, all.out_row);
-    }
-}
-
-template <class Sums, int folded>
-PALPATE_INLINE void look_runs(int terms, int taps, const int32_t* lead, int bands, const float* weight,
-                              const int32_t* first, int groups, const Looked& all, float* scratch) {
-    int i = 0;
-    for (; i + rows_at_once <= all.rows; i += rows_at_once)
-        look_run<rows_at_once, Sums, folded>(terms, taps, lead, bands, weight, first, groups, all, i, scratch);
-    for (; i < all.rows; i++)
-        look_run<1, Sums, folded>(terms, taps, lead, bands, weight, first, groups, all, i, scratch);
-}
-
-template <class Sums>
-PALPATE_INLINE void look_folded(int terms, int taps, bool folded, const int32_t* lead, int bands, const float* weight,
-                                const int32_t* first, int groups, const Looked& all, float* scratch) {
-    if (!folded)
-        look_runs<Sums, 0>(terms, taps, lead, bands, weight, first, groups, all, scratch);
-    else if (terms == 3)
-        look_runs<Sums, 3>(terms, taps, lead, bands, weight, first, groups, all, scratch);
-    else
-        look_runs<Sums, 4>(terms, taps, lead, bands, weight, first, groups, all, scratch);
-}
-
-// terms: 0 for any number; then term by term. taps: likewise.
-template <int fixed_terms, int fixed_taps, class Changes>
-PALPATE_INLINE void spread_by(const float* weight, const int32_t* first, int any_terms, int any_taps,
-                              const float* change, int n, float* out, int64_t pitch) {
-    constexpr int at_once = fixed_terms ? fixed_terms : 1;
-    const int terms = fixed_terms ? fixed_terms : any_terms, taps = fixed_taps ? fixed_taps : any_taps;
+// fixed: the number of taps, or 0 for any.
+template <int terms, int fixed, class Changes>
+PALPATE_INLINE void spread_by(const float* weight, const int32_t* first, int any, const float* change, int n,
+                              float* out, int64_t pitch) {
+    const int taps = fixed ? fixed : any;
     for (int a = 0; a < n; a += lanes) {
         Order order;
         order_of(first + a, order);
         const Changes changes(change + first[a]);
-        Lanes sum[at_once], u, w;
-        for (int m = 0; m < terms; m += at_once) {
+        Lanes sum[terms] = {}, u, w;
+        PALPATE_UNROLL
+        for (int t = 0; t < taps; t++) {
+            changes.pick(order, t, u);
             PALPATE_UNROLL
-            for (Lanes& s : sum) s = Lanes{};
-            PALPATE_UNROLL
-            for (int t = 0; t < taps; t++) {
-                changes.pick(order, t, u);
-                PALPATE_UNROLL
-                for (Lanes& s : sum) {
-                    load(w, weight);
-                    s += w * u;
-                    weight += lanes;
-                }
+            for (Lanes& s : sum) {
+                load(w, weight);
+                s += w * u;
+                weight += lanes;
             }
-            PALPATE_UNROLL
-            for (int s = 0; s < at_once; s++) store(out + (m + s) * pitch + a, sum[s]);
         }
+        PALPATE_UNROLL
+        for (int m = 0; m < terms; m++) store(out + m * pitch + a, sum[m]);
     }
 }
 
 template <int terms>
-PALPATE_INLINE void spread_with(Span span, const float* weight, const int32_t* first, int any, int taps,
-                                const float* change, int n, float* out, int64_t pitch) {
+PALPATE_INLINE void spread_with(Span span, const float* weight, const int32_t* first, int taps, const float* change,
+                                int n, float* out, int64_t pitch) {
     if (span == Span::any)
-        spread_by<terms, 0, Anywhere>(weight, first, any, taps, change, n, out, pitch);
+        spread_by<terms, 0, Anywhere>(weight, first, taps, change, n, out, pitch);
     else if (span == Span::wide)
-        spread_by<terms, 0, Wide>(weight, first, any, taps, change, n, out, pitch);
+        spread_by<terms, 0, Wide>(weight, first, taps, change, n, out, pitch);
     else if (taps == 2)
-        spread_by<terms, 2, Near>(weight, first, any, taps, change, n, out, pitch);
+        spread_by<terms, 2, Near>(weight, first, taps, change, n, out, pitch);
     else if (taps == 3)
-        spread_by<terms, 3, Near>(weight, first, any, taps, change, n, out, pitch);
+        spread_by<terms, 3, Near>(weight, first, taps, change, n, out, pitch);
     else if (taps == 4)
-        spread_by<terms, 4, Near>(weight, first, any, taps, change, n, out, pitch);
+        spread_by<terms, 4, Near>(weight, first, taps, change, n, out, pitch);
     else
-        spread_by<terms, 0, Near>(weight, first, any, taps, change, n, out, pitch);
+        spread_by<terms, 0, Near>(weight, first, taps, change, n, out, pitch);
 }
 
 } // namespace
@@ -291,24 +170,10 @@ PALPATE_KERNEL void look_at(int kernel, bool close, const float* weight, const i
     }
 }
 
-PALPATE_KERNEL void look_along(Span span, int terms, int taps, bool folded, const std::vector<int32_t>& lead,
-                               const float* weight, const int32_t* first, int groups, const Looked& rows,
-                               float* scratch) {
-    const int bands = int(lead.size());
-    if (span == Span::near)
-        look_folded<Near>(terms, taps, folded, lead.data(), bands, weight, first, groups, rows, scratch);
-    else if (span == Span::wide)
-        look_folded<Wide>(terms, taps, folded, lead.data(), bands, weight, first, groups, rows, scratch);
-    else
-        look_folded<Anywhere>(terms, taps, folded, lead.data(), bands, weight, first, groups, rows, scratch);
-}
-
 PALPATE_KERNEL void spread_at(Span span, const float* weight, const int32_t* first, int terms, int taps,
                               const float* change, int n, float* out, int64_t pitch) {
-    if (terms == 1) return spread_with<1>(span, weight, first, terms, taps, change, n, out, pitch);
-    if (terms == 2) return spread_with<2>(span, weight, first, terms, taps, change, n, out, pitch);
-    if (terms == 3) return spread_with<3>(span, weight, first, terms, taps, change, n, out, pitch);
-    spread_with<0>(span, weight, first, terms, taps, change, n, out, pitch);
+    if (terms == 1) return spread_with<1>(span, weight, first, taps, change, n, out, pitch);
+    spread_with<2>(span, weight, first, taps, change, n, out, pitch);
 }
 
 } // namespace palpate

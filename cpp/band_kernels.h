@@ -6,9 +6,7 @@ namespace palpate {
 
 // What Bands does per eight voxels or columns: see Bands::look and Bands::spread, and its layout of weights.
 
-constexpr int most_taps = 6, most_terms = 2; // of the kernels that are unrolled for them
-constexpr int spread_terms = 3;              // up to so many are spread together, more one by one
-constexpr int rows_at_once = 4;              // that read the weights together
+constexpr int most_taps = 6, most_terms = 2; // of the kernels, which are unrolled for them
 
 // How far eight neighbours reach: within eight of the first, within sixteen, or further.
 enum class Span { near, wide, any };
@@ -22,16 +20,10 @@ struct Looked {
     int rows;
 };
 
-// Rising voxels, unrolled. kernel: 10 · terms + taps. close: eight voxels touch sixteen columns at most.
+// kernel: 10 · terms + taps. close: eight voxels touch sixteen columns at most.
 void look_at(int kernel, bool close, const float* weight, const int32_t* first, int groups, const Looked& rows);
 
-// Any others. lead: (bands) the first tap that a voxel shares with the one so far ahead. folded: what the columns say
-// of pairs of terms is first weighed by the voxel itself, terms · terms products a tap, so that each voxel ahead takes
-// one a term instead of one a pair; for 3 and 4 terms. scratch: rows_at_once · (terms + pairs) · taps vectors.
-constexpr int least_folded = 3, most_folded = 4;
-void look_along(Span span, int terms, int taps, bool folded, const std::vector<int32_t>& lead, const float* weight,
-                const int32_t* first, int groups, const Looked& rows, float* scratch);
-
+// terms: 1 or 2.
 void spread_at(Span span, const float* weight, const int32_t* first, int terms, int taps, const float* change, int n,
                float* out, int64_t pitch);
 

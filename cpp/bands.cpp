@@ -22,12 +22,13 @@ int round_up(int n, int step) { return (n + step - 1) / step * step; }
 } // namespace
 
 void Bands::make(const Geometry& geometry, const View& view, int z, Axis axis, int of_image) {
-    terms = products(view);
+    terms = palpate::products(view);
     columns = of_image;
     parts.resize(terms);
     for (int s = 0; s < terms; s++) by_voxel(geometry, view, z, s, axis, parts[s]);
     taps = std::max(2, extents(parts, low, count));
     place();
+    if (walked()) return list();
     lay_out();
     couple();
     turn();
@@ -60,22 +61,26 @@ void Bands::place() {
     kernel = rising && terms <= most_terms && taps <= most_taps ? 10 * terms + taps : 0;
     const int reach = reach_of_eight(first);
     close = reach + taps <= 2 * lanes;
-    look_span = span_of(reach);
-    lead.assign(kernel ? taps : 1 + ahead, taps);
-    for (int i = 0; i < n && !kernel; i++)
-        for (int k = 0; k <= ahead && i + k < n; k++)
-            if (count[i] > 0 && count[i + k] > 0) lead[k] = std::max(0, std::min(lead[k], first[i + k] - first[i]));
-    int shared = 0;
-    for (int begin : lead) shared += taps - begin;
-    folded = !kernel && terms >= least_folded && terms <= most_folded &&
-             terms * terms * taps + terms * shared < pairs_of(terms) * shared;
+}
+
+// Per voxel and column under it the weight in each term.
+void Bands::list() {
+    const size_t each = size_t(taps) * terms;
+    weight.assign(low.size() * each, 0.0f);
+    for (int m = 0; m < terms; m++)
+        for (size_t i = 0; i < low.size(); i++)
+            for (int t = 0; t < count[i]; t++) {
+                const int tap = low[i] + t - parts[m].first[i];
+                if (tap >= 0 && tap < parts[m].taps)
+                    weight[i * each + size_t(t) * terms + m] = parts[m].weight[size_t(tap) * low.size() + i];
+            }
 }
 
 // Per voxel and term `taps` zeros, then the weights from column first on: what another voxel's columns read beyond is
 // 0. Voxels of 0s follow the last.
 void Bands::lay_out() {
     const int n = int(low.size());
-    dense.assign((first.size() + lead.size()) * terms * 2 * taps, 0.0f);
+    dense.assign((first.size() + taps) * terms * 2 * taps, 0.0f);
     for (int m = 0; m < terms; m++)
         for (int i = 0; i < n; i++) {
             if (count[i] == 0) continue;
@@ -107,32 +112,6 @@ template <int terms, int taps> void Bands::couple_by() {
     }
 }
 
-// Terms, taps; then voxels ahead, the taps shared with them, pairs of terms; or, folded, the other voxel's terms.
-void Bands::couple_any() {
-    const int each = folded ? terms : pairs_of(terms);
-    int64_t size = int64_t(terms) * taps;
-    for (int begin : lead) size += int64_t(each) * (taps - begin);
-    weight.resize(first.size() * size);
-    for (size_t i = 0; i < first.size(); i++) {
-        float* out = &weight[i / lanes * lanes * size + i % lanes];
-        for (int m = 0; m < terms; m++)
-            for (int t = 0; t < taps; t++, out += lanes) *out = at(int(i), m, 0)[t];
-        for (size_t k = 0; k < lead.size(); k++) {
-            const int shift = i + k < first.size() ? first[i + k] - first[i] : taps;
-            for (int t = lead[k]; t < taps; t++)
-                for (int m = 0; m < terms; m++) {
-                    const float c = at(int(i + k), m, shift)[t];
-                    if (folded) *out = c, out += lanes;
-                    for (int s = m; s < terms && !folded; s++, out += lanes) {
-                        const float a = at(int(i), m, 0)[t], b = at(int(i), s, 0)[t];
-                        const float d = at(int(i + k), s, shift)[t];
-                        *out = m == s ? a * c : a * d + b * c;
-                    }
-                }
-        }
-    }
-}
-
 void Bands::couple() {
     switch (kernel) {
     case 12:
@@ -155,8 +134,6 @@ void Bands::couple() {
         return couple_by<2, 5>();
     case 26:
         return couple_by<2, 6>();
-    default:
-        return couple_any();
     }
 }
 
@@ -179,24 +156,18 @@ void Bands::turn() {
     around = 4 * reach + spread_taps + 2 * lanes;
     spread_span = span_of(reach);
     spread_weight.assign(size_t(size) * terms * spread_taps, 0.0f);
-    // In the order that `spread` reads: taps, terms; or, where it goes term by term, terms, taps.
-    const int by_tap = terms <= spread_terms ? terms : 1, by_term = terms <= spread_terms ? 1 : spread_taps;
     for (int i = 0; i < n; i++)
         for (int c = low[i]; c < low[i] + count[i]; c++) {
-            const int tap = (i - first_voxel[c]) * by_tap;
+            const int tap = (i - first_voxel[c]) * terms; // in the order that `spread` reads: taps, terms
             float* out = &spread_weight[size_t(c / lanes) * lanes * terms * spread_taps + c % lanes];
-            for (int m = 0; m < terms; m++) out[(tap + m * by_term) * lanes] = at(i, m, 0)[c - first[i]];
+            for (int m = 0; m < terms; m++) out[(tap + m) * lanes] = at(i, m, 0)[c - first[i]];
         }
 }
 
-void Bands::look(Looked rows, int from, int begin, int end, float* scratch) const {
+void Bands::look(Looked rows, int from, int begin, int end) const {
     const int groups = (end - begin + lanes - 1) / lanes;
-    const float* weights = weight.data() + begin * (weight.size() / first.size());
     rows.sums -= from;
-    if (kernel)
-        look_at(kernel, close, weights, first.data() + begin, groups, rows);
-    else
-        look_along(look_span, terms, taps, folded, lead, weights, first.data() + begin, groups, rows, scratch);
+    look_at(kernel, close, weight.data() + begin * (weight.size() / first.size()), first.data() + begin, groups, rows);
 }
 
 void Bands::spread(const float* change, int begin, int from, int n, float* out, int64_t pitch) const {

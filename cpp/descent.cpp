@@ -1,5 +1,6 @@
 #include "descent.h"
 #include "across.h"
+#include "interleave.h"
 #include "order.h"
 #include "parallel.h"
 #include "solve.h"
@@ -18,35 +19,6 @@ struct Scratch {
     Line line;
     Lists::Scratch lists;
 };
-
-// (rows) pointers to n floats each, to lanes: out[x * lanes + i] = rows[i][x]; absent rows are 0.
-PALPATE_KERNEL void into_lanes(const float* const* rows, int count, int64_t n, float* out) {
-    int64_t x = 0;
-    for (; x + lanes <= n; x += lanes) {
-        Lanes m[lanes] = {};
-        PALPATE_UNROLL
-        for (int i = 0; i < lanes; i++)
-            if (i < count) load(m[i], rows[i] + x);
-        transpose(m);
-        store_each(out + x * lanes, lanes, m);
-    }
-    for (; x < n; x++)
-        for (int i = 0; i < lanes; i++) out[x * lanes + i] = i < count ? rows[i][x] : 0;
-}
-
-PALPATE_KERNEL void out_of_lanes(const float* in, int count, int64_t n, float* const* rows) {
-    int64_t x = 0;
-    for (; x + lanes <= n; x += lanes) {
-        Lanes m[lanes];
-        load_each(m, in + x * lanes, lanes);
-        transpose(m);
-        PALPATE_UNROLL
-        for (int i = 0; i < lanes; i++)
-            if (i < count) store(rows[i] + x, m[i]);
-    }
-    for (; x < n; x++)
-        for (int i = 0; i < count; i++) rows[i][x] = in[x * lanes + i];
-}
 
 // Footprints of a slice in all views.
 struct Slice {
@@ -75,12 +47,25 @@ struct Slice {
     void gather(const Strip& strip, int begin, int end, Paraboloid& data, Scratch& s) const {
         s.columns.resize(views.size());
         s.planes.count = 2; // slope and curvature, also where there is no view
-        for (const SliceView& view : views) s.planes.count = std::max(s.planes.count, view.along().planes());
+        s.line.reach = s.line.margin = 0;
+        for (size_t k = 0; k < views.size(); k++) {
+            const Bands& bands = views[k].bands(s.columns[k].moments = views[k].moments_of(strip));
+            if (bands.walked()) continue;
+            s.planes.count = std::max(s.planes.count, bands.planes());
+            s.line.reach = std::max(s.line.reach, bands.reach());
+            s.line.margin = std::max(s.line.margin, bands.margin());
+        }
         s.planes.values.resize(s.planes.count * lanes * Planes::pitch);
         std::fill_n(s.planes.values.data(), s.planes.values.size(), 0.0f);
         for (size_t k = 0; k < views.size(); k++)
             views[k].gather(strip, data.slope(separable[k]), data.curvature(separable[k]), begin, end, s.columns[k],
                             s.rows, s.planes);
+        s.line.walks.clear();
+        for (Columns& columns : s.columns)
+            if (columns.walk.bands) s.line.walks.push_back(&columns.walk);
+        std::stable_sort(s.line.walks.begin(), s.line.walks.end(), [](const Walk* a, const Walk* b) {
+            return 100 * a->terms + a->bands->taps_along() < 100 * b->terms + b->bands->taps_along();
+        });
     }
 
     void spread(const Strip& strip, int begin, int end, const float* const* change, Paraboloid& data,
@@ -99,8 +84,6 @@ void lay_out(const Slice& slice, const Solve& solve, const Strip& strip, int beg
     Line& line = s.line;
     const float* from[lanes];
     line.begin = begin;
-    line.reach = 0;
-    for (const SliceView& view : slice.views) line.reach = std::max(line.reach, view.along().reach());
     line.f.resize((count + 2) * lanes);
     into_lanes(rows, strip.rows, count, line.f.data() + lanes);
     for (int i = 0; i < lanes; i++) {
@@ -132,9 +115,7 @@ void lay_out(const Slice& slice, const Solve& solve, const Strip& strip, int beg
 
 // The changes back to rows, and from there to the images.
 void spread_changes(const Slice& slice, const Strip& strip, int begin, int end, Paraboloid& data, Scratch& s) {
-    const int count = end - begin;
-    int margin = 0;
-    for (const SliceView& view : slice.views) margin = std::max(margin, view.along().margin());
+    const int count = end - begin, margin = s.line.margin;
     const int pitch = (margin + count + margin + lanes - 1) / lanes * lanes;
     s.row.resize(std::max(s.row.size(), size_t(lanes * pitch)));
     float* change[lanes];
@@ -256,8 +237,9 @@ static void strip_diagonal(const Slice& slice, const Strip& strip, Paraboloid& d
         const int end = std::min(nx, begin + voxels_at_once);
         slice.gather(strip, begin, end, data, s);
         for (int i = 0; i < strip.rows; i++) std::copy_n(s.planes.of(1, i), end - begin, d + int64_t(i) * nx + begin);
-        for (int x = begin; x < end && !slice.lists.empty(); x++) {
+        for (int x = begin; x < end && !(s.line.walks.empty() && slice.lists.empty()); x++) {
             Lanes slope = {}, sum = {};
+            measure(s.line.walks, x, slope, sum);
             slice.lists.measure(strip, x, data, s.lists, slope, sum);
             for (int i = 0; i < strip.rows; i++) d[int64_t(i) * nx + x] += sum[i];
         }

@@ -40,7 +40,7 @@ PALPATE_INLINE void solve_with(const Solve& s, Line& line, int count, bool backw
     const int nx = int(s.neighbours.nx), reach = fixed ? fixed : line.reach;
     const float beside = s.neighbours.weight[1][1][0] * s.beta, beta = s.beta;
     const Law law = s.neighbours.law;
-    const bool listed = !s.lists.empty();
+    const bool walked = !line.walks.empty(), listed = !s.lists.empty();
     const Lanes zero = {};
     for (int j = 0; j < count; j++) {
         const int i = backwards ? count - 1 - j : j, x = line.begin + i;
@@ -53,6 +53,7 @@ PALPATE_INLINE void solve_with(const Solve& s, Line& line, int count, bool backw
             load(u, change + (backwards ? k : -k) * lanes);
             slope += c * u;
         }
+        if (walked) measure(line.walks, x, slope, curvature);
         if (listed) s.lists.measure(strip, x, data, scratch, slope, curvature);
         load(old, f);
         if (beta > 0) {
@@ -69,6 +70,7 @@ PALPATE_INLINE void solve_with(const Solve& s, Line& line, int count, bool backw
         store(f, moved);
         moved -= old;
         store(change, moved);
+        if (walked) move(line.walks, moved);
         if (listed) s.lists.move(strip, moved, data, scratch);
     }
 }

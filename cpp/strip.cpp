@@ -1,4 +1,5 @@
 #include "strip.h"
+#include "interleave.h"
 #include <algorithm>
 
 namespace palpate {
@@ -164,62 +165,98 @@ void SliceView::make(const Geometry& geometry, const View& chosen, int z) {
     const Layout layout(chosen);
     view = &chosen;
     stride = layout.stride;
+    weights.resize(chosen.moments);
     const Axis x = chosen.swapped ? Axis::y : Axis::x, y = chosen.swapped ? Axis::x : Axis::y;
-    bands.make(geometry, chosen, z, x, layout.columns);
     if (chosen.pose == Pose::turned) {
+        weights.back().bands.make(geometry, chosen, z, x, layout.columns);
         along_columns.clear();
         for (int s = 0; s < products(chosen); s++) along_columns.push_back(edges(geometry, chosen, z, s));
-    } else {
-        along_y.make(geometry, chosen, z, y);
+        return;
     }
+    std::vector<bool> needed(chosen.moments + 1, false);
+    for (int row = 0; row < geometry.grid.ny; row++) needed[chosen.moments_of(row)] = true;
+    View fewer = chosen;
+    for (int m = 1; m <= chosen.moments; m++) {
+        fewer.moments = m;
+        if (!needed[m]) continue;
+        weights[m - 1].bands.make(geometry, fewer, z, x, layout.columns);
+        weights[m - 1].along_y.make(geometry, fewer, z, y);
+    }
+}
+
+int SliceView::moments_of(const Strip& strip) const {
+    if (view->pose == Pose::turned) return view->moments;
+    int most = 1;
+    for (int i = 0; i < strip.rows; i++) most = std::max(most, view->moments_of(strip.y[i]));
+    return most;
 }
 
 void SliceView::gather(const Strip& strip, const float* slope, const float* curvature, int begin, int end,
                        Columns& columns, Buffer& rows, Planes& planes) const {
-    if (!bands.sees(begin, end)) return;
-    const Reach at(bands, begin, end);
-    const int terms = products(*view), size = terms + pairs_of(terms);
+    const Bands& along = bands(columns.moments);
+    columns.walk.bands = nullptr;
+    if (!along.sees(begin, end)) return;
+    const Reach at(along, begin, end);
+    const int terms = along.products(), size = terms + pairs_of(terms);
     const int64_t row = size * at.pitch;
-    rows.resize(std::max(rows.size(), size_t(rows_at_once * row + bands.scratch())));
-    float *sums = rows.data() + Bands::beside, *scratch = rows.data() + rows_at_once * row;
-    for (int i = 0; i < strip.rows; i += rows_at_once) {
-        const int some = std::min(rows_at_once, strip.rows - i);
-        for (int r = 0; r < some; r++)
-            add_up(strip, i + r, slope, curvature, at.from, at.n, columns, sums + r * row, at.pitch);
-        bands.look({sums, row, at.pitch, planes.of(0, i), Planes::pitch, lanes * Planes::pitch, some}, at.from, begin,
-                   end, scratch);
+    rows.resize(std::max(rows.size(), size_t(lanes * row)));
+    float* sums = rows.data() + Bands::beside;
+    for (int i = 0; i < strip.rows; i++)
+        add_up(strip, i, slope, curvature, at.from, at.n, columns, sums + i * row, at.pitch);
+    if (!along.walked())
+        return along.look({sums, row, at.pitch, planes.of(0, 0), Planes::pitch, lanes * Planes::pitch, strip.rows},
+                          at.from, begin, end);
+    Walk& walk = columns.walk;
+    walk.start(along, at.from, at.n);
+    const float* from[lanes];
+    for (int q = 0; q < size; q++) {
+        for (int i = 0; i < strip.rows; i++) from[i] = sums + i * row + q * at.pitch;
+        into_lanes(from, strip.rows, at.n, walk.sums.data() + q * lanes, size);
     }
 }
 
 void SliceView::add_up(const Strip& strip, int i, const float* slope, const float* curvature, int from, int n,
                        Columns& columns, float* sums, int64_t pitch) const {
-    const int y = strip.y[i], terms = products(*view);
+    const int y = strip.y[i];
     if (view->pose == Pose::turned) {
         columns.turned[i].make(along_columns, y, view->nb, view->na, from, from + n);
-        turned_reduce(columns.turned[i], slope, curvature, stride, terms, from, n, sums, pitch);
+        turned_reduce(columns.turned[i], slope, curvature, stride, products(*view), from, n, sums, pitch);
     } else {
+        const AxisTerms& along_y = weights[columns.moments - 1].along_y;
         const int64_t first = along_y.first[y] * stride + from;
-        reduce(slope + first, curvature + first, stride, along_y.of(y), terms, along_y.count[y], n, sums, pitch);
+        reduce(slope + first, curvature + first, stride, along_y.of(y), along_y.terms, along_y.count[y], n, sums,
+               pitch);
     }
 }
 
 void SliceView::spread(const Strip& strip, const float* const* change, const float* curvature, int begin, int end,
-                       const Columns& columns, Buffer& rows, float* slope) const {
-    if (!bands.sees(begin, end)) return; // the nearest columns lie further off than the 0s beside the changes
-    const Reach at(bands, begin, end);
-    const int terms = products(*view);
+                       Columns& columns, Buffer& rows, float* slope) const {
+    const Bands& along = bands(columns.moments);
+    if (!along.sees(begin, end)) return; // the nearest columns lie further off than the 0s beside the changes
+    const Reach at(along, begin, end);
+    const int64_t row = along.products() * at.pitch;
     float* sums = rows.data() + Bands::beside;
-    for (int i = 0; i < strip.rows; i++) {
-        bands.spread(change[i], begin, at.from, at.n, sums, at.pitch);
-        if (view->pose == Pose::turned) {
-            turned_expand(columns.turned[i], sums, at.pitch, curvature, stride, terms, at.from, at.n, slope);
-        } else {
-            const int y = strip.y[i];
-            const int64_t first = along_y.first[y] * stride + at.from;
-            expand(sums, at.pitch, curvature + first, stride, along_y.of(y), terms, along_y.count[y], at.n,
-                   slope + first);
+    if (along.walked()) {
+        float* to[lanes];
+        for (int m = 0; m < along.products(); m++) {
+            for (int i = 0; i < strip.rows; i++) to[i] = sums + i * row + m * at.pitch;
+            out_of_lanes(columns.walk.change.data() + m * lanes, strip.rows, at.n, to, along.products());
         }
     }
+    for (int i = 0; i < strip.rows; i++) {
+        if (!along.walked()) along.spread(change[i], begin, at.from, at.n, sums + i * row, at.pitch);
+        hand_back(strip, i, sums + i * row, at.pitch, curvature, at.from, at.n, columns, slope);
+    }
+}
+
+void SliceView::hand_back(const Strip& strip, int i, const float* sums, int64_t pitch, const float* curvature, int from,
+                          int n, const Columns& columns, float* slope) const {
+    if (view->pose == Pose::turned)
+        return turned_expand(columns.turned[i], sums, pitch, curvature, stride, products(*view), from, n, slope);
+    const AxisTerms& along_y = weights[columns.moments - 1].along_y;
+    const int y = strip.y[i];
+    const int64_t first = along_y.first[y] * stride + from;
+    expand(sums, pitch, curvature + first, stride, along_y.of(y), along_y.terms, along_y.count[y], n, slope + first);
 }
 
 } // namespace palpate

