@@ -217,6 +217,24 @@ def test_so_are_sweeps_over_voxels_finer_than_pixels_in_thick_slices(source, pro
     assert np.abs(made - expected).max() <= 1e-6 * expected.max()
 
 
+@pytest.mark.parametrize("backwards", [False, True])
+def test_so_are_sweeps_over_rows_that_need_fewer_products_than_others(backwards):
+    """Those near a source's own y; a strip takes as many as one of its rows needs."""
+    grid = pp.Grid((2, 70, 17), (1, 0.3, 0.1), (-0.8, -10.2, 30.0))
+    views = [(260, -6, 600), (-200, 3, 640)]
+    panels = [
+        pp.Panel((66, 40), (0.39, 0.13), (-2.5 - 30.5 / (z - 30.5) * x, -12.6 - 30.5 / (z - 30.5) * y, 0))
+        for x, y, z in views
+    ]
+    scene = pp.Views(views, panels)
+    A = pp.Projector(scene, grid, tolerance=1e-3)
+    for view in range(2):
+        assert {A.geometry.products(view, row) for row in range(70)} == {1, 2}
+    made, expected, start = one_after_the_other(scene, grid, 3000.0, backwards, tolerance=1e-3)
+    assert np.abs(expected - start).max() > 0.01
+    assert np.abs(made - expected).max() <= 1e-6 * expected.max()
+
+
 def narrow_arc():
     return pp.arc_views(pp.Panel((4, 64), (2.5, 0.1), (-3.2, -4, 0)), [-20, 0, 15], radius=200, pivot=(0, 0, 20))
 

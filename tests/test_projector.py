@@ -46,6 +46,14 @@ def breast():
     return pp.Views(source, panel), pp.Grid((64, 156, 504), (0.8, 0.4, 0.4), (-100.6, 0.2, -44.6)), 5e-3
 
 
+def long_breast():
+    """Fine voxels in thick slices, from the chest wall, above which the sources are, to far off it on either side."""
+    a = np.radians([-25, 8, 23])
+    source = np.stack([650 * np.sin(a), 0 * a, 40 + 650 * np.cos(a)], axis=1)
+    panel = pp.Panel((730, 560), (0.13, 0.13), (-36.4, 0.065, 0))
+    return pp.Views(source, panel), pp.Grid((5, 850, 210), (1, 0.1, 0.1), (-10.45, 0.05, 58.5)), 5e-3
+
+
 def head():
     a = np.radians(np.arange(-20, 21, 4))
     source = np.stack([1000 * np.sin(a), 0 * a, 1000 * np.cos(a)], axis=1)
@@ -79,7 +87,9 @@ def several_threads():
     _core.set_threads(0)
 
 
-@pytest.mark.parametrize("case", [circular, breast, head, about_either_axis, skew], ids=lambda case: case.__name__)
+@pytest.mark.parametrize(
+    "case", [circular, breast, long_breast, head, about_either_axis, skew], ids=lambda case: case.__name__
+)
 def test_exact_line_integrals_of_white_noise(case):
     views, grid, tolerance = case()
     rng = np.random.default_rng(7)
@@ -224,7 +234,7 @@ def finer_pixels():
     return views, pp.Grid((9, 131, 147), (2, 0.5, 0.45), (-31, -40, 30.5)), tolerance
 
 
-AT_SIZE = [circular, breast, skew, finer_pixels]
+AT_SIZE = [circular, breast, skew, finer_pixels, long_breast]
 
 
 @pytest.mark.parametrize("case", AT_SIZE, ids=lambda case: case.__name__)
