@@ -13,6 +13,7 @@ from palpate import _core
 PASSES = ["add_slice_1", "add_slice_2", "add_slice_3"]
 PROJECTOR = [*PASSES, "weigh_voxels", "weigh_pixels"]
 TURNED = ["add_pixels", "resample_points"]
+DESCENT = ["look_at", "spread_at", "measure", "move"]
 
 pytestmark = [
     pytest.mark.skipif(platform.machine() != "x86_64" or platform.system() != "Linux", reason="x86-64 Linux only"),
@@ -63,6 +64,6 @@ def test_each_hot_kernel_has_its_avx2_and_avx512_version(versions, kernel):
     assert any("%ymm" not in body and not wide.search(body) for body in versions[kernel]), "no baseline"
 
 
-@pytest.mark.parametrize("kernel", PASSES)
-def test_the_passes_of_the_projector_work_on_whole_vectors(versions, kernel):
+@pytest.mark.parametrize("kernel", PASSES + DESCENT)
+def test_projector_and_descent_work_on_whole_vectors(versions, kernel):
     assert any(re.search(r"vfmadd\w+ps .*%ymm", body) for body in versions[kernel])
