@@ -67,7 +67,10 @@ class Seen:
 
 
 def timed(run: Callable[[], Iterator[pp.Step]], enough: float, grid: pp.Grid, phi: Objective) -> list[Seen]:
-    """Steps of a run, its preparation included, until the finest level's objective is low enough."""
+    """Steps of a run, its preparation included, until the finest level's objective is low enough.
+
+    phi: the objective of a volume on the finest grid.
+    """
     began = time.process_time(), time.perf_counter()
     steps = run()
     cpu, wall = time.process_time() - began[0], time.perf_counter() - began[1]

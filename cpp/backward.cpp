@@ -160,9 +160,7 @@ private:
         const Source source = w.source(s.window.data());
         for (int d = 0; d < subs(k); d++) {
             const Spans* rows = &s.rows[(first + d) * stack];
-            int moments = 0;
-            for (int t = 0; t < tiles(); t++)
-                if (rows[t].reached) moments = std::max(moments, rows[t].moments);
+            const int moments = most_moments_of(rows, tiles());
             if (moments == 0) continue;
             under_voxels(s.shadows[first + d], moments, x0, x1 - x0, g.grid.nx, v.na, s.columns.spans);
             if (!s.columns.spans.reached) continue;

@@ -25,7 +25,6 @@ public:
 
     // Of voxels that are walked: the columns under one, and its weights there, (columns, terms).
     int touched(int voxel) const { return count[voxel]; }
-    int taps_along() const { return taps; } // columns that weights are given for: the most that any voxel touches
     int first_touched(int voxel) const { return low[voxel]; }
     const float* along(int voxel) const { return &weight[size_t(voxel) * taps * terms]; }
 

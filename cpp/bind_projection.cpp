@@ -91,7 +91,7 @@ void bind_projection(nb::module_& m) {
             "products",
             [](const Geometry& g, int view, int row) {
                 const View& v = g.views.at(view);
-                return row < 0 ? products(v) : v.subs * (v.pose == Pose::turned ? v.moments : v.moments_of(row));
+                return row < 0 ? products(v) : v.subs * v.moments_of(row);
             },
             "view"_a, "row"_a = -1,
             "Products of 1-D weights a slice in a view, sub-slices times moments: most, or of one row of voxels along "

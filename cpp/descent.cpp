@@ -63,9 +63,6 @@ struct Slice {
         s.line.walks.clear();
         for (Columns& columns : s.columns)
             if (columns.walk.bands) s.line.walks.push_back(&columns.walk);
-        std::stable_sort(s.line.walks.begin(), s.line.walks.end(), [](const Walk* a, const Walk* b) {
-            return 100 * a->terms + a->bands->taps_along() < 100 * b->terms + b->bands->taps_along();
-        });
     }
 
     void spread(const Strip& strip, int begin, int end, const float* const* change, Paraboloid& data,

@@ -205,11 +205,7 @@ private:
         const int first = z0 * v.subs, count = (z1 - z0) * v.subs;
         if (int(s.columns.size()) < count) s.columns.resize(count);
         for (int d = 0; d < count; d++) {
-            int moments = 0;
-            for (int t = 0; t < stack; t++) {
-                const Spans& rows = s.rows[rows_of + size_t(first + d) * stack + t];
-                if (rows.reached) moments = std::max(moments, rows.moments);
-            }
+            const int moments = most_moments_of(&s.rows[rows_of + size_t(first + d) * stack], stack);
             s.columns[d].spans.reached = false;
             if (moments == 0) continue;
             over_pixels(shadows[i][first + d], moments, tile.a0, tile.a1 - tile.a0, g.grid.nx, s.columns[d].spans);

@@ -65,7 +65,8 @@ struct View {
     int subs;              // sub-slices a slice
     int moments;           // products of 1-D weights a sub-slice: see AxisWeights
     double trim;           // of the weights: see cover
-    // Rows of voxels less than band[m] from row `still`, under the source, need no more than m moments.
+    // Rows of voxels less than band[m] from row `still`, under the source, need no more than m moments. No row does on
+    // a turned panel.
     double still;
     std::array<double, most_moments> band;
     bool calm(int row, int m) const { return row > still - band[m] && row < still + band[m]; }

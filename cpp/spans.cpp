@@ -214,4 +214,11 @@ void calm_voxels(const View& view, int from, Spans& out) {
     if (out.moments > 1 && out.reached) calm(view, from, from + out.count, [&](int i, int) { return from + i; }, out);
 }
 
+int most_moments_of(const Spans* rows, int tiles) {
+    int most = 0;
+    for (int t = 0; t < tiles; t++)
+        if (rows[t].reached) most = std::max(most, rows[t].moments);
+    return most;
+}
+
 } // namespace palpate

@@ -25,6 +25,9 @@ struct Spans {
 void calm_pixels(const View& view, Spans& out);
 void calm_voxels(const View& view, int from, Spans& out);
 
+// The most moments of `tiles` Spans one behind the other; 0 if none is reached.
+int most_moments_of(const Spans* rows, int tiles);
+
 // For `count` <= run pixels from `from` on: the `voxels` voxels above them.
 void over_pixels(const Shadow& shadow, int moments, int from, int count, int voxels, Spans& out);
 

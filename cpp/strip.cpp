@@ -166,26 +166,22 @@ void SliceView::make(const Geometry& geometry, const View& chosen, int z) {
     view = &chosen;
     stride = layout.stride;
     weights.resize(chosen.moments);
+    along_columns.clear();
     const Axis x = chosen.swapped ? Axis::y : Axis::x, y = chosen.swapped ? Axis::x : Axis::y;
-    if (chosen.pose == Pose::turned) {
-        weights.back().bands.make(geometry, chosen, z, x, layout.columns);
-        along_columns.clear();
-        for (int s = 0; s < products(chosen); s++) along_columns.push_back(edges(geometry, chosen, z, s));
-        return;
-    }
+    const bool turned = chosen.pose == Pose::turned;
     std::vector<bool> needed(chosen.moments + 1, false);
     for (int row = 0; row < geometry.grid.ny; row++) needed[chosen.moments_of(row)] = true;
     View fewer = chosen;
     for (int m = 1; m <= chosen.moments; m++) {
-        fewer.moments = m;
         if (!needed[m]) continue;
+        fewer.moments = m;
         weights[m - 1].bands.make(geometry, fewer, z, x, layout.columns);
-        weights[m - 1].along_y.make(geometry, fewer, z, y);
+        if (!turned) weights[m - 1].along_y.make(geometry, fewer, z, y);
     }
+    for (int s = 0; turned && s < products(chosen); s++) along_columns.push_back(edges(geometry, chosen, z, s));
 }
 
 int SliceView::moments_of(const Strip& strip) const {
-    if (view->pose == Pose::turned) return view->moments;
     int most = 1;
     for (int i = 0; i < strip.rows; i++) most = std::max(most, view->moments_of(strip.y[i]));
     return most;

@@ -127,10 +127,9 @@ void find_products(const Geometry& g, const View& bare, View& v) {
     v.moments = most_moments;
 }
 
-// The middle of the rows whose shadows move so little that the first moments are within the tolerance, and half their
-// width. The error grows with how far the row's shadow moves, that is with the distance from the row under the source,
-// and no faster: for two moments of three as the distance's square at first, but what is beyond the tolerance is
-// straight.
+// The middle of the rows whose shadows move so little that the first m moments are within the tolerance, and half their
+// width. The error grows with how far a row's shadow moves, that is with its distance from the row under the source;
+// taken for a straight line through the steepest sample, also where it begins as a square (two moments of three).
 void find_calm_rows(const Geometry& g, const View& wide, const Grid& grid, View& v) {
     v.still = (v.source[1] - grid.y0) / grid.dy;
     const std::vector<Cut> reference = cuts(g, wide, v.subs, v.moments);

@@ -71,10 +71,10 @@ void Walk::start(const Bands& chosen, int first, int n) {
     bands = &chosen;
     terms = chosen.products();
     from = first;
-    const size_t columns = n + chosen.taps_along(); // a voxel at the end reads on, with weights of 0
-    sums.resize(std::max(sums.size(), columns * (terms + pairs_of(terms)) * lanes));
-    change.resize(std::max(change.size(), columns * terms * lanes));
-    std::fill_n(change.begin(), columns * terms * lanes, 0.0f);
+    const size_t size = size_t(n) * terms * lanes;
+    sums.resize(std::max(sums.size(), size_t(n) * (terms + pairs_of(terms)) * lanes));
+    change.resize(std::max(change.size(), size));
+    std::fill_n(change.begin(), size, 0.0f);
 }
 
 PALPATE_KERNEL void measure(const std::vector<Walk*>& walks, int x, Lanes& slope, Lanes& curvature) {

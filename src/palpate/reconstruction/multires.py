@@ -93,7 +93,7 @@ def _summed(a: AnyArray, mask: Bool) -> AnyArray:
 
 def _merged(a: Float32, mask: Bool, count: UInt8, downsample: Downsample) -> Float32:
     """(views, rows, columns) made coarser, or one number a view. count: measured ones of each four pixels."""
-    one_a_view = a.strides[1:] == (0, 0)
+    one_a_view = a.strides[1:] == (0, 0)  # as `Scan` keeps what was given as one number
     if one_a_view and (count == 4).all():
         return a[:, 0, 0] * np.float32(4 if downsample == "sum" else 1)
     if downsample == "nearest":
