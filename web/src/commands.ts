@@ -29,6 +29,11 @@ export class Commands {
     this.post({ tool, kind: AWAY, serial: ++this.serial, point: [0, 0, 0], displacement: [0, 0, 0] });
   }
 
+  /** Serial of the newest command. */
+  get sent(): number {
+    return this.serial;
+  }
+
   /** Is a tool of ours anywhere? */
   out(tool: number): boolean {
     return this.kinds[tool] !== AWAY;

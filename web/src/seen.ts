@@ -33,6 +33,8 @@ declare global {
       cursor(): [number, number] | null;
       /** Crosshair in the slices, mm. */
       cross(): Vector | null;
+      /** Serial of the newest command. */
+      readonly sent: number;
       /** Delays of the last commands: ms from the hand's move to the end of drawing what obeys it. */
       latency(last?: number): { median: number; p99: number; count: number };
       /** ms of the page's thread for each of the last frames. */
@@ -58,6 +60,9 @@ export function exposed(parts: Parts): { work(ms: number): void } {
     },
     get pictures() {
       return view.renderer.info.render.frame;
+    },
+    get sent() {
+      return parts.commands.sent;
     },
     pixel: (node) => view.toPixel([...view.positions.subarray(3 * node, 3 * node + 3)] as Vector),
     held: () => (hand.held ? view.toPixel(hand.held) : null),
