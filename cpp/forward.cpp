@@ -12,7 +12,7 @@ namespace palpate {
 namespace {
 
 constexpr int line = 16;      // floats of a cache line
-constexpr int together = 16;  // views whose tiles the cache holds together, at most
+constexpr int together = 5;   // views whose tiles, and all they read of a slab, the cache holds together, at most
 constexpr int tall = 4;       // tiles of a panel, one above the other, that share their weights along x, at most
 constexpr int held = 32;      // tiles of all these views that the cache holds
 constexpr int layers = 16;    // slices of a slab, times tiles one above the other

@@ -26,13 +26,14 @@ PALPATE_INLINE void load(Wide& v, const float* p) { std::memcpy(&v, p, sizeof v)
 PALPATE_INLINE void store(float* p, const Wide& v) { std::memcpy(p, &v, sizeof v); }
 
 // Where sixteen neighbouring columns read a row: from `first` on, in `order`; within one vector from each tap on, or
-// within two.
+// within two. reached: whether one of them has any weight.
 struct Place {
     int first;
-    bool one, fits;
+    bool one, fits, reached;
     WideOrder order;
 
-    Place(const int32_t* from, int taps, int columns) {
+    Place(const Spans& spans, int j, int columns) {
+        const int32_t *from = spans.first + j, taps = spans.taps;
         int reach = 0;
         for (int n : {1, 2}) {
             first = n == 1 ? std::min(from[0], columns - wide - (taps - 1)) : std::min(from[0], columns - 2 * wide);
@@ -41,7 +42,9 @@ struct Place {
             fits = first >= 0 && reach < n * wide;
             if (fits) break;
         }
-        for (int i = 0; i < wide; i++) order[i] = from[i] - first;
+        int own = 0;
+        for (int i = 0; i < wide; i++) order[i] = from[i] - first, own |= spans.own[j + i];
+        reached = own != 0;
     }
 };
 
@@ -74,7 +77,10 @@ PALPATE_INLINE void slide(const float* source, int64_t stride, const Place* plac
             if (!one) __builtin_prefetch(from[b] + soon * stride, 0, 3);
             __builtin_prefetch(from[b] + soon * stride + wide, 0, 3);
             Wide x[2];
-            if (!one) load(x[0], from[b]), load(x[1], from[b] + wide);
+            if (!one) {
+                load(x[0], from[b]), load(x[1], from[b] + wide);
+                asm("" : "+v"(x[0]), "+v"(x[1])); // else they are loaded again for every tap
+            }
             PALPATE_UNROLL_LONG
             for (int t = 0; t < taps; t++) {
                 Wide y;
@@ -114,7 +120,11 @@ PALPATE_WIDE void slide_tile(const Source& source, const Spans& rows, const Span
     const float* from = source.values;
     for (int j = 0; j < columns.count;) {
         const Place* at = places + j / wide;
-        const bool two = most == 2 && j + wide < columns.count && at[0].one == at[1].one;
+        if (!at->reached) {
+            j += wide;
+            continue;
+        }
+        const bool two = most == 2 && j + wide < columns.count && at[1].reached && at[0].one == at[1].one;
         if (two && at->one)
             slide<most, moments, taps, window, true>(from, source.stride, at, columns, j, rows, sum + j);
         else if (two)
@@ -158,12 +168,10 @@ bool slide_slice(const Source& source, const Spans& rows, const ColumnSpans& col
     if (!slides() || columns.jump) return false;
     const Kernel kernel = kernel_of(rows.moments, c.taps, rows.taps);
     if (!kernel) return false;
-    Place places[width / wide] = {{c.first, c.taps, source.columns},
-                                  {c.first + wide, c.taps, source.columns},
-                                  {c.first + 2 * wide, c.taps, source.columns},
-                                  {c.first + 3 * wide, c.taps, source.columns}};
+    const Place places[width / wide] = {
+        {c, 0, source.columns}, {c, wide, source.columns}, {c, 2 * wide, source.columns}, {c, 3 * wide, source.columns}};
     for (int j = 0; j < c.count; j += wide)
-        if (!places[j / wide].fits) return false;
+        if (places[j / wide].reached && !places[j / wide].fits) return false;
     kernel(source, rows, c, places, sum);
     return true;
 }
