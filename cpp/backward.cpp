@@ -3,6 +3,7 @@
 // the rays' path, stays in the first while all of them read it.
 #include "backward.h"
 #include "buffer.h"
+#include "lengths.h"
 #include "parallel.h"
 #include "passes.h"
 #include "sliding.h"
@@ -39,29 +40,30 @@ struct Scratch {
     ColumnSpans columns;
     RowRing ring;
     Buffer sum; // per slice, tile of the stack
-    Buffer window, path;
+    Buffer window, row;
+    Lengths lengths;
 };
 
 void copy_window(const View& v, const float* image, const Window& w, Scratch& s) {
     const int columns = w.a1 - w.a0;
     const size_t size = (w.b1 - w.b0) * w.stride;
     if (s.window.size() < size) s.window.resize(size);
-    if (int(s.path.size()) < 2 * columns) s.path.resize(2 * columns);
-    float *path = s.path.data(), *halved = path + columns;
+    if (int(s.row.size()) < columns) s.row.resize(columns);
+    if (v.pose != Pose::tilted) s.lengths.make(v, w.a0, columns);
     for (int b = w.b0; b < w.b1; b++) {
         float* to = &s.window[(b - w.b0) * w.stride];
-        float* whole = w.jump ? halved : to;
+        float* whole = w.jump ? s.row.data() : to;
         if (v.pose == Pose::tilted) {
             std::copy_n(image + int64_t(b) * v.na + w.a0, columns, whole);
         } else {
-            const int64_t first = v.start + b * v.step_b + w.a0 * v.step_a;
-            v.path(first, v.step_a, columns, path);
+            const float* from = image + v.start + b * v.step_b + w.a0 * v.step_a;
             for (int a = 0; a < columns + line - 1; a += line)
-                __builtin_prefetch(image + first + soon * v.step_b + a * v.step_a, 0, 3);
-            if (v.step_a == 1)
-                for (int a = 0; a < columns; a++) whole[a] = image[first + a] * path[a];
-            else
-                for (int a = 0; a < columns; a++) whole[a] = image[first + a * v.step_a] * path[a];
+                __builtin_prefetch(from + soon * v.step_b + a * v.step_a, 0, 3);
+            if (v.step_a != 1) {
+                for (int a = 0; a < columns; a++) whole[a] = from[a * v.step_a];
+                from = whole;
+            }
+            s.lengths.scale(b, from, whole);
         }
         if (w.jump) {
             const int odd = columns / 2, even = columns - odd;

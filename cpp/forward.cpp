@@ -3,6 +3,7 @@
 // one block read nearly the same voxels of a slice, which come from memory once for all of them.
 #include "forward.h"
 #include "buffer.h"
+#include "lengths.h"
 #include "parallel.h"
 #include "passes.h"
 #include <algorithm>
@@ -71,18 +72,19 @@ struct Region {
     }
 };
 
-// Scales a tile of a view's image by the rays' path and writes it to the measured pixels, or as it is to the fine ones
-// of a tilted panel.
-void write_tile(const View& v, const float* from, int b0, int b1, int a0, int columns, float* image) {
+// Writes a tile of a view's image to the measured pixels, scaled by the rays' lengths, or as it is to the fine ones of a
+// tilted panel.
+void write_tile(const View& v, const Lengths& lengths, const float* from, int b0, int b1, int a0, int columns,
+                float* image) {
     for (int b = b0; b < b1; b++, from += width) {
         if (v.pose == Pose::tilted) {
             std::copy_n(from, columns, image + int64_t(b) * v.na + a0);
             continue;
         }
-        float path[width];
-        const int64_t first = v.start + b * v.step_b + a0 * v.step_a;
-        v.path(first, v.step_a, columns, path);
-        for (int a = 0; a < columns; a++) image[first + a * v.step_a] = from[a] * path[a];
+        float scaled[width];
+        float* first = image + v.start + b * v.step_b + a0 * v.step_a;
+        lengths.scale(b, from, v.step_a == 1 ? first : scaled);
+        for (int a = 0; a < columns && v.step_a != 1; a++) first[a * v.step_a] = scaled[a];
     }
 }
 
@@ -96,6 +98,7 @@ struct Scratch {
     std::vector<ColumnSpans> columns; // per sub-slice of a slab
     RowRing ring;
     Buffer sum;
+    Lengths lengths;
 };
 
 // How many tiles of a view stand one above the other. Weights along x are shared by them, which counts where a tile
@@ -164,13 +167,16 @@ public:
             }
             if (std::all_of(tiles.begin(), tiles.end(), [](const Tile& t) { return t.a0 >= t.a1; })) continue;
             project_block(tiles, rows_of, s);
-            for (size_t i = 0; i < views.size(); i++)
-                for (int t = 0; t < stack; t++) {
-                    const int b = tiles[i].b0 + t * height;
-                    if (b < tiles[i].b1)
-                        write_tile(g.views[views[i]], sum_of(s, i, t), b, std::min(tiles[i].b1, b + height),
-                                   tiles[i].a0, tiles[i].a1 - tiles[i].a0, images[views[i]]);
+            for (size_t i = 0; i < views.size(); i++) {
+                const View& v = g.views[views[i]];
+                const auto [b0, b1, a0, a1] = tiles[i];
+                if (a0 < a1) s.lengths.make(v, a0, a1 - a0);
+                for (int t = 0; a0 < a1 && b0 + t * height < b1; t++) {
+                    const int b = b0 + t * height;
+                    write_tile(v, s.lengths, sum_of(s, i, t), b, std::min(b1, b + height), a0, a1 - a0,
+                               images[views[i]]);
                 }
+            }
         }
     }
 
