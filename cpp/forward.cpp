@@ -72,8 +72,8 @@ struct Region {
     }
 };
 
-// Writes a tile of a view's image to the measured pixels, scaled by the rays' lengths, or as it is to the fine ones of a
-// tilted panel.
+// Writes a tile of a view's image to the measured pixels, scaled by the rays' lengths, or as it is to the fine ones of
+// a tilted panel.
 void write_tile(const View& v, const Lengths& lengths, const float* from, int b0, int b1, int a0, int columns,
                 float* image) {
     for (int b = b0; b < b1; b++, from += width) {

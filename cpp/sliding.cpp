@@ -168,8 +168,10 @@ bool slide_slice(const Source& source, const Spans& rows, const ColumnSpans& col
     if (!slides() || columns.jump) return false;
     const Kernel kernel = kernel_of(rows.moments, c.taps, rows.taps);
     if (!kernel) return false;
-    const Place places[width / wide] = {
-        {c, 0, source.columns}, {c, wide, source.columns}, {c, 2 * wide, source.columns}, {c, 3 * wide, source.columns}};
+    const Place places[width / wide] = {{c, 0, source.columns},
+                                        {c, wide, source.columns},
+                                        {c, 2 * wide, source.columns},
+                                        {c, 3 * wide, source.columns}};
     for (int j = 0; j < c.count; j += wide)
         if (places[j / wide].reached && !places[j / wide].fits) return false;
     kernel(source, rows, c, places, sum);

@@ -82,6 +82,7 @@ template <int moments>
 PALPATE_INLINE void weigh_pixels_by(const Shadow& s, int from, int count, int voxels, int taps,
                                     const int32_t* __restrict first, float* __restrict weight) {
     for (int i0 = 0; i0 < count; i0 += block) {
+        const float usual = float(per(s.trim));
         float start[2][2][block], time[2][block], per_trim[2][block]; // of either edge
         for (int edge = 0; edge < 2; edge++)
             for (int i = 0; i < block; i++) {
@@ -90,8 +91,12 @@ PALPATE_INLINE void weigh_pixels_by(const Shadow& s, int from, int count, int vo
                 const float p1 = float(s.offset[1] + s.slope[1] * number - first[i0 + i]);
                 start[edge][0][i] = p0, start[edge][1][i] = p1;
                 time[edge][i] = Crossing<float>(p0, p1).reaches(0);
-                per_trim[edge][i] = number == 0 || number == voxels ? float(untrimmed) : float(per(s.trim));
+                per_trim[edge][i] = usual;
             }
+        for (int edge = 0; edge < 2; edge++)
+            for (int end : {0, voxels})
+                if (end - from - i0 - edge >= 0 && end - from - i0 - edge < block)
+                    per_trim[edge][end - from - i0 - edge] = float(untrimmed);
         for (int t = 0; t < taps; t++)
             for (int i = 0; i < block; i++) {
                 float part[2][moments];
