@@ -171,7 +171,7 @@ private:
             if (!s.columns.spans.reached) continue;
             w.jump ? s.columns.prepare_halved(source.columns, w.jump) : s.columns.prepare(source.columns);
             for (int t = 0; t < tiles(); t++)
-                if (rows[t].reached) add_slice(source, rows[t], s.columns, s.ring, sum_of(s, z0 + d / v.subs, t));
+                if (rows[t].reached) add_slice(source, rows[t], s.columns, s.ring, 0, sum_of(s, z0 + d / v.subs, t));
         }
     }
 };

@@ -6,13 +6,13 @@
 #include "lengths.h"
 #include "parallel.h"
 #include "passes.h"
+#include "sliding.h"
 #include <algorithm>
 #include <cmath>
 
 namespace palpate {
 namespace {
 
-constexpr int line = 16;      // floats of a cache line
 constexpr int together = 5;   // views whose tiles, and all they read of a slab, the cache holds together, at most
 constexpr int tall = 4;       // tiles of a panel, one above the other, that share their weights along x, at most
 constexpr int held = 32;      // tiles of all these views that the cache holds
@@ -45,30 +45,6 @@ public:
     int edge(size_t i, int number, int pixels) const {
         const double at = std::round(middle[i].offset[0] + middle[i].slope[0] * step * number);
         return number == begin ? 0 : number == end ? pixels : int(std::min(std::max(at, 0.0), double(pixels)));
-    }
-};
-
-// Voxels of a slice that the tiles under a block read.
-struct Region {
-    int y0 = INT32_MAX, y1 = 0;
-    double x0 = HUGE_VAL, x1 = 0;
-
-    void add(const Spans& rows, const Shadow& x, int a0, int a1) {
-        if (!rows.reached) return;
-        y0 = std::min(y0, rows.begin);
-        y1 = std::max(y1, rows.end);
-        for (int face = 0; face < 2; face++) {
-            x0 = std::min(x0, (a0 - x.offset[face]) / x.slope[face]);
-            x1 = std::max(x1, (a1 - x.offset[face]) / x.slope[face]);
-        }
-    }
-    // Calls for one of `parts` parts of it: its rows lie too far apart for the hardware to foresee.
-    void await(const float* slice, const Grid& grid, int part, int parts) const {
-        const int rows = std::max(0, y1 - y0), first = y0 + rows * part / parts, last = y0 + rows * (part + 1) / parts;
-        const int begin = std::max(0, int(x0)), end = std::min(grid.nx, int(x1) + 1);
-        for (int64_t row = first; row < last; row++)
-            for (int column = begin; column < end + line - 1; column += line)
-                __builtin_prefetch(slice + row * grid.nx + column, 0, 2);
     }
 };
 
@@ -181,29 +157,25 @@ public:
     }
 
 private:
-    // Slab by slab: a tile of a view stays in the first-level cache for a slab's slices, the slab in the second for all
-    // views, while the next one is called for.
+    // Slab by slab, which stays in the second-level cache for all views while they call for the next one.
     void project_block(const std::vector<Tile>& tiles, const std::vector<size_t>& rows_of, Scratch& s) const {
         std::fill(s.sum.begin(), s.sum.end(), 0.0f);
-        std::vector<Region> next(slab);
-        for (int z = 0; z < g.grid.nz; z += slab) {
-            const int end = std::min(g.grid.nz, z + slab), after = std::min(g.grid.nz, end + slab);
-            for (int c = end; c < after; c++) {
-                next[c - end] = {};
-                for (size_t i = 0; i < views.size(); i++) {
-                    const int d = c * g.views[views[i]].subs;
-                    for (int t = 0; t < stack; t++)
-                        next[c - end].add(s.rows[rows_of[i] + size_t(d) * stack + t], shadows[i][d], tiles[i].a0,
-                                          tiles[i].a1);
-                }
-            }
-            for (size_t i = 0; i < views.size(); i++) {
-                for (int c = end; c < after; c++)
-                    next[c - end].await(f + c * g.grid.slice(), g.grid, int(i), int(views.size()));
+        for (int z = 0; z < g.grid.nz; z += slab)
+            for (size_t i = 0; i < views.size(); i++)
                 if (tiles[i].a0 < tiles[i].a1 && tiles[i].b0 < tiles[i].b1)
-                    add_slab(i, z, end, tiles[i], rows_of[i], s);
-            }
-        }
+                    add_slab(i, z, std::min(g.grid.nz, z + slab), tiles[i], rows_of[i], s);
+    }
+
+    // From what a tile reads of slices z0 to z1 - 1 to what it reads next, of the slab behind them or of the next
+    // block's first one: floats, roughly.
+    int64_t way_on(size_t i, int z0, int z1, const Tile& tile, const Spans* rows) const {
+        const bool last = z1 == g.grid.nz;
+        const int subs = g.views[views[i]].subs, here = z0 * subs, there = last ? 0 : z1 * subs;
+        const auto voxel = [&](int d, int a) { return (a - shadows[i][d].offset[0]) / shadows[i][d].slope[0]; };
+        const double across = voxel(there, last ? tile.a1 : tile.a0) - voxel(here, tile.a0);
+        const Spans &now = rows[here * stack], &then = rows[there * stack];
+        const int down = now.reached && then.reached ? then.begin - now.begin : 0;
+        return (last ? -z0 : z1 - z0) * g.grid.slice() + int64_t(down) * g.grid.nx + int64_t(across);
     }
 
     void add_slab(size_t i, int z0, int z1, const Tile& tile, size_t rows_of, Scratch& s) const {
@@ -217,13 +189,19 @@ private:
             over_pixels(shadows[i][first + d], moments, tile.a0, tile.a1 - tile.a0, g.grid.nx, s.columns[d].spans);
             if (s.columns[d].spans.reached) s.columns[d].prepare(g.grid.nx);
         }
-        for (int t = 0; t < stack; t++)
+        for (int t = 0; t < stack; t++) {
+            const Spans* rows = &s.rows[rows_of + t];
+            const int64_t ahead = way_on(i, z0, z1, tile, rows);
             for (int d = 0; d < count; d++) {
-                const Spans& rows = s.rows[rows_of + size_t(first + d) * stack + t];
-                const float* slice = f + (first + d) / v.subs * g.grid.slice();
-                if (rows.reached && s.columns[d].spans.reached)
-                    add_slice({slice, g.grid.nx, g.grid.nx}, rows, s.columns[d], s.ring, sum_of(s, i, t));
+                const Spans& here = rows[size_t(first + d) * stack];
+                const int z = z0 + d / v.subs;
+                if (!here.reached || !s.columns[d].spans.reached) continue;
+                const bool calls =
+                    size_t(z - z0) % views.size() == i; // each view for its part: they read nearly the same
+                add_slice({f + z * g.grid.slice(), g.grid.nx, g.grid.nx}, here, s.columns[d], s.ring, calls ? ahead : 0,
+                          sum_of(s, i, t));
             }
+        }
     }
 };
 

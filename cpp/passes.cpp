@@ -142,8 +142,9 @@ PALPATE_KERNEL void add_slice_3(const Source& source, const Spans& rows, const C
     add_slice_of<3>(source, rows, columns, ring, sum);
 }
 
-void add_slice(const Source& source, const Spans& rows, ColumnSpans& columns, RowRing& ring, float* sum) {
-    if (slide_slice(source, rows, columns, sum)) return;
+void add_slice(const Source& source, const Spans& rows, ColumnSpans& columns, RowRing& ring, int64_t ahead,
+               float* sum) {
+    if (slide_slice(source, rows, columns, ahead, sum)) return;
     columns.see();
     ring.prepare(rows.taps, rows.moments);
     if (rows.moments == 1) return add_slice_1(source, rows, columns, ring, sum);
@@ -151,10 +152,32 @@ void add_slice(const Source& source, const Spans& rows, ColumnSpans& columns, Ro
     add_slice_3(source, rows, columns, ring, sum);
 }
 
+void Gathering::find(const Spans& columns, int columns_of_source) {
+    for (int n = 0; n * wide < columns.count; n++) {
+        const int32_t* from = columns.first + n * wide;
+        int own = 0;
+        for (int i = 0; i < wide; i++) own |= columns.own[n * wide + i];
+        reached[n] = own != 0;
+        for (bool within_one : {true, false}) {
+            const int furthest = columns_of_source - (within_one ? wide + columns.taps - 1 : 2 * wide);
+            first[n] = std::min(from[0], furthest);
+            one[n] = within_one;
+            const int reach = from[wide - 1] - first[n] + (within_one ? 0 : columns.taps - 1);
+            fits[n] = first[n] >= 0 && reach < (within_one ? 1 : 2) * wide;
+            if (fits[n]) break;
+        }
+        for (int i = 0; i < wide; i++) order[n * wide + i] = from[i] - first[n];
+    }
+}
+
 void ColumnSpans::prepare(int columns_of_source) {
     jump = 0;
     limit = columns_of_source;
     seen = false;
+    may_slide = slides();
+    if (may_slide) gathering.find(spans, limit);
+    for (int n = 0; may_slide && n * Gathering::wide < spans.count; n++)
+        may_slide = gathering.fits[n] || !gathering.reached[n];
 }
 
 void ColumnSpans::see() {
@@ -185,7 +208,7 @@ PALPATE_KERNEL void halve(const int32_t* first, int taps, const float* weight, f
 void ColumnSpans::prepare_halved(int columns_of_half, int64_t jump_to_odd) {
     jump = jump_to_odd;
     limit = columns_of_half;
-    seen = false;
+    seen = may_slide = false;
     const int taps = spans.taps, size = (taps + 1) * run;
     if (int(halves.size()) < spans.moments * size) halves.resize(spans.moments * size);
     for (int m = 0; m < spans.moments; m++) {

@@ -33,6 +33,18 @@ struct Reach {
     }
 };
 
+// How each sixteen columns of a tile read the source, where a row of it may stay in registers (sliding.h): from `first`
+// on, in `order`; all within one vector from each tap on, or within two.
+struct Gathering {
+    static constexpr int wide = 16, groups = width / wide;
+    int first[groups];
+    bool one[groups], fits[groups];
+    bool reached[groups]; // whether one of them has any weight
+    int32_t order[width];
+
+    void find(const Spans& columns, int columns_of_source);
+};
+
 // The columns of a tile, ready for the first pass. Where the source is finer than they, eight of them reach beyond one
 // vector; its rows are then stored `halved`: the even elements, and `jump` after them the odd ones. Of each half they
 // reach half as far: the first (taps + 1) / 2 taps are those of the even half, the others those of the odd one.
@@ -40,7 +52,9 @@ struct ColumnSpans {
     Spans spans;
     int64_t jump; // 0: not halved
     Reach reach[width / lanes];
-    bool plain; // every eight are within one vector's reach
+    bool plain;     // every eight are within one vector's reach
+    bool may_slide; // then `gathering` is known
+    Gathering gathering;
     void prepare(int columns_of_source);
     void prepare_halved(int columns_of_half, int64_t jump_to_odd);        // takes spans over, of the whole source
     int near() const { return jump ? (spans.taps + 1) / 2 : spans.taps; } // taps side by side
@@ -60,7 +74,8 @@ struct RowRing {
 };
 
 // Both passes of a sub-slice: sum[row][column] += sum over moments and taps of rows' weight x columns' weight x source.
-// Of as many moments as the rows have.
-void add_slice(const Source& source, const Spans& rows, ColumnSpans& columns, RowRing& ring, float* sum);
+// Of as many moments as the rows have. ahead: from a number that is read to one that is needed from memory soon,
+// floats.
+void add_slice(const Source& source, const Spans& rows, ColumnSpans& columns, RowRing& ring, int64_t ahead, float* sum);
 
 } // namespace palpate

@@ -14,7 +14,7 @@ namespace {
 
 std::atomic<bool> allowed{true};
 
-constexpr int wide = 16;
+constexpr int wide = Gathering::wide;
 constexpr int soon = 3; // rows to call for in advance
 typedef float Wide __attribute__((vector_size(4 * wide)));
 typedef int32_t WideOrder __attribute__((vector_size(4 * wide)));
@@ -23,35 +23,13 @@ typedef int32_t WideOrder __attribute__((vector_size(4 * wide)));
 #define PALPATE_UNROLL_LONG _Pragma("GCC unroll 16")
 
 PALPATE_INLINE void load(Wide& v, const float* p) { std::memcpy(&v, p, sizeof v); }
+PALPATE_INLINE void load(WideOrder& v, const int32_t* p) { std::memcpy(&v, p, sizeof v); }
 PALPATE_INLINE void store(float* p, const Wide& v) { std::memcpy(p, &v, sizeof v); }
-
-// Where sixteen neighbouring columns read a row: from `first` on, in `order`; within one vector from each tap on, or
-// within two. reached: whether one of them has any weight.
-struct Place {
-    int first;
-    bool one, fits, reached;
-    WideOrder order;
-
-    Place(const Spans& spans, int j, int columns) {
-        const int32_t *from = spans.first + j, taps = spans.taps;
-        int reach = 0;
-        for (int n : {1, 2}) {
-            first = n == 1 ? std::min(from[0], columns - wide - (taps - 1)) : std::min(from[0], columns - 2 * wide);
-            one = n == 1;
-            reach = from[wide - 1] - first + (one ? 0 : taps - 1);
-            fits = first >= 0 && reach < n * wide;
-            if (fits) break;
-        }
-        int own = 0;
-        for (int i = 0; i < wide; i++) order[i] = from[i] - first, own |= spans.own[j + i];
-        reached = own != 0;
-    }
-};
 
 // `blocks` times sixteen columns, from column j of the tile on.
 template <int blocks, int moments, int taps, int window, bool one>
-PALPATE_INLINE void slide(const float* source, int64_t stride, const Place* places, const Spans& columns, int j,
-                          const Spans& rows, float* sum) {
+PALPATE_INLINE void slide_blocks(const float* source, int64_t stride, const Gathering& gathering, const Spans& columns,
+                                 int j, const Spans& rows, int64_t ahead, float* sum) {
     Wide weight[blocks][moments][taps];
     WideOrder order[blocks][one ? 1 : taps];
     const float* from[blocks];
@@ -61,8 +39,8 @@ PALPATE_INLINE void slide(const float* source, int64_t stride, const Place* plac
         for (int m = 0; m < moments; m++) PALPATE_UNROLL_LONG
         for (int t = 0; t < taps; t++) load(weight[b][m][t], &columns.weight[(m * taps + t) * run + j + b * wide]);
         PALPATE_UNROLL_LONG
-        for (int t = 0; t < (one ? 1 : taps); t++) order[b][t] = places[b].order + t;
-        from[b] = source + rows.begin * stride + places[b].first;
+        for (int t = 0; t < (one ? 1 : taps); t++) load(order[b][t], gathering.order + j + b * wide), order[b][t] += t;
+        from[b] = source + rows.begin * stride + gathering.first[j / wide + b];
     }
     Wide row[blocks][window][moments] = {};
     const float* by = rows.weight.data();
@@ -76,6 +54,7 @@ PALPATE_INLINE void slide(const float* source, int64_t stride, const Place* plac
             for (int m = 0; m < moments; m++) row[b][k][m] = row[b][k + 1][m];
             if (!one) __builtin_prefetch(from[b] + soon * stride, 0, 3);
             __builtin_prefetch(from[b] + soon * stride + wide, 0, 3);
+            __builtin_prefetch(from[b] + ahead, 0, 2);
             Wide x[2];
             if (!one) {
                 load(x[0], from[b]), load(x[1], from[b] + wide);
@@ -114,30 +93,33 @@ PALPATE_INLINE void slide(const float* source, int64_t stride, const Place* plac
 }
 
 template <int moments, int taps, int window>
-PALPATE_WIDE void slide_tile(const Source& source, const Spans& rows, const Spans& columns, const Place* places,
-                             float* sum) {
+PALPATE_WIDE void slide_tile(const Source& source, const Spans& rows, const Spans& columns, const Gathering& gathering,
+                             int64_t ahead, float* sum) {
     constexpr int most = moments * taps <= 6 && moments * window <= 6 ? 2 : 1; // blocks that the registers hold
     const float* from = source.values;
+    const int64_t stride = source.stride;
     for (int j = 0; j < columns.count;) {
-        const Place* at = places + j / wide;
-        if (!at->reached) {
+        const int n = j / wide;
+        if (!gathering.reached[n]) {
             j += wide;
             continue;
         }
-        const bool two = most == 2 && j + wide < columns.count && at[1].reached && at[0].one == at[1].one;
-        if (two && at->one)
-            slide<most, moments, taps, window, true>(from, source.stride, at, columns, j, rows, sum + j);
+        const bool one = gathering.one[n];
+        const bool two =
+            most == 2 && j + wide < columns.count && gathering.reached[n + 1] && gathering.one[n + 1] == one;
+        if (two && one)
+            slide_blocks<most, moments, taps, window, true>(from, stride, gathering, columns, j, rows, ahead, sum + j);
         else if (two)
-            slide<most, moments, taps, window, false>(from, source.stride, at, columns, j, rows, sum + j);
-        else if (at->one)
-            slide<1, moments, taps, window, true>(from, source.stride, at, columns, j, rows, sum + j);
+            slide_blocks<most, moments, taps, window, false>(from, stride, gathering, columns, j, rows, ahead, sum + j);
+        else if (one)
+            slide_blocks<1, moments, taps, window, true>(from, stride, gathering, columns, j, rows, ahead, sum + j);
         else
-            slide<1, moments, taps, window, false>(from, source.stride, at, columns, j, rows, sum + j);
+            slide_blocks<1, moments, taps, window, false>(from, stride, gathering, columns, j, rows, ahead, sum + j);
         j += two ? 2 * wide : wide;
     }
 }
 
-using Kernel = void (*)(const Source&, const Spans&, const Spans&, const Place*, float*);
+using Kernel = void (*)(const Source&, const Spans&, const Spans&, const Gathering&, int64_t, float*);
 
 constexpr int least = 2, most_taps = 9, most_window = 5, windows = most_window - least + 1;
 constexpr int tile_kinds = (most_taps - least + 1) * windows;
@@ -163,19 +145,11 @@ bool slides() {
 
 void allow_sliding(bool whether) { allowed = whether; }
 
-bool slide_slice(const Source& source, const Spans& rows, const ColumnSpans& columns, float* sum) {
-    const Spans& c = columns.spans;
-    if (!slides() || columns.jump) return false;
-    const Kernel kernel = kernel_of(rows.moments, c.taps, rows.taps);
-    if (!kernel) return false;
-    const Place places[width / wide] = {{c, 0, source.columns},
-                                        {c, wide, source.columns},
-                                        {c, 2 * wide, source.columns},
-                                        {c, 3 * wide, source.columns}};
-    for (int j = 0; j < c.count; j += wide)
-        if (places[j / wide].reached && !places[j / wide].fits) return false;
-    kernel(source, rows, c, places, sum);
-    return true;
+bool slide_slice(const Source& source, const Spans& rows, const ColumnSpans& columns, int64_t ahead, float* sum) {
+    if (!columns.may_slide) return false;
+    const Kernel kernel = kernel_of(rows.moments, columns.spans.taps, rows.taps);
+    if (kernel) kernel(source, rows, columns.spans, columns.gathering, ahead, sum);
+    return kernel;
 }
 
 } // namespace palpate
@@ -185,7 +159,7 @@ bool slide_slice(const Source& source, const Spans& rows, const ColumnSpans& col
 namespace palpate {
 bool slides() { return false; }
 void allow_sliding(bool) {}
-bool slide_slice(const Source&, const Spans&, const ColumnSpans&, float*) { return false; }
+bool slide_slice(const Source&, const Spans&, const ColumnSpans&, int64_t, float*) { return false; }
 } // namespace palpate
 
 #endif

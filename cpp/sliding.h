@@ -3,9 +3,9 @@
 
 namespace palpate {
 
-// Both passes of a sub-slice with all that they pass on in registers, for tiles that need no more of it than there are:
-// does what add_slice does, or returns false.
-bool slide_slice(const Source& source, const Spans& rows, const ColumnSpans& columns, float* sum);
+// add_slice with all that the passes hand on in registers, for tiles that need no more of it than there are: does that,
+// or returns false.
+bool slide_slice(const Source& source, const Spans& rows, const ColumnSpans& columns, int64_t ahead, float* sum);
 
 // Whether this machine can, and how many neighbours of the source sixteen columns may span, taps included.
 bool slides();
