@@ -24,38 +24,38 @@ PALPATE_KERNEL void scale_by_roots(const float* __restrict beyond, float square,
     for (int i = 0; i < count; i++) to[i] = from[i] * (scale * std::sqrt(square + beyond[i]));
 }
 
-void Lengths::make(const View& v, int first, int columns) {
-    view = &v, begin = first, count = columns, middle = begin + count / 2;
+void Lengths::make(const View& v, int begin, int columns) {
+    count = columns, thickness = v.path.thickness;
     if (int(beyond.size()) < count) beyond.resize(count);
-    double at[3], next[3], along = 0, step = 0;
-    vector(0, middle, at);
-    vector(0, middle + 1, next);
-    for (int k = 0; k < 3; k++) along += at[k] * (next[k] - at[k]), step += (next[k] - at[k]) * (next[k] - at[k]);
+    const int centre = count / 2;
+    const auto at = [&](int row, int column, int k) {
+        const int64_t pixel = v.start + row * v.step_b + column * v.step_a;
+        return v.path.first[k] + double(pixel / v.path.columns) * v.path.row[k] +
+               double(pixel % v.path.columns) * v.path.column[k];
+    };
+    double along = 0, step = 0;
+    for (int k = 0; k < 3; k++) {
+        middle[k] = at(0, begin + centre, k);
+        down[k] = v.nb > 1 ? at(1, begin + centre, k) - middle[k] : 0;
+        const double right = centre > 0 ? middle[k] - at(0, begin + centre - 1, k) : 0;
+        along += middle[k] * right, step += right * right;
+    }
     most = 0;
     for (int i = 0; i < count; i++) {
-        const double d = begin + i - middle, change = d * (2 * along + d * step);
+        const double d = i - centre, change = d * (2 * along + d * step); // rows and columns are at right angles
         beyond[i] = float(change);
         most = std::max(most, std::fabs(change));
     }
 }
 
 void Lengths::scale(int row, const float* from, float* to) const {
-    double at[3];
-    vector(row, middle, at);
-    const double square = at[0] * at[0] + at[1] * at[1] + at[2] * at[2];
-    const double scale = view->path.thickness / std::fabs(at[2]);
+    double square = 0;
+    for (int k = 0; k < 3; k++) square += (middle[k] + row * down[k]) * (middle[k] + row * down[k]);
+    const double per_height = thickness / std::fabs(middle[2]);
     if (most < small * square)
-        scale_by_series(beyond.data(), float(1 / square), float(scale * std::sqrt(square)), count, from, to);
+        scale_by_series(beyond.data(), float(1 / square), float(per_height * std::sqrt(square)), count, from, to);
     else
-        scale_by_roots(beyond.data(), float(square), float(scale), count, from, to);
-}
-
-// mm, from the focal spot to a pixel of the image.
-void Lengths::vector(int row, int column, double* out) const {
-    const Path& path = view->path;
-    const int64_t pixel = view->start + row * view->step_b + column * view->step_a;
-    const double r = double(pixel / path.columns), c = double(pixel % path.columns);
-    for (int k = 0; k < 3; k++) out[k] = path.first[k] + r * path.row[k] + c * path.column[k];
+        scale_by_roots(beyond.data(), float(square), float(per_height), count, from, to);
 }
 
 } // namespace palpate

@@ -8,11 +8,11 @@ namespace palpate {
 // distance d of a pixel from the focal spot changes little: d = m √(1 + u), m that of the middle column,
 // u = (d² - m²) / m², whose numerator is the same in all rows.
 class Lengths {
-    const View* view = nullptr;
-    int begin = 0, count = 0, middle = 0;
+    Vec3 middle, down; // mm, from the focal spot to the middle column of row 0, and from row to row
+    double thickness = 0;
     double most = 0; // of |d² - m²|, mm²
-    Buffer beyond;   // d² - m² of each column
-    void vector(int row, int column, double* out) const;
+    int count = 0;
+    Buffer beyond; // d² - m² of each column
 
 public:
     // Columns begin .. begin + count - 1.
