@@ -13,10 +13,10 @@
 namespace palpate {
 namespace {
 
+constexpr int abreast = 2;    // tiles of a view side by side: less of each page of the volume is passed over
 constexpr int together = 5;   // views whose tiles, and all they read of a slab, the cache holds together, at most
 constexpr int tall = 4;       // tiles of a panel, one above the other, that share their weights along x, at most
-constexpr int held = 32;      // tiles of all these views that the cache holds
-constexpr int layers = 16;    // slices of a slab, times tiles one above the other
+constexpr int layers = 8;     // slices of a slab, times tiles one above the other
 constexpr int kept = 4096;    // rows' weights of so many sub-slices and tiles, at most: some 10 MB
 constexpr int tasks_each = 4; // per thread, so that none waits long for another
 
@@ -66,6 +66,7 @@ void write_tile(const View& v, const Lengths& lengths, const float* from, int b0
 
 struct Tile {
     int b0, b1, a0, a1;
+    bool empty() const { return b0 >= b1 || a0 >= a1; }
 };
 
 // What a thread needs, kept between its tasks.
@@ -81,7 +82,7 @@ struct Scratch {
 // asks for one product a slice; the slab that they read is as much larger.
 int stack_of(const Geometry& g, const std::vector<int>& views) {
     const bool light = std::all_of(views.begin(), views.end(), [&](int k) { return products(g.views[k]) == 1; });
-    return light && int(views.size()) * tall <= held ? tall : tall / 2;
+    return light ? tall : tall / 2;
 }
 
 class Forward {
@@ -93,7 +94,7 @@ class Forward {
     const int stack, slab;                    // tiles one above the other; slices
 
     int depth(size_t i) const { return g.grid.nz * g.views[views[i]].subs; }
-    float* sum_of(Scratch& s, size_t i, int t) const { return &s.sum[(i * stack + t) * height * width]; }
+    float* sum_of(Scratch& s, size_t number, int t) const { return &s.sum[(number * stack + t) * height * width]; }
 
 public:
     const Blocks across, along;
@@ -111,59 +112,56 @@ public:
 
     // The tiles under blocks number `first` to `last` - 1 across of row `down` of blocks.
     void strip(int down, int first, int last, Scratch& s) const {
-        std::vector<Tile> tiles(views.size());
         std::vector<size_t> rows_of(views.size() + 1, 0); // into s.rows
-        for (size_t i = 0; i < views.size(); i++) {
-            const int pixels = g.views[views[i]].nb;
-            tiles[i].b0 = along.edge(i, down, pixels);
-            tiles[i].b1 = along.edge(i, down + 1, pixels);
-            rows_of[i + 1] = rows_of[i] + size_t(depth(i)) * stack;
-        }
+        for (size_t i = 0; i < views.size(); i++) rows_of[i + 1] = rows_of[i] + size_t(depth(i)) * stack;
         if (s.rows.size() < rows_of.back()) s.rows.resize(rows_of.back());
-        s.sum.resize(views.size() * stack * height * width);
-        for (size_t i = 0; i < views.size(); i++) {
-            const View& v = g.views[views[i]];
-            for (int d = 0; d < depth(i); d++) {
-                const Shadow y = shadow(g, v, d / v.subs, d % v.subs, Axis::y);
-                for (int t = 0; t < stack; t++) {
-                    Spans& rows = s.rows[rows_of[i] + size_t(d) * stack + t];
-                    const int b = tiles[i].b0 + t * height, count = std::min(height, tiles[i].b1 - b);
-                    rows.reached = false;
-                    if (count <= 0) continue;
-                    over_pixels(y, v.moments, b, count, g.grid.ny, rows);
-                    calm_pixels(v, rows);
-                }
-            }
-        }
-        for (int block = first; block < last; block++) {
-            for (size_t i = 0; i < views.size(); i++) {
-                const int pixels = g.views[views[i]].na;
-                tiles[i].a0 = across.edge(i, block, pixels);
-                tiles[i].a1 = across.edge(i, block + 1, pixels);
-            }
-            if (std::all_of(tiles.begin(), tiles.end(), [](const Tile& t) { return t.a0 >= t.a1; })) continue;
-            project_block(tiles, rows_of, s);
-            for (size_t i = 0; i < views.size(); i++) {
+        s.sum.resize(views.size() * abreast * stack * height * width);
+        for (size_t i = 0; i < views.size(); i++) cast_rows(i, down, &s.rows[rows_of[i]]);
+        std::vector<Tile> tiles(views.size() * abreast);
+        for (int block = first; block < last; block += abreast) {
+            for (size_t n = 0; n < tiles.size(); n++) {
+                const size_t i = n / abreast;
                 const View& v = g.views[views[i]];
-                const auto [b0, b1, a0, a1] = tiles[i];
-                if (a0 < a1) s.lengths.make(v, a0, a1 - a0);
-                for (int t = 0; a0 < a1 && b0 + t * height < b1; t++) {
-                    const int b = b0 + t * height;
-                    write_tile(v, s.lengths, sum_of(s, i, t), b, std::min(b1, b + height), a0, a1 - a0,
-                               images[views[i]]);
-                }
+                const int beside = std::min(block + int(n % abreast), last);
+                tiles[n] = {along.edge(i, down, v.nb), along.edge(i, down + 1, v.nb), across.edge(i, beside, v.na),
+                            across.edge(i, std::min(beside + 1, last), v.na)};
             }
+            if (std::all_of(tiles.begin(), tiles.end(), [](const Tile& t) { return t.empty(); })) continue;
+            std::fill(s.sum.begin(), s.sum.end(), 0.0f);
+            // Slab by slab, which stays in the second-level cache for all views while they call for the next one.
+            for (int z = 0; z < g.grid.nz; z += slab)
+                for (size_t n = 0; n < tiles.size(); n++)
+                    if (!tiles[n].empty())
+                        add_slab(n, z, std::min(g.grid.nz, z + slab), tiles[n], rows_of[n / abreast], s);
+            for (size_t n = 0; n < tiles.size(); n++) write_tiles(n, tiles[n], s);
         }
     }
 
 private:
-    // Slab by slab, which stays in the second-level cache for all views while they call for the next one.
-    void project_block(const std::vector<Tile>& tiles, const std::vector<size_t>& rows_of, Scratch& s) const {
-        std::fill(s.sum.begin(), s.sum.end(), 0.0f);
-        for (int z = 0; z < g.grid.nz; z += slab)
-            for (size_t i = 0; i < views.size(); i++)
-                if (tiles[i].a0 < tiles[i].a1 && tiles[i].b0 < tiles[i].b1)
-                    add_slab(i, z, std::min(g.grid.nz, z + slab), tiles[i], rows_of[i], s);
+    // Rows' weights of each sub-slice and tile of the stack.
+    void cast_rows(size_t i, int down, Spans* out) const {
+        const View& v = g.views[views[i]];
+        const int b0 = along.edge(i, down, v.nb), b1 = along.edge(i, down + 1, v.nb);
+        for (int d = 0; d < depth(i); d++) {
+            const Shadow y = shadow(g, v, d / v.subs, d % v.subs, Axis::y);
+            for (int t = 0; t < stack; t++) {
+                Spans& rows = out[size_t(d) * stack + t];
+                const int b = b0 + t * height, count = std::min(height, b1 - b);
+                rows.reached = false;
+                if (count <= 0) continue;
+                over_pixels(y, v.moments, b, count, g.grid.ny, rows);
+                calm_pixels(v, rows);
+            }
+        }
+    }
+
+    void write_tiles(size_t n, const Tile& tile, Scratch& s) const {
+        if (tile.empty()) return;
+        const int k = views[n / abreast], columns = tile.a1 - tile.a0;
+        s.lengths.make(g.views[k], tile.a0, columns);
+        for (int t = 0, b = tile.b0; b < tile.b1; t++, b += height)
+            write_tile(g.views[k], s.lengths, sum_of(s, n, t), b, std::min(tile.b1, b + height), tile.a0, columns,
+                       images[k]);
     }
 
     // From what a tile reads of slices z0 to z1 - 1 to what it reads next, of the slab behind them or of the next
@@ -172,13 +170,15 @@ private:
         const bool last = z1 == g.grid.nz;
         const int subs = g.views[views[i]].subs, here = z0 * subs, there = last ? 0 : z1 * subs;
         const auto voxel = [&](int d, int a) { return (a - shadows[i][d].offset[0]) / shadows[i][d].slope[0]; };
-        const double across = voxel(there, last ? tile.a1 : tile.a0) - voxel(here, tile.a0);
+        const double across =
+            voxel(there, last ? tile.a0 + abreast * (tile.a1 - tile.a0) : tile.a0) - voxel(here, tile.a0);
         const Spans &now = rows[here * stack], &then = rows[there * stack];
         const int down = now.reached && then.reached ? then.begin - now.begin : 0;
         return (last ? -z0 : z1 - z0) * g.grid.slice() + int64_t(down) * g.grid.nx + int64_t(across);
     }
 
-    void add_slab(size_t i, int z0, int z1, const Tile& tile, size_t rows_of, Scratch& s) const {
+    void add_slab(size_t n, int z0, int z1, const Tile& tile, size_t rows_of, Scratch& s) const {
+        const size_t i = n / abreast;
         const View& v = g.views[views[i]];
         const int first = z0 * v.subs, count = (z1 - z0) * v.subs;
         if (int(s.columns.size()) < count) s.columns.resize(count);
@@ -199,7 +199,7 @@ private:
                 const bool calls =
                     size_t(z - z0) % views.size() == i; // each view for its part: they read nearly the same
                 add_slice({f + z * g.grid.slice(), g.grid.nx, g.grid.nx}, here, s.columns[d], s.ring, calls ? ahead : 0,
-                          sum_of(s, i, t));
+                          sum_of(s, n, t));
             }
         }
     }
