@@ -6,8 +6,8 @@
 namespace palpate {
 namespace {
 
-constexpr double small =
-    0.03; // u, up to which three terms of the series of √(1 + u) have an error below 5 u⁴ / 128 = 3e-8
+// u up to which three terms of the series are enough: what is left out is 5 u⁴ / 128.
+constexpr double small = 0.03;
 
 } // namespace
 

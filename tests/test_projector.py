@@ -294,6 +294,25 @@ def test_ray_through_a_box_reads_its_chord(axes):
     assert p[0, 2, 2] == pytest.approx(0.02 * chord, rel=1e-4)
 
 
+@pytest.mark.parametrize("height", [1000, 60], ids=["far", "near"])
+@pytest.mark.parametrize("axes", [((0, 1, 0), (1, 0, 0)), ((0, -1, 0), (-1, 0, 0)), ((1, 0, 0), (0, 1, 0))])
+def test_a_slab_reads_the_length_of_each_ray(height, axes):
+    """From near, rays' lengths change much from column to column, from far little; in rows of 150 pixels."""
+    row_axis, column_axis = np.array(axes)
+    panel = pp.Panel((90, 150), (1, 1), -44.5 * row_axis - 74.5 * column_axis, row_axis, column_axis)
+    views = pp.Views([[13.0, -7, height]], panel)
+    grid = pp.Grid((4, 220, 220), (1, 1, 1), (-109.5, -109.5, 5))
+    A = pp.Projector(views, grid)
+    p = A(np.ones(grid.shape, np.float32))[0].astype(float)
+    r, c = np.indices(p.shape)
+    rays = panel.origin + r[..., None] * row_axis + c[..., None] * column_axis - views.source[0]
+    lengths = 4 * np.linalg.norm(rays, axis=-1) / height
+    np.testing.assert_allclose(p, lengths, rtol=1 / 6 / height**2 + 1e-6)  # a pixel's mean is not its middle
+    x, y = noise(grid), np.random.default_rng(1).random(views.shape, np.float32)
+    forward, back = (float((a * b.astype(float)).sum()) for a, b in ((A(x), y), (A.T(y), x)))
+    assert forward == pytest.approx(back, rel=1e-6)
+
+
 def test_it_is_linear():
     views, grid = small()
     A, x, y = pp.Projector(views, grid), noise(grid, 1), noise(grid, 2)
