@@ -152,6 +152,7 @@ private:
             w.jump = ((w.a1 - w.a0 + 1) / 2 + padding + lanes - 1) / lanes * lanes;
             w.stride = 2 * w.jump;
         } else {
+            // Sixteen columns that slide may begin further left instead.
             const int columns = slides() ? std::max(w.a1 - w.a0, slide_span) : w.a1 - w.a0 + padding;
             w.stride = (columns + lanes - 1) / lanes * lanes;
         }

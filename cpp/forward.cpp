@@ -1,12 +1,11 @@
 // Forward projection of the separable views, in tiles that stay in the second-level cache while all slices add to them.
-// The volume's middle slice is cut into blocks, and every panel where their shadows end: the tiles of all views under
-// one block read nearly the same voxels of a slice, which come from memory once for all of them.
+// The volume's middle slice is cut into blocks, and every panel where their shadows end: the tiles of a few
+// views under one block read nearly the same voxels of a slice, which come from memory once for all of them.
 #include "forward.h"
 #include "buffer.h"
 #include "lengths.h"
 #include "parallel.h"
 #include "passes.h"
-#include "sliding.h"
 #include <algorithm>
 #include <cmath>
 

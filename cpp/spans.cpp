@@ -94,9 +94,10 @@ PALPATE_INLINE void weigh_pixels_by(const Shadow& s, int from, int count, int vo
                 per_trim[edge][i] = usual;
             }
         for (int edge = 0; edge < 2; edge++)
-            for (int end : {0, voxels})
-                if (end - from - i0 - edge >= 0 && end - from - i0 - edge < block)
-                    per_trim[edge][end - from - i0 - edge] = float(untrimmed);
+            for (int face : {0, voxels}) { // in the loop above it would keep that one from being vectors
+                const int i = face - from - i0 - edge;
+                if (i >= 0 && i < block) per_trim[edge][i] = float(untrimmed);
+            }
         for (int t = 0; t < taps; t++)
             for (int i = 0; i < block; i++) {
                 float part[2][moments];
