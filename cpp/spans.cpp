@@ -176,6 +176,9 @@ void clear_beyond(int count, Spans& out) {
 } // namespace
 
 void over_pixels(const Shadow& s, int moments, int from, int count, int voxels, Spans& out) {
+    out.reached = std::max(s.offset[0] + s.slope[0] * voxels, s.offset[1] + s.slope[1] * voxels) > from &&
+                  std::min(s.offset[0], s.offset[1]) < from + count;
+    if (!out.reached) return;
     int32_t last[run];
     // Pixel edge a lies over voxel edge (a - offset) / slope, different at the two faces: seen from the voxels, it
     // moves by slope times that.
