@@ -7,6 +7,7 @@
 #include "parallel.h"
 #include "passes.h"
 #include "sliding.h"
+#include "stream.h"
 #include <algorithm>
 #include <cmath>
 
@@ -103,11 +104,10 @@ struct Task {
             for (int z = z0; z < z1; z++)
                 for (int y = y0; y < y1; y++) {
                     float* to = f + (int64_t(z) * g.grid.ny + y) * g.grid.nx + x0;
-                    for (int x = 0; x < x1 - x0 + line - 1; x += line)
-                        __builtin_prefetch(to + soon * g.grid.nx + x, 1, 3);
-                    std::copy_n(sum_of(s, z, 0) + (y - y0) * width, x1 - x0, to);
+                    stream(sum_of(s, z, 0) + (y - y0) * width, x1 - x0, to);
                 }
         }
+        streamed();
     }
 
 private:

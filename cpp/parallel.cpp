@@ -14,30 +14,37 @@ namespace {
 
 thread_local bool inside = false; // this thread is already running a part
 
-// Threads wait here between calls: starting them anew costs more than a small kernel.
+// Threads wait here between calls: starting them anew costs more than a small kernel, and so does waking them. The next
+// call mostly follows soon, so whoever waits stays awake for some 50 µs, and gives way to any thread that has work.
 class Pool {
     std::vector<std::thread> workers;
     std::mutex mutex;
     std::condition_variable wake, finished;
     const std::function<void(int)>* job = nullptr;
-    int64_t round = 0;
-    int wanted = 0, running = 0;
-    bool stopping = false;
+    int wanted = 0;
+    std::atomic<int64_t> round{0};
+    std::atomic<int> running{0};
+    std::atomic<bool> stopping{false};
 
+    template <class Done> static void stay_awake(Done done) {
+        for (int looks = 0; looks < 150 && !done(); looks++) std::this_thread::yield();
+    }
     void wait_for_work(int index) {
         inside = true;
-        int64_t seen = 0;
-        std::unique_lock lock(mutex);
-        while (true) {
-            wake.wait(lock, [&] { return stopping || round != seen; });
+        for (int64_t seen = 0;;) {
+            const auto called = [&] { return stopping || round != seen; };
+            stay_awake(called);
+            std::unique_lock lock(mutex);
+            wake.wait(lock, called);
             if (stopping) return;
             seen = round;
             if (index >= wanted) continue;
             const auto* mine = job;
             lock.unlock();
             (*mine)(index);
-            lock.lock();
-            if (--running == 0) finished.notify_one();
+            if (--running > 0) continue;
+            lock.lock(); // not between the other's last look and its sleep
+            finished.notify_one();
         }
     }
 
@@ -68,8 +75,11 @@ public:
         inside = true;
         part(0);
         inside = false;
+        const auto done = [&] { return running == 0; };
+        stay_awake(done);
+        if (done()) return;
         std::unique_lock lock(mutex);
-        finished.wait(lock, [&] { return running == 0; });
+        finished.wait(lock, done);
     }
 };
 
