@@ -50,7 +50,7 @@ void copy_window(const View& v, const float* image, const Window& w, Scratch& s)
     const size_t size = (w.b1 - w.b0) * w.stride;
     if (s.window.size() < size) s.window.resize(size);
     if (int(s.row.size()) < columns) s.row.resize(columns);
-    if (v.pose != Pose::tilted) s.lengths.make(v, w.a0, columns);
+    if (v.pose != Pose::tilted) s.lengths.make(v, w.a0, columns, w.b0, w.b1);
     for (int b = w.b0; b < w.b1; b++) {
         float* to = &s.window[(b - w.b0) * w.stride];
         float* whole = w.jump ? s.row.data() : to;

@@ -18,6 +18,8 @@ constexpr int tall = 4;       // tiles of a panel, one above the other, that sha
 constexpr int layers = 8;     // slices of a slab, times tiles one above the other
 constexpr int kept = 4096;    // rows' weights of so many sub-slices and tiles, at most: some 10 MB
 constexpr int tasks_each = 4; // per thread, so that none waits long for another
+constexpr int line = 16;      // floats of a cache line
+constexpr int soon = 8;       // rows of a panel to call for in advance
 
 // Blocks along one axis: number i reaches from voxel edge i * step to the next; its shadow has at most `size` pixels.
 class Blocks {
@@ -58,6 +60,8 @@ void write_tile(const View& v, const Lengths& lengths, const float* from, int b0
         }
         float scaled[width];
         float* first = image + v.start + b * v.step_b + a0 * v.step_a;
+        for (int a = 0; a < columns + line - 1 && v.step_a == 1; a += line)
+            __builtin_prefetch(first + soon * v.step_b + a, 1, 3);
         lengths.scale(b, from, v.step_a == 1 ? first : scaled);
         for (int a = 0; a < columns && v.step_a != 1; a++) first[a * v.step_a] = scaled[a];
     }
@@ -157,7 +161,7 @@ private:
     void write_tiles(size_t n, const Tile& tile, Scratch& s) const {
         if (tile.empty()) return;
         const int k = views[n / abreast], columns = tile.a1 - tile.a0;
-        s.lengths.make(g.views[k], tile.a0, columns);
+        s.lengths.make(g.views[k], tile.a0, columns, tile.b0, tile.b1);
         for (int t = 0, b = tile.b0; b < tile.b1; t++, b += height)
             write_tile(g.views[k], s.lengths, sum_of(s, n, t), b, std::min(tile.b1, b + height), tile.a0, columns,
                        images[k]);

@@ -7,7 +7,7 @@ namespace palpate {
 namespace {
 
 // u up to which three terms of the series are enough: what is left out is 5 u⁴ / 128.
-constexpr double small = 0.03;
+constexpr float small = 0.03f;
 
 } // namespace
 
@@ -24,15 +24,28 @@ PALPATE_KERNEL void scale_by_roots(const float* __restrict beyond, float square,
     for (int i = 0; i < count; i++) to[i] = from[i] * (scale * std::sqrt(square + beyond[i]));
 }
 
-void Lengths::make(const View& v, int begin, int columns) {
-    count = columns, thickness = v.path.thickness;
+// The squares of a distance that begins as `middle` and goes on by `down` a row, and their roots.
+PALPATE_KERNEL void distances(const Vec3& middle, const Vec3& down, int first, int count, float* __restrict square,
+                              float* __restrict root) {
+    for (int i = 0; i < count; i++) {
+        double sum = 0;
+        for (int k = 0; k < 3; k++) sum += (middle[k] + (first + i) * down[k]) * (middle[k] + (first + i) * down[k]);
+        square[i] = float(sum);
+        root[i] = float(std::sqrt(sum));
+    }
+}
+
+void Lengths::make(const View& v, int begin, int columns, int from, int to) {
+    count = columns, first = from;
     if (int(beyond.size()) < count) beyond.resize(count);
+    if (int(square.size()) < to - from) square.resize(to - from), root.resize(to - from);
     const int centre = count / 2;
     const auto at = [&](int row, int column, int k) {
         const int64_t pixel = v.start + row * v.step_b + column * v.step_a;
         return v.path.first[k] + double(pixel / v.path.columns) * v.path.row[k] +
                double(pixel % v.path.columns) * v.path.column[k];
     };
+    Vec3 middle, down; // mm, from the focal spot to the middle column of row 0, and from row to row
     double along = 0, step = 0;
     for (int k = 0; k < 3; k++) {
         middle[k] = at(0, begin + centre, k);
@@ -40,22 +53,23 @@ void Lengths::make(const View& v, int begin, int columns) {
         const double right = centre > 0 ? middle[k] - at(0, begin + centre - 1, k) : 0;
         along += middle[k] * right, step += right * right;
     }
-    most = 0;
+    per_height = float(v.path.thickness / std::fabs(middle[2]));
+    distances(middle, down, from, to - from, square.data(), root.data());
+    double greatest = 0;
     for (int i = 0; i < count; i++) {
         const double d = i - centre, change = d * (2 * along + d * step); // rows and columns are at right angles
         beyond[i] = float(change);
-        most = std::max(most, std::fabs(change));
+        greatest = std::max(greatest, std::fabs(change));
     }
+    most = float(greatest);
 }
 
 void Lengths::scale(int row, const float* from, float* to) const {
-    double square = 0;
-    for (int k = 0; k < 3; k++) square += (middle[k] + row * down[k]) * (middle[k] + row * down[k]);
-    const double per_height = thickness / std::fabs(middle[2]);
-    if (most < small * square)
-        scale_by_series(beyond.data(), float(1 / square), float(per_height * std::sqrt(square)), count, from, to);
+    const float s = square[row - first];
+    if (most < small * s)
+        scale_by_series(beyond.data(), 1 / s, per_height * root[row - first], count, from, to);
     else
-        scale_by_roots(beyond.data(), float(square), float(per_height), count, from, to);
+        scale_by_roots(beyond.data(), s, per_height, count, from, to);
 }
 
 } // namespace palpate
