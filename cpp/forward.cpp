@@ -74,7 +74,7 @@ struct Tile {
 
 // What a thread needs, kept between its tasks.
 struct Scratch {
-    std::vector<Spans> rows;          // per view of the group, slice, sub-slice, tile of the stack
+    std::vector<Spans> rows;          // of a strip
     std::vector<ColumnSpans> columns; // per sub-slice of a slab
     RowRing ring;
     Buffer sum;
@@ -94,6 +94,7 @@ class Forward {
     const std::vector<float*>& images;
     std::vector<int> views;                   // of one group
     std::vector<std::vector<Shadow>> shadows; // along x; per view, per sub-slice
+    std::vector<size_t> rows_of{0};           // where each view's begin among the rows of a strip
     const int stack, slab;                    // tiles one above the other; slices
 
     int depth(size_t i) const { return g.grid.nz * g.views[views[i]].subs; }
@@ -107,19 +108,35 @@ public:
           across(g, views, Axis::x, width), along(g, views, Axis::y, stack * height) {
         for (int k : views) {
             const View& v = g.views[k];
+            rows_of.push_back(rows_of.back() + size_t(g.grid.nz) * v.subs * stack);
             shadows.emplace_back();
             for (int i = 0; i < g.grid.nz * v.subs; i++)
                 shadows.back().push_back(shadow(g, v, i / v.subs, i % v.subs, Axis::x));
         }
     }
 
+    // The weights that strip() takes, of the rows of row `down` of blocks: how many there are, and those of view number
+    // i. Per view, slice, sub-slice, tile of the stack.
+    size_t rows() const { return rows_of.back(); }
+    void cast_rows(int down, size_t i, Spans* rows) const {
+        const View& v = g.views[views[i]];
+        const int b0 = along.edge(i, down, v.nb), b1 = along.edge(i, down + 1, v.nb);
+        Spans* out = rows + rows_of[i];
+        for (int d = 0; d < depth(i); d++) {
+            const Shadow y = shadow(g, v, d / v.subs, d % v.subs, Axis::y);
+            for (int t = 0; t < stack; t++, out++) {
+                const int b = b0 + t * height, count = std::min(height, b1 - b);
+                out->reached = false;
+                if (count <= 0) continue;
+                over_pixels(y, v.moments, b, count, g.grid.ny, *out);
+                calm_pixels(v, *out);
+            }
+        }
+    }
+
     // The tiles under blocks number `first` to `last` - 1 across of row `down` of blocks.
-    void strip(int down, int first, int last, Scratch& s) const {
-        std::vector<size_t> rows_of(views.size() + 1, 0); // into s.rows
-        for (size_t i = 0; i < views.size(); i++) rows_of[i + 1] = rows_of[i] + size_t(depth(i)) * stack;
-        if (s.rows.size() < rows_of.back()) s.rows.resize(rows_of.back());
+    void strip(int down, int first, int last, const Spans* rows, Scratch& s) const {
         s.sum.resize(views.size() * abreast * stack * height * width);
-        for (size_t i = 0; i < views.size(); i++) cast_rows(i, down, &s.rows[rows_of[i]]);
         std::vector<Tile> tiles(views.size() * abreast);
         for (int block = first; block < last; block += abreast) {
             for (size_t n = 0; n < tiles.size(); n++) {
@@ -135,29 +152,12 @@ public:
             for (int z = 0; z < g.grid.nz; z += slab)
                 for (size_t n = 0; n < tiles.size(); n++)
                     if (!tiles[n].empty())
-                        add_slab(n, z, std::min(g.grid.nz, z + slab), tiles[n], rows_of[n / abreast], s);
+                        add_slab(n, z, std::min(g.grid.nz, z + slab), tiles[n], rows + rows_of[n / abreast], s);
             for (size_t n = 0; n < tiles.size(); n++) write_tiles(n, tiles[n], s);
         }
     }
 
 private:
-    // Rows' weights of each sub-slice and tile of the stack.
-    void cast_rows(size_t i, int down, Spans* out) const {
-        const View& v = g.views[views[i]];
-        const int b0 = along.edge(i, down, v.nb), b1 = along.edge(i, down + 1, v.nb);
-        for (int d = 0; d < depth(i); d++) {
-            const Shadow y = shadow(g, v, d / v.subs, d % v.subs, Axis::y);
-            for (int t = 0; t < stack; t++) {
-                Spans& rows = out[size_t(d) * stack + t];
-                const int b = b0 + t * height, count = std::min(height, b1 - b);
-                rows.reached = false;
-                if (count <= 0) continue;
-                over_pixels(y, v.moments, b, count, g.grid.ny, rows);
-                calm_pixels(v, rows);
-            }
-        }
-    }
-
     void write_tiles(size_t n, const Tile& tile, Scratch& s) const {
         if (tile.empty()) return;
         const int k = views[n / abreast], columns = tile.a1 - tile.a0;
@@ -180,20 +180,20 @@ private:
         return (last ? -z0 : z1 - z0) * g.grid.slice() + int64_t(down) * g.grid.nx + int64_t(across);
     }
 
-    void add_slab(size_t n, int z0, int z1, const Tile& tile, size_t rows_of, Scratch& s) const {
+    void add_slab(size_t n, int z0, int z1, const Tile& tile, const Spans* of_view, Scratch& s) const {
         const size_t i = n / abreast;
         const View& v = g.views[views[i]];
         const int first = z0 * v.subs, count = (z1 - z0) * v.subs;
         if (int(s.columns.size()) < count) s.columns.resize(count);
         for (int d = 0; d < count; d++) {
-            const int moments = most_moments_of(&s.rows[rows_of + size_t(first + d) * stack], stack);
+            const int moments = most_moments_of(of_view + size_t(first + d) * stack, stack);
             s.columns[d].spans.reached = false;
             if (moments == 0) continue;
             over_pixels(shadows[i][first + d], moments, tile.a0, tile.a1 - tile.a0, g.grid.nx, s.columns[d].spans);
             if (s.columns[d].spans.reached) s.columns[d].prepare(g.grid.nx);
         }
         for (int t = 0; t < stack; t++) {
-            const Spans* rows = &s.rows[rows_of + t];
+            const Spans* rows = of_view + t;
             const int64_t ahead = way_on(i, z0, z1, tile, rows);
             for (int d = 0; d < count; d++) {
                 const Spans& here = rows[size_t(first + d) * stack];
@@ -220,14 +220,28 @@ void project_tiles(const Geometry& g, const float* f, const std::vector<float*>&
     const size_t most = std::max(1, std::min(together, kept / (g.grid.nz * subs * tall)));
     const size_t groups = (all.size() + most - 1) / most;
     for (size_t n = 0; n < groups; n++) {
-        const Forward forward(g, f, images,
-                              {all.begin() + all.size() * n / groups, all.begin() + all.size() * (n + 1) / groups});
+        const std::vector<int> views(all.begin() + all.size() * n / groups,
+                                     all.begin() + all.size() * (n + 1) / groups);
+        const Forward forward(g, f, images, views);
         const int down = forward.along.size(), across = forward.across.size();
         const int parts = std::max(1, std::min(across, tasks_each * threads() / down));
+        // Tasks that share a row of blocks share its rows' weights.
+        std::vector<std::vector<Spans>> shared(parts > 1 ? down : 0);
+        for (auto& rows : shared) rows.resize(forward.rows());
+        parallel_tasks(int64_t(shared.size() * views.size()), [&](int64_t task, int) {
+            const size_t row = task / views.size();
+            forward.cast_rows(forward.along.begin + int(row), task % views.size(), shared[row].data());
+        });
         parallel_tasks(int64_t(down) * parts, [&](int64_t task, int thread) {
-            const int part = int(task % parts), first = forward.across.begin;
-            forward.strip(forward.along.begin + int(task / parts), first + across * part / parts,
-                          first + across * (part + 1) / parts, scratch[thread]);
+            const int row = int(task / parts), part = int(task % parts), first = forward.across.begin;
+            Scratch& s = scratch[thread];
+            if (shared.empty()) {
+                s.rows.resize(std::max(s.rows.size(), forward.rows()));
+                for (size_t i = 0; i < views.size(); i++)
+                    forward.cast_rows(forward.along.begin + row, i, s.rows.data());
+            }
+            forward.strip(forward.along.begin + row, first + across * part / parts, first + across * (part + 1) / parts,
+                          shared.empty() ? s.rows.data() : shared[row].data(), s);
         });
     }
 }
