@@ -81,11 +81,14 @@ PALPATE_INLINE void slide_blocks(const float* source, int64_t stride, const Gath
         PALPATE_UNROLL
         for (int b = 0; b < blocks; b++) load(s[b], sum + r * width + b * wide);
         PALPATE_UNROLL
-        for (int k = 0; k < window; k++) PALPATE_UNROLL
-        for (int m = 0; m < moments; m++) {
-            const float w = by[(m * window + k) * run];
+        for (int k = 0; k < window; k++) {
+            if (k > 1 && rows.own[r] <= k) break;
             PALPATE_UNROLL
-            for (int b = 0; b < blocks; b++) s[b] += row[b][k][m] * w;
+            for (int m = 0; m < moments; m++) {
+                const float w = by[(m * window + k) * run];
+                PALPATE_UNROLL
+                for (int b = 0; b < blocks; b++) s[b] += row[b][k][m] * w;
+            }
         }
         PALPATE_UNROLL
         for (int b = 0; b < blocks; b++) store(sum + r * width + b * wide, s[b]);
