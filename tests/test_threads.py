@@ -1,5 +1,7 @@
 """The same bits from one, two and four threads, whole runs of every method on every pose of the panel."""
 
+import time
+from concurrent.futures import ThreadPoolExecutor
 from typing import get_args
 
 import numpy as np
@@ -82,3 +84,22 @@ def test_reconstructions(views, method, each_number):
     scan = pp.simulate_scan(BODY, views, incident=5000, seed=2, background=30)
     made = each_number(lambda: pp.reconstruct(scan, GRID, method=method, levels=2, iterations=2).values)
     assert made.std() > 0
+
+
+def test_calls_that_find_the_threads_awake_asleep_or_busy(each_number):
+    """At once after the last call, within what threads stay awake, after that, and while another call has them."""
+    A = pp.Projector(flat(), GRID)
+    x = np.random.default_rng(3).random(GRID.shape, dtype=np.float32)
+
+    def work(seed):
+        for pause in np.random.default_rng(seed).choice((0, 2e-5, 5e-5, 2e-3), 150):
+            time.sleep(pause)
+            np.testing.assert_array_equal(A(x), right)
+        return True
+
+    right = each_number(lambda: A(x))
+    for n in (2, 4, 3):
+        _core.set_threads(n)
+        assert work(n)
+        with ThreadPoolExecutor(3) as pool:
+            assert all(pool.map(work, range(3)))
