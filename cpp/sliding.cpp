@@ -82,7 +82,7 @@ PALPATE_INLINE void slide_blocks(const float* source, int64_t stride, const Gath
         for (int b = 0; b < blocks; b++) load(s[b], sum + r * width + b * wide);
         PALPATE_UNROLL
         for (int k = 0; k < window; k++) {
-            if (k > 1 && rows.own[r] <= k) break;
+            if (k > 1 && rows.own[r] <= k) break; // the rest weighs nothing: mostly the last of three
             PALPATE_UNROLL
             for (int m = 0; m < moments; m++) {
                 const float w = by[(m * window + k) * run];
