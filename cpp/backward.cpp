@@ -16,7 +16,6 @@ namespace {
 
 constexpr int stack = 2;            // tiles of a slice, one behind the other along y, that share their weights along x
 constexpr int depth = 16;           // slices of a task, at most
-constexpr int line = 16;            // floats of a cache line
 constexpr int soon = 8;             // rows of a panel to call for in advance
 constexpr int padding = slide_span; // columns beyond a window, so that whole vectors fit
 
@@ -58,7 +57,7 @@ void copy_window(const View& v, const float* image, const Window& w, Scratch& s)
             std::copy_n(image + int64_t(b) * v.na + w.a0, columns, whole);
         } else {
             const float* from = image + v.start + b * v.step_b + w.a0 * v.step_a;
-            for (int a = 0; a < columns + line - 1; a += line)
+            for (int a = 0; a < columns + cache_line - 1; a += cache_line)
                 __builtin_prefetch(from + soon * v.step_b + a * v.step_a, 0, 3);
             if (v.step_a != 1) {
                 for (int a = 0; a < columns; a++) whole[a] = from[a * v.step_a];

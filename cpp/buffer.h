@@ -5,6 +5,8 @@
 
 namespace palpate {
 
+constexpr int cache_line = 16; // floats
+
 // Floats that begin at a cache line, so that no vector lies across two.
 template <class T> struct CacheAligned {
     using value_type = T;

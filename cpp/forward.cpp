@@ -1,6 +1,6 @@
 // Forward projection of the separable views, in tiles that stay in the second-level cache while all slices add to them.
-// The volume's middle slice is cut into blocks, and every panel where their shadows end: the tiles of a few
-// views under one block read nearly the same voxels of a slice, which come from memory once for all of them.
+// The volume's middle slice is cut into blocks, and every panel where their shadows end: the tiles of a few views under
+// one block read nearly the same voxels of a slice, which come from memory once for all of them.
 #include "forward.h"
 #include "buffer.h"
 #include "lengths.h"
@@ -18,7 +18,6 @@ constexpr int tall = 4;       // tiles of a panel, one above the other, that sha
 constexpr int layers = 8;     // slices of a slab, times tiles one above the other
 constexpr int kept = 4096;    // rows' weights of so many sub-slices and tiles, at most: some 10 MB
 constexpr int tasks_each = 4; // per thread, so that none waits long for another
-constexpr int line = 16;      // floats of a cache line
 constexpr int soon = 8;       // rows of a panel to call for in advance
 
 // Blocks along one axis: number i reaches from voxel edge i * step to the next; its shadow has at most `size` pixels.
@@ -60,7 +59,7 @@ void write_tile(const View& v, const Lengths& lengths, const float* from, int b0
         }
         float scaled[width];
         float* first = image + v.start + b * v.step_b + a0 * v.step_a;
-        for (int a = 0; a < columns + line - 1 && v.step_a == 1; a += line)
+        for (int a = 0; a < columns + cache_line - 1 && v.step_a == 1; a += cache_line)
             __builtin_prefetch(first + soon * v.step_b + a, 1, 3);
         lengths.scale(b, from, v.step_a == 1 ? first : scaled);
         for (int a = 0; a < columns && v.step_a != 1; a++) first[a * v.step_a] = scaled[a];

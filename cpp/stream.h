@@ -1,4 +1,5 @@
 #pragma once
+#include "buffer.h"
 #include <algorithm>
 #include <cstdint>
 #if defined(__SSE2__)
@@ -11,7 +12,7 @@ namespace palpate {
 // What other threads read then waits for `streamed`.
 inline void stream(const float* from, int n, float* to) {
 #if defined(__SSE2__)
-    constexpr int line = 16, four = 4;
+    constexpr int line = cache_line, four = 4;
     int i = 0;
     for (; i < n && reinterpret_cast<uintptr_t>(to + i) % (line * sizeof(float)) != 0; i++) to[i] = from[i];
     for (; i + line <= n; i += line)
