@@ -1,12 +1,13 @@
 """A breast of clinical size, reconstructed by M-MAP: `python -m benchmarks clinical` (minutes, 8 GB).
 
 15 views of 1664x2048 pixels of 0.13 mm on W2's arc; 1996x2457x78 voxels of 0.1x0.1x1 mm, x along 2457. The scan is that of
-an analytic phantom with counting noise. Five levels of at most 6, 12, 60, 100 and 200 iterations, finest first: what is
-broad is found on the coarse ones, where an iteration costs a quarter a level, and sweeps find the rest. Seconds are of
-the wall and of the CPU, all threads; peak memory is that of the process while it reconstructs, the scan's arrays and
-Python included. As much memory is written to once before, lest a virtual machine that hands it out late be measured.
-`python -m benchmarks.clinical 4` makes panel and voxels 4 times coarser, and tells how far from the minimum each finest
-iterate is: gap (Φ − Φ*) / (Φ of a uniform volume − Φ*), Φ* after 150 finest iterations.
+an analytic phantom with counting noise. `reconstruct` is left to its defaults, which are five levels here: what is broad
+is found on the coarse ones, where an iteration costs a quarter a level, and sweeps find the rest. Seconds are of the wall
+and of the CPU, all threads; peak memory is that of the process while it reconstructs, the scan's arrays and Python
+included. As much memory is written to once before, lest a virtual machine that hands it out late be measured.
+`python -m benchmarks.clinical 4` makes panel and voxels 4 times coarser, on five levels as well, and tells how far from
+the minimum each finest iterate is: gap (Φ − Φ*) / (Φ of a uniform volume − Φ*), and the last one's distance from the
+minimiser as a share of that one's norm. Φ* and minimiser: after 150 finest iterations, twice as many a level down.
 
 How it scales: CPU time inside the kernels is taken for parallel, all other for serial, however busy the machine is; on N
 cores serial + parallel/N seconds are predicted. That leaves out that memory is shared, and what kernels do alone.
@@ -23,6 +24,7 @@ import numpy as np
 import palpate as pp
 from benchmarks.timing import header, row
 from palpate import _core
+from palpate.arrays import Float32
 from palpate.reconstruction.baselines import uniform
 from palpate.reconstruction.descent import data_curvature
 from palpate.reconstruction.likelihood import Transmission
@@ -37,7 +39,7 @@ KERNELS = (
 )
 inside = 0.0  # CPU seconds in kernels so far
 CORES = (2, 4, 8, 16)
-LEVELS, ITERATIONS, LONG = 5, (6, 12, 60, 100, 200), 150
+LEVELS, LONG = 5, 150
 
 
 def phantom() -> Phantom:
@@ -83,7 +85,9 @@ def lines(coarser: int = 1) -> Iterator[str]:
     yield header("stage", "wall s", "CPU s", "serial s", "parallel s")
     begun = start = clock()
     values: list[float] = []
-    for step in pp.iterates(scan, grid, levels=LEVELS, iterations=ITERATIONS, tolerance=1e-5):
+    made = dict.fromkeys(range(LEVELS), 0)  # iterations
+    for step in pp.iterates(scan, grid, levels=LEVELS):
+        made[step.level] = step.iteration
         if step.level == 0:
             values.append(step.objective)
             yield stage(f"finest iterate {step.iteration}, what leads to it included", since(begun))
@@ -91,25 +95,28 @@ def lines(coarser: int = 1) -> Iterator[str]:
     whole = since(start)
     yield stage("all", whole)
     gb = status("VmHWM") * 1024 / 1e9
-    yield f"\npeak memory {gb:.2f} GB, of which {before * 1024 / 1e9:.2f} before the start; limit 8 GB."
+    yield f"\niterations a level, coarsest first: {', '.join(str(made[k]) for k in reversed(made))}"
+    yield f"peak memory {gb:.2f} GB, of which {before * 1024 / 1e9:.2f} before the start; limit 8 GB."
     yield f"{whole[0]:.0f} s wall; target 180 s on two idle cores, clinical limit 40-60 s."
     serial, parallel = parts(whole)
     predicted = ", ".join(f"{n} cores {serial + parallel / n:.0f} s" for n in CORES)
     yield f"serial {serial:.1f} s, parallel {parallel:.0f} s; predicted for idle cores, memory no limit: {predicted}"
     if coarser > 1:
-        yield from gaps(scan, grid, values)
+        yield from gaps(scan, grid, values, step.volume.values)
 
 
-def gaps(scan: pp.Scan, grid: pp.Grid, values: list[float]) -> Iterator[str]:
-    """How far from the minimum the finest iterates were, objectives `values`."""
-    for step in pp.iterates(scan, grid, levels=LEVELS, iterations=(LONG, *ITERATIONS[1:]), tolerance=0):
-        lowest = step.objective  # the last one's stays
+def gaps(scan: pp.Scan, grid: pp.Grid, values: list[float], last: Float32) -> Iterator[str]:
+    """How far from the minimum the finest iterates were, objectives `values`, and the last one from the minimiser."""
+    for step in pp.iterates(scan, grid, levels=LEVELS, iterations=LONG, tolerance=0):
+        best = step  # the last one's stays
+    lowest, minimiser = best.objective, best.volume.values
     A, data = pp.Projector(scan.views, grid), Transmission.of(scan)
     prior = tune(pp.Prior(), A, data, known := data_curvature(A, data))
     flat = uniform(A, data)
     top = data.value(A(flat)) + prior.strength * median_curvature(known) * prior.value(flat, grid)
     shown = ", ".join(f"{(value - lowest) / (top - lowest):.1e}" for value in values)
     yield f"gap after each finest iteration: {shown}"
+    yield f"from the minimiser: {np.linalg.norm(last - minimiser) / np.linalg.norm(minimiser):.2%}"
 
 
 def touch(gb: float) -> None:

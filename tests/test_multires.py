@@ -3,7 +3,7 @@ import pytest
 
 import palpate as pp
 from palpate.errors import DataError, GeometryError
-from palpate.reconstruction.multires import coarser_grid, coarser_panel, coarser_scan, pyramid
+from palpate.reconstruction.multires import coarser_grid, coarser_panel, coarser_scan, default_levels, pyramid
 from palpate.scans.phantom import Ellipsoid, Phantom
 
 PANEL = pp.Panel((21, 30), (0.8, 1.0), (-14.5, -8, 0))
@@ -121,6 +121,32 @@ def test_levels_that_cannot_be_are_refused():
     mask[:, 0, 0] = True
     with pytest.raises(DataError, match="take fewer levels"):
         pyramid(flat(np.ones(VIEWS.shape), mask=mask), grid, 2)
+
+
+@pytest.mark.parametrize(
+    ("pixels", "side", "measured", "levels"),
+    [
+        (400, 255, 400, 3),
+        (400, 256, 400, 3),  # 64 on the coarsest
+        (400, 511, 400, 3),
+        (400, 512, 400, 4),
+        (400, 1996, 400, 5),
+        (400, 40, 400, 3),
+        (400, 3, 400, 2),
+        (2, 40, 2, 2),
+        (400, 1996, 5, 3),
+        (400, 1996, 1, 1),
+    ],
+)
+def test_as_many_levels_as_the_size_asks_for(pixels, side, measured, levels):
+    """And the pyramid can be made, where rows are masked too."""
+    panel = pp.Panel((pixels, pixels), (1, 1), (0, 0, 0))
+    mask = np.zeros((1, pixels, pixels), bool)
+    mask[:, pixels - measured :] = True
+    scan = pp.Scan(np.ones(mask.shape), 100.0, pp.Views([[200, 200, 900]], panel), 0, mask)
+    grid = pp.Grid((1, side, side + 1), (1, 0.1, 0.1), (0, 0, 10))
+    assert default_levels(scan, grid) == levels
+    assert pyramid(scan, grid, levels)[-1][0].mask.any()
 
 
 def test_linear_interpolation_keeps_what_is_linear():

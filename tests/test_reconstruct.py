@@ -136,6 +136,13 @@ def test_coarse_levels_save_fine_iterations(scan):
     assert needed[1] < needed[0]
 
 
+@pytest.mark.parametrize(("iterations", "made"), [(2, [2, 4, 8]), ([3, 1, 2], [3, 1, 2])])
+def test_a_level_down_twice_as_many_iterations_are_allowed(scan, iterations, made):
+    steps = list(pp.iterates(scan, GRID, prior=PRIOR, iterations=iterations, tolerance=0))
+    assert [sum(s.level == k for s in steps) for k in range(3)] == made
+    assert [s.finished for s in steps].count(True) == 3
+
+
 def test_the_object_is_found(scan):
     """Prior and likelihood beat the baselines; the ball stands out at its place."""
     truth = BODY.volume(GRID).values

@@ -139,7 +139,7 @@ def test_cut_voxels_are_shared_by_their_parts():
 
 
 def test_what_surrounds_is_coarse_and_may_be_watched(scan):
-    steps = list(islice(around(scan, GRID, halvings=2, levels=2, prior=PRIOR, iterations=2), 4))
+    steps = list(islice(around(scan, GRID, halvings=2, levels=2, prior=PRIOR, iterations=[2, 2]), 4))
     assert [s.level for s in steps] == [1, 1, 0, 0]
     assert steps[-1].volume.grid.spacing == (4, 4, 4)
     np.testing.assert_allclose(steps[-1].volume.grid.bounds, GRID.bounds)

@@ -53,6 +53,20 @@ def test_only_after_coarser_levels_and_where_panel_and_slices_are_parallel(geome
     assert runs["auto"] == runs["descent" if swept else "momentum"]
 
 
+def test_coarse_levels_begin_with_sweeps_too():
+    """Each where it is "auto", and nothing else is asked for there."""
+    scan, _, _ = problem(GEOMETRIES[0]())
+
+    def coarse(*optimisers):
+        given = {"prior": PRIOR, "optimiser": optimisers, "iterations": SWEEPS + 1, "tolerance": 0.0, "levels": 2}
+        return [step.objective for step in pp.iterates(scan, GRID, **given) if step.level == 1]
+
+    swept, whole = coarse("auto", "auto"), coarse("auto", "descent")
+    assert swept[:SWEEPS] == whole[:SWEEPS] == coarse("momentum", "auto")[:SWEEPS]
+    assert swept[SWEEPS] != whole[SWEEPS]
+    assert coarse("auto", "momentum")[0] != swept[0]
+
+
 def test_three_volumes_live_at_once_in_a_whole_run():
     """Whoever keeps no step but the last. Pixels are few here, so that volumes are all that counts."""
     panel = pp.Panel((44, 60), (1, 1), (-29.5, -21.5, 0))

@@ -89,7 +89,9 @@ def reconstruct_command(
     like: Annotated[Path | None, typer.Option(help="Volume file whose grid is taken instead.")] = None,
     region: Annotated[str | None, typer.Option(help="Only x0,x1,y0,y1,z0,z1 mm; around it is coarse.")] = None,
     halvings: Annotated[int, typer.Option(help="How often what lies around the region is halved in resolution.")] = 1,
-    levels: Annotated[int, typer.Option(help="Resolutions, coarse to fine; 1 is the finest alone.")] = 3,
+    levels: Annotated[
+        int | None, typer.Option(help="Resolutions, coarse to fine; 1 is the finest alone. Default: from the grid.")
+    ] = None,
     method: Annotated[Method, typer.Option(help="map has a prior, ml none.")] = Method.map,
     likelihood: Annotated[
         LikelihoodName, typer.Option(help="Counts, noisy read-out, intensities.")
@@ -119,7 +121,7 @@ def reconstruct_command(
     optimiser: Annotated[
         OptimiserName, typer.Option(help="Of map and ml: all voxels at once, one by one, or some views at a time.")
     ] = OptimiserName.auto,
-    iterations: Annotated[int, typer.Option(help="At most so many a level.")] = 50,
+    iterations: Annotated[int, typer.Option(help="At most; on coarser levels twice as many a level.")] = 50,
     tolerance: Annotated[float, typer.Option(help="A level ends when an iteration gains less than this share.")] = 1e-3,
     window: Annotated[WindowName, typer.Option(help="Of fbp's ramp.")] = WindowName.hann,
     cutoff: Annotated[float, typer.Option(help="Where fbp's ramp ends, share of the Nyquist frequency.")] = 1.0,
@@ -178,10 +180,10 @@ def reconstruct_command(
             pp.iterates(cropped(measured, part), part, **options)  # what cannot be is refused here, before work
             coarse = {**options, "method": "map" if method in ("fbp", "backprojection") else method.value}
             steps = around(measured, grid, halvings=halvings, **coarse, iterations=iterations)
-            field = deque(_shown(steps, iterations, levels), maxlen=1)[0]  # and no iterate before it
+            field = deque(_shown(steps, iterations), maxlen=1)[0]  # and no iterate before it
             measured, grid = pp.local_scan(measured, grid, part, field.volume), part
         steps = pp.iterates(measured, grid, **options, iterations=iterations, resume=last)
-        for step in _shown(checkpointed(steps, beside, run, checkpoint_every), iterations, levels):
+        for step in _shown(checkpointed(steps, beside, run, checkpoint_every), iterations):
             last = step
     except KeyboardInterrupt:
         kept = f"{beside} holds the last iterate: the same command with --resume goes on"
@@ -238,7 +240,7 @@ def _numbers(words: str) -> list[float]:
         return []
 
 
-def _shown(steps: "Iterator[pp.Step]", iterations: int, levels: int) -> "Iterator[pp.Step]":
+def _shown(steps: "Iterator[pp.Step]", iterations: int) -> "Iterator[pp.Step]":
     """The same steps, with a bar: level, iteration, objective, and the longest that the rest can take."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -246,15 +248,15 @@ def _shown(steps: "Iterator[pp.Step]", iterations: int, levels: int) -> "Iterato
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TextColumn("{task.fields[left]}"))
     with Progress(*columns, console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
         task = bar.add_task("preparing", total=iterations, left="")
-        before, began = 0.0, 0.0
+        before = 0.0
         for step in steps:
             took, before = step.seconds - before, step.seconds
-            if step.iteration == 1 or began == 0.0:
-                began = step.seconds - took
-            # A finer level has four times the voxels and pixels, so each of its iterations takes about four times as long.
-            rest = took * ((iterations - step.iteration) + iterations * sum(4**k for k in range(1, step.level + 1)))
+            # A finer level has four times the voxels and pixels, so each of its iterations takes about four times as long,
+            # and at most half as many are made.
+            here = iterations * 2**step.level
+            rest = took * (here - step.iteration + here * sum(2**k for k in range(1, step.level + 1)))
             words = f"level {step.level}, iteration {step.iteration}, objective {step.objective:.6g}"
-            bar.update(task, completed=step.iteration, description=words, left=f"at most {rest:.0f} s left")
+            bar.update(task, total=here, completed=step.iteration, description=words, left=f"at most {rest:.0f} s left")
             if step.finished:
                 bar.console.print(f"  [green]✓[/green] {words}", highlight=False)
             yield step

@@ -11,6 +11,7 @@ from palpate.scans.views import Panel, Views
 from palpate.volumes.grid import Grid
 
 Downsample = Literal["sum", "linear", "nearest", "median"]
+FINE = 128  # voxels a side of a slice: they are halved once more
 DOWNSAMPLES: tuple[Downsample, ...] = ("sum", "linear", "nearest", "median")
 
 
@@ -25,17 +26,33 @@ def pyramid(scan: Scan, grid: Grid, levels: int, downsample: Downsample = "sum")
         raise DataError(f"levels: expected a whole number of at least 1, got {levels!r}")
     if downsample not in DOWNSAMPLES:
         raise DataError(f"downsample: there is no {downsample!r}; choose from {', '.join(DOWNSAMPLES)}")
-    smallest = min(*grid.shape[1:], *scan.shape[1:])
-    if smallest < 2 ** (levels - 1):
+    most = _most_levels(scan, grid)
+    if levels > most:
+        smallest = min(*grid.shape[1:], *scan.shape[1:])
         raise DataError(
-            f"levels: {levels} would halve {smallest} voxels or pixels {levels - 1} times; "
-            f"take at most {smallest.bit_length()}"
+            f"levels: {levels} would halve {smallest} voxels or pixels {levels - 1} times; take at most {most}"
         )
     all_levels = [(scan, grid)]
     for _ in range(1, levels):
         scan, grid = coarser_scan(scan, downsample), coarser_grid(grid)
         all_levels.append((scan, grid))
     return all_levels
+
+
+def default_levels(scan: Scan, grid: Grid) -> int:
+    """3, or more while the coarsest slice keeps `FINE` / 2 voxels a side; fewer where panel, mask or slice allow no more.
+
+    On few voxels iterations cost nothing, and what is broad is found there alone: where the coarsest grid is still fine,
+    the reconstruction ends before it has come to that.
+    """
+    wanted = max(3, 1 + (min(grid.shape[1:]) // FINE).bit_length())
+    measured = [int(np.count_nonzero(scan.mask.any(axis=axes))) for axes in ((0, 2), (0, 1))]  # rows, columns
+    return max(1, min(wanted, _most_levels(scan, grid), *(n.bit_length() for n in measured)))
+
+
+def _most_levels(scan: Scan, grid: Grid) -> int:
+    """Until a pixel or a voxel is as wide as the panel or the slice."""
+    return min(*grid.shape[1:], *scan.shape[1:]).bit_length()
 
 
 def coarser_grid(grid: Grid) -> Grid:

@@ -23,7 +23,7 @@ from palpate.reconstruction.likelihood import (
     WeightedLeastSquares,
 )
 from palpate.reconstruction.momentum import accelerate
-from palpate.reconstruction.multires import Downsample, pyramid
+from palpate.reconstruction.multires import Downsample, default_levels, pyramid
 from palpate.reconstruction.prior import Prior
 from palpate.reconstruction.projector import Projector
 from palpate.reconstruction.sart import check_relaxation, sart
@@ -58,17 +58,17 @@ class _Rule:
     what the step to the finer grid costs and brings, its own posterior is not wanted. Level 1 ends at 40 times the
     tolerance; at 5 times where sweeps begin the finest level: they find what is fine at once, and what is broad is left to
     the coarse levels. An iteration costs a quarter as much a level further down, so it is worth making there for a quarter
-    of the gain: each level down the share is a quarter, yet never below the tolerance.
+    of the gain: each level down the share is a quarter.
 
-    iterations: the most, a level, finest first. swept: sweeps begin the finest level.
+    iterations: the most; swept: whether sweeps come first. Both a level, finest first.
     """
 
     iterations: Sequence[int]
     tolerance: float
-    swept: bool
+    swept: Sequence[bool]
 
     def finished(self, level: int, iteration: int, objective: float, previous: float | None) -> bool:
-        share = self.tolerance * (max(1.0, (FIRM if self.swept else COARSE) / 4**level) if level else 1.0)
+        share = self.tolerance * ((FIRM if self.swept[0] else COARSE) / 4**level if level else 1.0)
         gained = previous is not None and abs(previous - objective) > share * abs(objective)
         return iteration >= self.iterations[level] or (previous is not None and not gained)
 
@@ -77,7 +77,7 @@ def iterates(
     scan: Scan,
     grid: Grid,
     *,
-    levels: int = 3,
+    levels: int | None = None,
     method: Method = "map",
     prior: Prior | None = None,
     likelihood: LikelihoodOf = "poisson",
@@ -95,20 +95,22 @@ def iterates(
 ) -> Iterator[Step]:
     """Every iterate of a reconstruction, coarsest level first (M-MAP-L; `levels=1` is F-MAP).
 
-    method: "map" minimises -log likelihood + β R, "ml" without prior (β = 0); "tv", "sirt", "sart", "fbp" and
-    "backprojection" are baselines on the finest level. prior: `Prior()` if None; what it leaves open the data choose; "tv"
-    takes from it the strength alone (see `tv` for its meaning there).
+    levels: None takes as many as the grid asks for, 3 or more (`default_levels`). method: "map" minimises
+    -log likelihood + β R, "ml" without prior (β = 0); "tv", "sirt", "sart", "fbp" and "backprojection" are baselines on the
+    finest level. prior: `Prior()` if None; what it leaves open the data choose; "tv" takes from it the strength alone (see
+    `tv` for its meaning there).
     likelihood: "poisson" for counts, "gaussian" for counts with a variance that follows the mean (`Gaussian`),
     "least-squares" for intensities that are none, or a function from a scan to a likelihood. start: on the coarsest level.
     curvature: see `Transmission.curvature`. optimiser: of "map" and "ml", one or one a level, finest first: "momentum"
-    (`accelerate`), "descent" (`descend`), "subsets" (`ordered_subsets`), or "auto", which is momentum, on the finest of
-    several levels after three sweeps of descent where the panel is parallel to the slices (`sweep_then_accelerate`).
-    iterations: at most so many a level, one number or one a level, finest first. tolerance: a level ends when an iteration
-    lowers the objective by less than this share; coarse levels end sooner, at 40 times it on level 1 (5 where
-    sweeps begin the finest), a quarter of that a level down. downsample, interpolation: see `pyramid`, `resample`. window,
-    cutoff: of `fbp`. relaxation: of `sart`. resume: the step after which to go on, exactly as if never stopped. Raises
-    `DataError` and `GeometryError` at once, before any work.
+    (`accelerate`), "descent" (`descend`), "subsets" (`ordered_subsets`), or "auto", which is momentum, with several
+    levels after three sweeps of descent where the panel is parallel to the slices (`sweep_then_accelerate`).
+    iterations: at most so many on the finest level and twice as many a level down, or a number a level, finest first.
+    tolerance: a level ends when an iteration lowers the objective by less than this share; coarse levels end sooner, at
+    40 times it on level 1 (5 where sweeps begin the finest), a quarter of that a level down. downsample, interpolation:
+    see `pyramid`, `resample`. window, cutoff: of `fbp`. relaxation: of `sart`. resume: the step after which to go on,
+    exactly as if never stopped. Raises `DataError` and `GeometryError` at once, before any work.
     """
+    levels = default_levels(scan, grid) if levels is None else levels
     most = _per_level(iterations, levels)
     _choices(method, curvature, interpolation, start, likelihood, tolerance)
     optimisers = _optimisers(optimiser, levels)
@@ -117,7 +119,8 @@ def iterates(
     chosen = LIKELIHOODS[likelihood] if isinstance(likelihood, str) else likelihood
     scans = pyramid(scan, grid, levels if method in ("map", "ml") else 1, downsample)
     A = Projector(scan.views, grid)  # a geometry that cannot be is refused here
-    rule = _Rule(most, tolerance, levels > 1 and optimisers[0] == "auto" and sweeps_are_cheap(A))
+    swept = [name == "auto" and levels > 1 and sweeps_are_cheap(A) for name in optimisers]
+    rule = _Rule(most, tolerance, swept)
     prior = prior if prior is not None else Prior()
     knobs = (window, cutoff, relaxation)
     steps = _run(scans, A, method, prior, chosen, start, curvature, optimisers, rule, interpolation, resume, knobs)
@@ -182,7 +185,7 @@ def _run(
             pace = Pace.of(before, last.pace) if last and before is not None else Pace(default_subsets(len(A.views)))
             part = _parts(level_scan, likelihood)
             solver = ordered_subsets(A, data, prior, weight, values, part, pace, curvature)
-        elif remembers and level == 0 and rule.swept:
+        elif remembers and rule.swept[level]:
             solver = sweep_then_accelerate(A, data, prior, weight, values, curvature, done, before)
         elif remembers:
             solver = accelerate(A, data, prior, weight, values, curvature, before)
@@ -248,7 +251,7 @@ def _first(start: str | Volume, A: Projector, data: Likelihood, interpolation: I
 
 
 def _per_level(iterations: int | Sequence[int], levels: int) -> Sequence[int]:
-    each = [iterations] * levels if isinstance(iterations, int) else list(iterations)
+    each = [iterations * 2**k for k in range(levels)] if isinstance(iterations, int) else list(iterations)
     if len(each) != levels or any(n < 1 for n in each):
         raise DataError(f"iterations: expected a number of at least 1, or {levels} (finest first), got {iterations!r}")
     return each

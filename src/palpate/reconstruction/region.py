@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from palpate.arrays import AnyArray, Float32, Float64, float64
 from palpate.errors import DataError, GeometryError
-from palpate.reconstruction.multires import pyramid
+from palpate.reconstruction.multires import default_levels, pyramid
 from palpate.reconstruction.projector import Projector
 from palpate.reconstruction.reconstruct import iterates
 from palpate.reconstruction.step import Step
@@ -68,7 +68,7 @@ def local_scan(scan: Scan, grid: Grid, region: Grid, outside: Volume | None = No
     return Scan(local.counts, incident, local.views, local.background, local.mask)
 
 
-def around(scan: Scan, grid: Grid, *, halvings: int = 1, levels: int = 3, **options: Any) -> Iterator[Step]:
+def around(scan: Scan, grid: Grid, *, halvings: int = 1, levels: int | None = None, **options: Any) -> Iterator[Step]:
     """Every iterate of the full field at a resolution halved `halvings` times; levels and options as for `iterates`.
 
     One halving leaves a region about as good as if all were fine; two cost a fraction and the rim suffers. Fewer are
@@ -79,6 +79,7 @@ def around(scan: Scan, grid: Grid, *, halvings: int = 1, levels: int = 3, **opti
     possible = int(np.log2(max(1, min(*grid.shape[1:], *scan.shape[1:]) / COARSEST)))
     halvings = min(halvings, possible)
     coarse, field = pyramid(scan, grid, halvings + 1)[-1]
+    levels = default_levels(coarse, field) if levels is None else levels
     return iterates(coarse, field, levels=min(levels, possible - halvings + 1), **options)
 
 
