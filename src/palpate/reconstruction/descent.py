@@ -9,6 +9,7 @@ from palpate.arrays import Float32
 from palpate.reconstruction.likelihood import Curvature, Likelihood, value_and_slope
 from palpate.reconstruction.prior import Prior
 from palpate.reconstruction.projector import Projector
+from palpate.reconstruction.shelf import Shelf
 
 SLICES, ROWS = 8, 64  # whose curvature stands for that of all
 
@@ -21,6 +22,7 @@ def descend(
     values: Float32,
     curvature: Curvature = "precomputed",
     relaxation: float = 1.0,
+    shelf: Shelf | None = None,
 ) -> Iterator[tuple[Float32, float]]:
     """Coordinate descent on Φ(f) = likelihood(A f) + β R(f), f >= 0 (Erdogan & Fessler, IEEE TMI 18:801, 1999).
 
@@ -28,15 +30,17 @@ def descend(
     themselves; an iteration in which "precomputed" raised the objective is made again with "optimal". relaxation: 1 goes
     to the minimum of each voxel's parabola, up to 2 beyond it. Nothing but the iterate is carried from one iteration to
     the next, so a run that starts from one goes on exactly as the one that made it. No array given or yielded is ever
-    written to, and none may be while the run goes on: two volumes live at a time, the last iterate and the next.
+    written to, and none may be while the run goes on: two volumes live at a time, the last iterate and the next. shelf:
+    where iterates come from, one of the run's own if None.
     """
+    shelf = shelf if shelf is not None else Shelf(A.grid.shape)
     values = np.ascontiguousarray(values, np.float32)
     l, slope, following = A(values), np.empty(A.range_shape, np.float32), np.empty(A.range_shape, np.float32)
     objective = value_and_slope(likelihood, l, slope) + _roughness(A, prior, beta, values)
     kinds: tuple[Curvature, ...] = (curvature, "optimal") if curvature == "precomputed" else (curvature,)
     data, held = _core.Paraboloid(A.geometry), ""
     while True:
-        old, values = values, values.copy()
+        old, values = values, shelf.copy(values)
         for kind in kinds:
             data.set_slope(slope)
             if kind != "precomputed" or kind != held:  # that one is the same at every l

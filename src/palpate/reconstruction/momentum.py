@@ -9,6 +9,7 @@ from palpate.arrays import Float32
 from palpate.reconstruction.likelihood import Curvature, Likelihood, value_and_slope
 from palpate.reconstruction.prior import Prior
 from palpate.reconstruction.projector import Projector
+from palpate.reconstruction.shelf import Shelf
 from palpate.scans.views import Panel, Views
 from palpate.volumes.grid import Grid
 
@@ -24,6 +25,7 @@ def accelerate(
     values: Float32,
     curvature: Curvature = "precomputed",
     previous: Float32 | None = None,
+    shelf: Shelf | None = None,
 ) -> Iterator[tuple[Float32, float]]:
     """Momentum on Φ(f) = likelihood(A f) + β R(f), f >= 0, with both step lengths from a parabola above Φ.
 
@@ -38,8 +40,10 @@ def accelerate(
     together are all that is carried from one iteration to the next, so a run that goes on from them goes on exactly as
     the one that made them. No array given or yielded is ever written to, and none may be while the run goes on: three
     volumes live at a time, the last two iterates and the gradient, which becomes the direction and the next iterate.
+    shelf: where iterates come from, one of the run's own if None.
     """
-    run = _Run(A, likelihood, prior, beta, curvature)
+    shelf = shelf if shelf is not None else Shelf(A.grid.shape)
+    run = _Run(A, likelihood, prior, beta, curvature, shelf)
     f, before = np.ascontiguousarray(values, np.float32), previous
     del values, previous  # a generator's arguments live as long as it does: a volume would stay for nothing
     objective = run.look(f, before)
@@ -56,8 +60,11 @@ class _Run:
     the line integrals of the next iterate. With the curvature five arrays of the scan's size.
     """
 
-    def __init__(self, A: Projector, likelihood: Likelihood, prior: Prior, beta: float, curvature: Curvature) -> None:
+    def __init__(
+        self, A: Projector, likelihood: Likelihood, prior: Prior, beta: float, curvature: Curvature, shelf: Shelf
+    ) -> None:
         self.A, self.likelihood, self.prior, self.beta, self.kind = A, likelihood, prior, beta, curvature
+        self.shelf = shelf
         self.l, self.l_before, self.spare, self.slope = (np.zeros(A.range_shape, np.float32) for _ in range(4))
         self.bend = np.ascontiguousarray(likelihood.curvature(self.l, "precomputed"))
         self.majoriser, self.cell = majoriser(A, self.bend, STEP)
@@ -76,12 +83,12 @@ class _Run:
 
     def step(self, f: Float32, before: Float32, objective: float) -> tuple[Float32, float]:
         """The next iterate and its objective; f itself where nothing lowers it."""
+        u = self.shelf.empty()
         for attempt in range(SHORTER + 2):
             if attempt == 1 and self.kind != "precomputed":
                 continue  # there is nothing more careful in the plane
             if attempt > 0:
                 value_and_slope(self.likelihood, self.l, self.slope)
-            u = np.empty_like(f)
             weights = self._direction(f, before, u, attempt)
             if weights is None:
                 break

@@ -8,6 +8,7 @@ from palpate.reconstruction.likelihood import Curvature, Likelihood
 from palpate.reconstruction.momentum import accelerate
 from palpate.reconstruction.prior import Prior
 from palpate.reconstruction.projector import Projector
+from palpate.reconstruction.shelf import Shelf
 
 SWEEPS = 3  # the fourth gains no more than the momentum that could be had for it
 
@@ -33,11 +34,12 @@ def sweep_then_accelerate(
     exactly as the one that made them. No array given or yielded is ever written to, and none may be while the run goes
     on.
     """
-    run = descend(A, likelihood, prior, beta, values, curvature)
+    shelf = Shelf(A.grid.shape)
+    run = descend(A, likelihood, prior, beta, values, curvature, shelf=shelf)
     for _ in range(done, SWEEPS):
         values, objective = next(run)
         yield values, objective
-    run = accelerate(A, likelihood, prior, beta, values, curvature, previous if done > SWEEPS else None)
+    run = accelerate(A, likelihood, prior, beta, values, curvature, previous if done > SWEEPS else None, shelf)
     del values, previous  # a volume would stay for nothing
     yield from run
 

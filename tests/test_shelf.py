@@ -1,0 +1,65 @@
+"""Memory goes round, and nothing that anybody holds is ever written to."""
+
+import gc
+
+import numpy as np
+import pytest
+from test_reconstruct import GRID, PRIOR, scan  # noqa: F401
+
+import palpate as pp
+from palpate.reconstruction.shelf import Shelf
+from palpate.reconstruction.swept import SWEEPS
+
+PARTS = {
+    "itself": lambda a: a,
+    "a slice": lambda a: a[1],
+    "a part of a part": lambda a: a[1:][:, ::2],
+    "turned": lambda a: a.T,
+    "as of another type": lambda a: a.view(np.uint32),
+    "through NumPy": lambda a: np.asarray(a).reshape(-1)[3:],
+    "its buffer": lambda a: memoryview(a),
+    "a volume": lambda a: pp.Volume(a, pp.Grid(a.shape, (1, 1, 1), (0, 0, 0))),
+}
+
+
+def address(a):
+    return a.__array_interface__["data"][0]
+
+
+@pytest.mark.parametrize("part", PARTS)
+def test_memory_is_taken_again_once_no_part_of_a_volume_is_held(part):
+    shelf = Shelf((3, 4, 5))
+    first = shelf.copy(np.ones((3, 4, 5), np.float32))
+    where, held = address(first), PARTS[part](first)
+    del first
+    other = shelf.empty()
+    assert address(other) != where
+    other[:] = 2
+    assert (np.asarray(held.values if part == "a volume" else held).view(np.float32) == 1).all()
+    del held
+    gc.collect()
+    assert address(shelf.empty()) == where
+
+
+def test_what_is_held_outlives_the_shelf():
+    shelf = Shelf((2, 2, 2))
+    a = shelf.copy(np.full((2, 2, 2), 7, np.float32))
+    del shelf
+    assert (a == 7).all()
+    assert a.flags.writeable
+
+
+@pytest.mark.parametrize("optimiser", ["auto", "momentum", "descent"])
+def test_parts_of_all_iterates_may_be_kept(scan, optimiser):  # noqa: F811
+    given = {"prior": PRIOR, "iterations": SWEEPS + 4, "tolerance": 0, "levels": 2, "optimiser": optimiser}
+    steps = pp.iterates(scan, GRID, **given)
+    parts = [(step.volume.values[3], step.volume.values[3].copy()) for step in steps]
+    assert all((part == then).all() for part, then in parts)
+
+
+@pytest.mark.parametrize("optimiser", ["auto", "momentum", "descent"])
+def test_who_keeps_but_the_last_step_sees_few_places(scan, optimiser):  # noqa: F811
+    """The last two iterates, the next, and where the level began."""
+    given = {"prior": PRIOR, "iterations": SWEEPS + 6, "tolerance": 0, "levels": 2, "optimiser": optimiser}
+    places = {(step.level, address(step.volume.values)) for step in pp.iterates(scan, GRID, **given)}
+    assert sum(level == 0 for level, _ in places) <= 4
