@@ -126,7 +126,7 @@ def measure(scan: pp.Scan, grid: pp.Grid, most: int) -> dict[str, Course]:
             prior=prior,
             optimiser=optimiser,
             start="uniform" if levels == 1 else "backprojection",
-            iterations=[most, 50, 50][:levels],
+            iterations=[most, 100, 200][:levels],
             tolerance=1e-5 if levels == 1 else 1e-3,
         )
 
@@ -170,7 +170,7 @@ def converged(scan: pp.Scan, grid: pp.Grid, prior: pp.Prior, top: float) -> floa
 
     Less long where nothing lowers Φ any more, to rounding.
     """
-    steps = pp.iterates(scan, grid, prior=prior, optimiser="momentum", iterations=[10**6, 50, 50], tolerance=0.0)
+    steps = pp.iterates(scan, grid, prior=prior, optimiser="momentum", iterations=[10**6, 100, 200], tolerance=0.0)
     before, needed = np.inf, 0
     for step in steps:
         if step.level > 0:

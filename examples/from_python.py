@@ -12,7 +12,7 @@ import palpate as pp
 def main(quick: bool = False) -> tuple[pp.Tissue, float]:
     """Gives the tissue, and the force (N) of a press by 2 mm on its highest point."""
     scan = pp.import_scan("breast")  # a sample; or your stack and its geometry file
-    volume = pp.reconstruct(scan, thickness=51.2, spacing=3.0 if quick else None, levels=1 if quick else 3)
+    volume = pp.reconstruct(scan, thickness=51.2, spacing=3.0 if quick else None, levels=1 if quick else None)
     labels = pp.segment(volume, keep="largest", fill_holes=True, name="breast")
     mesh = pp.tetrahedralize(labels, "breast", edge=14.0 if quick else 6.0, closed_at_border=True)
     tissue = pp.fit(mesh, young=3.2, poisson=0.45, fixed=pp.resting_on(mesh, (0, 0, -1)))
