@@ -4,7 +4,8 @@
 an analytic phantom with counting noise. `reconstruct` is left to its defaults, which are five levels here: what is broad
 is found on the coarse ones, where an iteration costs a quarter a level, and sweeps find the rest. Seconds are of the wall
 and of the CPU, all threads; peak memory is that of the process while it reconstructs, the scan's arrays and Python
-included. As much memory is written to once before, lest a virtual machine that hands it out late be measured.
+included. As much memory is written to once before, lest a virtual machine that hands it out late be measured;
+one that takes freed memory back within seconds is measured all the same.
 `python -m benchmarks.clinical 4` makes panel and voxels 4 times coarser, on five levels as well, and tells how far from
 the minimum each finest iterate is: gap (Φ − Φ*) / (Φ of a uniform volume − Φ*), and the last one's distance from the
 minimiser as a share of that one's norm. Φ* and minimiser: after 150 finest iterations, twice as many a level down.

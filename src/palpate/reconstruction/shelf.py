@@ -20,7 +20,7 @@ class Shelf:
         self._free: list[Float32] = []
 
     def empty(self) -> Float32:
-        """A volume, not initialised, that is the caller's for as long as it or any part of it is held."""
+        """(z, y, x), not initialised: the caller's for as long as it or any part of it is held."""
         whole = self._free.pop() if self._free else np.empty(self.shape, np.float32)
         # NumPy's views refer to the array that owns the memory, past all between. This one owns nothing, but is over a
         # buffer, no array, so that its own views refer to it and keep it.

@@ -27,7 +27,8 @@ def sweep_then_accelerate(
 
     What a coarser grid hands on lacks all that only the finer one can show, and a sweep finds most of that at once, where
     momentum takes several iterations. What a sweep is slow at, broad changes, the coarse levels have done, and what they
-    left momentum does. Source: ours; descent before momentum on the finest level, measured in `benchmarks/convergence.py`.
+    left momentum does. Source: ours; descent before momentum, measured in `benchmarks/convergence.py` (the finest level) and
+    `benchmarks/clinical.py` (all).
 
     Yields each iterate, (z, y, x) in 1/mm as `values`, and its objective, without end; it never rises. done: iterations
     made before, the last two of which are `previous` (read after `SWEEPS` + 1 of them) and `values`: the run then goes on
