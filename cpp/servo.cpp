@@ -195,14 +195,17 @@ void Servo::listen() {
     }
 }
 
-// Which fault holds now, if any.
+// Which fault holds now, if any. One that came and went leaves the word to a solver that has not answered since.
 void Servo::recover() {
     if (gone) return;
-    bool fresh = answered && double(now - answered) * ns + settings.period <= settings.stale; // it is held for a period
-    if (fault == Fault::none && !fresh) trip(Fault::stalled);
-    bool settling = fault != Fault::waiting && fault != Fault::stalled;
-    if (fault == Fault::none || !fresh) return;
+    const bool fresh = answered && double(now - answered) * ns + settings.period <= settings.stale; // held for a period
+    const bool settling = fault != Fault::none && fault != Fault::waiting && fault != Fault::stalled;
     if (settling && double(now - tripped) * ns < settings.settle) return;
+    if (!fresh) {
+        if (answered && fault != Fault::stalled) trip(Fault::stalled);
+        return;
+    }
+    if (fault == Fault::none) return;
     fault = Fault::none;
     from = to; // nothing is felt yet: no need to blend
     weight = 1;

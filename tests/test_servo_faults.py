@@ -32,6 +32,19 @@ def test_solver_that_stalls_takes_the_force_away_within_ten_milliseconds(period)
     assert rig.rest((0, 0, -2.0), 50)[2] > 0.4
 
 
+def test_a_late_tick_leaves_the_word_to_the_solver_that_does_not_answer():
+    rig = touching_rig()  # settles in 20 ms
+    rig.wall.way = 1
+    assert not rig.tick((0, 0, -2.0), ms=15).any()
+    assert rig.servo.status().fault == "late"
+    assert not rig.rest((0, 0, -2.0), 15).any()
+    assert rig.servo.status().fault == "late"
+    assert not rig.rest((0, 0, -2.0), 15).any()
+    assert rig.servo.status().fault == "stalled"
+    rig.wall.way = 0
+    assert rig.rest((0, 0, -2.0), 50)[2] > 0.4
+
+
 @pytest.mark.parametrize("ticks_between", [1, 2])
 def test_answer_that_is_no_number_takes_the_force_away_at_once(ticks_between):
     rig = touching_rig()

@@ -1,13 +1,14 @@
 """Memory goes round, and nothing that anybody holds is ever written to."""
 
 import gc
+import tracemalloc
 
 import numpy as np
 import pytest
 from test_reconstruct import GRID, PRIOR, scan  # noqa: F401
 
 import palpate as pp
-from palpate.reconstruction.shelf import Shelf
+from palpate.reconstruction.shelf import FREE, Shelf
 from palpate.reconstruction.swept import SWEEPS
 
 PARTS = {
@@ -39,6 +40,18 @@ def test_memory_is_taken_again_once_no_part_of_a_volume_is_held(part):
     del held
     gc.collect()
     assert address(shelf.empty()) == where
+
+
+def test_many_dropped_at_once_do_not_stay():
+    shelf, size = Shelf((100, 50, 50)), 4 * 100 * 50 * 50
+    tracemalloc.start()
+    try:
+        held = [shelf.empty() for _ in range(7)]
+        assert tracemalloc.get_traced_memory()[0] > 7 * size
+        held.clear()
+        assert tracemalloc.get_traced_memory()[0] < (FREE + 0.5) * size
+    finally:
+        tracemalloc.stop()
 
 
 def test_what_is_held_outlives_the_shelf():

@@ -1,10 +1,13 @@
 """Volumes whose memory goes round."""
 
 import weakref
+from collections import deque
 
 import numpy as np
 
 from palpate.arrays import Float32
+
+FREE = 2  # volumes kept at most: a solver takes one while its caller holds the last
 
 
 class Shelf:
@@ -12,12 +15,12 @@ class Shelf:
 
     Solvers write every iterate to a new volume, for the last ones are the caller's. A system that is asked anew each time
     clears every page before it hands it out, and on virtual machines has to be given it first, which takes longer than
-    the passes over it. What is free goes back to the system with the shelf.
+    the passes over it. What is free goes back to the system with the shelf, and at once where it is more than `FREE`.
     """
 
     def __init__(self, shape: tuple[int, int, int]) -> None:
         self.shape = shape
-        self._free: list[Float32] = []
+        self._free: deque[Float32] = deque(maxlen=FREE)
 
     def empty(self) -> Float32:
         """(z, y, x), not initialised: the caller's for as long as it or any part of it is held."""

@@ -36,7 +36,7 @@ TRAINING_RADIUS, TRAINING_DEPTH = 8.0, 12.0  # mm; a lump made up for practice, 
 def breast(stages: Stages) -> Mapping[str, Tissue]:
     """Counts to volume, labels, meshes, tissues ("breast", "training") and report.html. Raises `FileError`."""
     scan = stages("scan.h5", lambda: import_scan("breast"), write_scan, read_scan)
-    volume, steps = reconstructed(stages, scan, field(scan), levels=3)
+    volume, steps = reconstructed(stages, scan, field(scan))
     labels, lesion = found_labels(stages, volume)
     tissue = _tissue(stages, labels, "mesh.vtu", "tissue.vtu", lesion.radius)
     added, at = training_labels(labels)
