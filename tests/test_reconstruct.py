@@ -136,6 +136,21 @@ def test_coarse_levels_save_fine_iterations(scan):
     assert needed[1] < needed[0]
 
 
+@pytest.mark.parametrize("prior", [PRIOR, None])
+def test_three_levels_of_descent_end_nearer_the_minimiser_than_one(scan, prior):
+    """All by the same rule. Sweeps are slow at what is broad: coarse levels that ended at once would not have found it."""
+    found = last(
+        pp.iterates(scan, GRID, prior=prior, optimiser="momentum", tolerance=1e-8, iterations=800)
+    ).volume.values
+    away, swept = [], []
+    for levels in (1, 3):
+        step = last(pp.iterates(scan, GRID, levels=levels, prior=prior, optimiser="descent", start="uniform"))
+        away.append(np.linalg.norm(step.volume.values - found))
+        swept.append(step.iteration)
+    assert away[1] < 0.75 * away[0]
+    assert swept[1] < 0.5 * swept[0]
+
+
 @pytest.mark.parametrize(("iterations", "made"), [(2, [2, 4, 8]), ([3, 1, 2], [3, 1, 2])])
 def test_a_level_down_twice_as_many_iterations_are_allowed(scan, iterations, made):
     steps = list(pp.iterates(scan, GRID, prior=PRIOR, iterations=iterations, tolerance=0))

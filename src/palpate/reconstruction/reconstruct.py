@@ -47,7 +47,7 @@ LIKELIHOODS: dict[str, Callable[[Scan], Likelihood]] = {
     "least-squares": WeightedLeastSquares.of,
 }
 TOLERANCE = 1e-3
-COARSE, FIRM = 160.0, 20.0  # see _Rule
+COARSE = 20.0  # see _Rule
 
 
 @dataclass(frozen=True)
@@ -55,20 +55,18 @@ class _Rule:
     """When a level is finished: after so many iterations, or when one gains less than a share of the objective.
 
     The share is `tolerance` on the finest level. A coarse level is but a start: once what it still gains is small beside
-    what the step to the finer grid costs and brings, its own posterior is not wanted. Level 1 ends at 40 times the
-    tolerance; at 5 times where sweeps begin the finest level: they find what is fine at once, and what is broad is left to
-    the coarse levels. An iteration costs a quarter as much a level further down, so it is worth making there for a quarter
-    of the gain: each level down the share is a quarter.
+    what the step to the finer grid costs and brings, its own posterior is not wanted. But what is broad is found nowhere
+    else, by descent above all. Level 1 ends at 5 times the tolerance. An iteration costs a quarter as much a level further
+    down, so it is worth making there for a quarter of the gain: each level down the share is a quarter.
 
-    iterations: the most; swept: whether sweeps come first. Both a level, finest first.
+    iterations: the most a level, finest first.
     """
 
     iterations: Sequence[int]
     tolerance: float
-    swept: Sequence[bool]
 
     def finished(self, level: int, iteration: int, objective: float, previous: float | None) -> bool:
-        share = self.tolerance * ((FIRM if self.swept[0] else COARSE) / 4**level if level else 1.0)
+        share = self.tolerance * (COARSE / 4**level if level else 1.0)
         gained = previous is not None and abs(previous - objective) > share * abs(objective)
         return iteration >= self.iterations[level] or (previous is not None and not gained)
 
@@ -105,10 +103,10 @@ def iterates(
     (`accelerate`), "descent" (`descend`), "subsets" (`ordered_subsets`), or "auto", which is momentum, with several
     levels after three sweeps of descent where the panel is parallel to the slices (`sweep_then_accelerate`).
     iterations: at most so many on the finest level and twice as many a level down, or a number a level, finest first.
-    tolerance: a level ends when an iteration lowers the objective by less than this share; coarse levels end sooner, at
-    40 times it on level 1 (5 where sweeps begin the finest), a quarter of that a level down. downsample, interpolation:
-    see `pyramid`, `resample`. window, cutoff: of `fbp`. relaxation: of `sart`. resume: the step after which to go on,
-    exactly as if never stopped. Raises `DataError` and `GeometryError` at once, before any work.
+    tolerance: a level ends when an iteration lowers the objective by less than this share; level 1 at 5 times it, and a
+    level down at a quarter of that. downsample, interpolation: see `pyramid`, `resample`. window, cutoff: of `fbp`.
+    relaxation: of `sart`. resume: the step after which to go on, exactly as if never stopped. Raises `DataError` and
+    `GeometryError` at once, before any work.
     """
     levels = default_levels(scan, grid) if levels is None else levels
     most = _per_level(iterations, levels)
@@ -119,8 +117,9 @@ def iterates(
     chosen = LIKELIHOODS[likelihood] if isinstance(likelihood, str) else likelihood
     scans = pyramid(scan, grid, levels if method in ("map", "ml") else 1, downsample)
     A = Projector(scan.views, grid)  # a geometry that cannot be is refused here
-    swept = [name == "auto" and levels > 1 and sweeps_are_cheap(A) for name in optimisers]
-    rule = _Rule(most, tolerance, swept)
+    if levels == 1 or not sweeps_are_cheap(A):
+        optimisers = ["momentum" if name == "auto" else name for name in optimisers]
+    rule = _Rule(most, tolerance)
     prior = prior if prior is not None else Prior()
     knobs = (window, cutoff, relaxation)
     steps = _run(scans, A, method, prior, chosen, start, curvature, optimisers, rule, interpolation, resume, knobs)
@@ -185,7 +184,7 @@ def _run(
             pace = Pace.of(before, last.pace) if last and before is not None else Pace(default_subsets(len(A.views)))
             part = _parts(level_scan, likelihood)
             solver = ordered_subsets(A, data, prior, weight, values, part, pace, curvature)
-        elif remembers and rule.swept[level]:
+        elif remembers and optimisers[level] == "auto":
             solver = sweep_then_accelerate(A, data, prior, weight, values, curvature, done, before)
         elif remembers:
             solver = accelerate(A, data, prior, weight, values, curvature, before)
