@@ -56,8 +56,9 @@ class _Rule:
 
     The share is `tolerance` on the finest level. A coarse level is but a start: once what it still gains is small beside
     what the step to the finer grid costs and brings, its own posterior is not wanted. But what is broad is found nowhere
-    else, by descent above all. Level 1 ends at 5 times the tolerance. An iteration costs a quarter as much a level further
-    down, so it is worth making there for a quarter of the gain: each level down the share is a quarter.
+    so cheaply, and by descent hardly at all on the finest grid. Level 1 ends at 5 times the tolerance. An iteration costs a
+    quarter as much a level further down, so it is worth making there for a quarter of the gain: each level down the share
+    is a quarter.
 
     iterations: the most a level, finest first.
     """
@@ -117,7 +118,7 @@ def iterates(
     chosen = LIKELIHOODS[likelihood] if isinstance(likelihood, str) else likelihood
     scans = pyramid(scan, grid, levels if method in ("map", "ml") else 1, downsample)
     A = Projector(scan.views, grid)  # a geometry that cannot be is refused here
-    if levels == 1 or not sweeps_are_cheap(A):
+    if levels == 1 or not sweeps_are_cheap(A):  # "auto" begins with sweeps: see `sweep_then_accelerate`
         optimisers = ["momentum" if name == "auto" else name for name in optimisers]
     rule = _Rule(most, tolerance)
     prior = prior if prior is not None else Prior()

@@ -7,7 +7,7 @@ import numpy as np
 
 from palpate.arrays import Float32
 
-FREE = 2  # volumes kept at most: a solver takes one while its caller holds the last
+FREE = 2  # volumes kept at most: a run has three, the last of which its caller holds
 
 
 class Shelf:
