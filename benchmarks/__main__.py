@@ -21,12 +21,12 @@ PARTS = (
     "iteration",
     "convergence",
     "meshing",
-    "tables",
+    "compliance_tables",
     "multigrid",
     "deformation",
 )
 PACKAGES = ("palpate", "numpy", "scipy", "itk-rtk", "mbirjax", "jax", "pyPBD", "newton", "warp-lang", "mujoco")
-LONG = ("clinical", "calculix", "strain", "page", "soak")  # only if asked for
+LONG = ("clinical", "calculix", "finite_strain", "page_rendering", "soak")  # only if asked for
 HERE = Path(__file__).parent
 
 
@@ -61,7 +61,7 @@ def measured(parts: list[str]) -> Iterator[str]:
 
 def machine() -> Iterator[str]:
     """What the figures hang on; no names of machines or people."""
-    yield f"# {processor()}, {THREADS} threads, {_core.instruction_set()}\n"
+    yield f"# {processor()}, {THREADS} threads, {_core.base.instruction_set()}\n"
     there = ", ".join(f"{name} {known}" for name in PACKAGES if (known := installed(name)))
     yield f"{time.strftime('%Y-%m-%d')}, commit {commit()}, Python {sys.version.split()[0]}, {there}; "
     yield f"load of the machine before: {os.getloadavg()[0]:.1f}. Medians of runs taken in turn.\n"
@@ -75,9 +75,9 @@ def processor() -> str:
 
 def slug() -> str:
     """One file a kind of machine."""
-    return re.sub(r"[^a-z0-9]+", "-", f"{processor()} {os.cpu_count()} cpus {_core.instruction_set()}".lower()).strip(
-        "-"
-    )
+    return re.sub(
+        r"[^a-z0-9]+", "-", f"{processor()} {os.cpu_count()} cpus {_core.base.instruction_set()}".lower()
+    ).strip("-")
 
 
 def commit() -> str:

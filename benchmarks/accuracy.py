@@ -14,11 +14,11 @@ import numpy as np
 
 import palpate as pp
 from benchmarks import THREADS
-from benchmarks.timing import header, row
+from benchmarks.interleaved_timing import header, row
 from benchmarks.workloads import WORKLOADS, smooth
 
 sys.path.append(str(Path(__file__).parents[1] / "tests"))
-from oracle_projector import projections
+from support.reference_projector import projections
 
 NAMES = ("W1 circular-8", "W2 dbt-15", "W5 diagonal-4")
 SIDE = 10  # pixels of a patch

@@ -14,9 +14,9 @@ import numpy as np
 import palpate as pp
 
 sys.path.append(str(Path(__file__).parents[1] / "tests"))
-from calculix import FOUR_POINTS, MISSING, SPLIT, apart, calculix, cube, there
+from support.calculix import FOUR_POINTS, MISSING, SPLIT, apart, calculix, cube, there
 
-from palpate.tissue.finite_strain import FiniteStrain
+from palpate.tissue.reference.finite_strain import FiniteStrain
 
 CASES = (
     (11, "P1", 5.0, False),

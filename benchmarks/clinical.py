@@ -23,21 +23,28 @@ from pathlib import Path
 import numpy as np
 
 import palpate as pp
-from benchmarks.timing import header, row
+from benchmarks.interleaved_timing import header, row
 from palpate import _core
 from palpate.arrays import Float32
-from palpate.reconstruction.baselines import uniform
-from palpate.reconstruction.descent import data_curvature
-from palpate.reconstruction.likelihood import Transmission
-from palpate.reconstruction.tune import median_curvature, tune
-from palpate.scans.phantom import Box, Common, Ellipsoid, Phantom, Solid
+from palpate.reconstruction.baselines.sirt import uniform_volume
+from palpate.reconstruction.models.likelihood import Transmission
+from palpate.reconstruction.optimizers.coordinate_descent import data_curvature
+from palpate.reconstruction.prior_parameters import choose_prior_parameters, median_curvature
+from palpate.scans.analytic_phantoms import Box, Ellipsoid, Intersection, Phantom, Solid
 
 Clock = tuple[float, float, float]  # seconds: wall, CPU of all threads, CPU of all threads inside kernels
-KERNELS = (
-    *("project", "backproject", "diagonal", "descend", "prior_value", "prior_bends", "steer", "advance", "data_bends"),
-    *("transmission_value", "transmission_slope", "transmission_curvature", "transmission_value_and_slope"),
-    *("interpolate", "all_finite", "transmission"),
-)
+KERNELS = {
+    _core.projection: ("project", "backproject"),
+    _core.icd: ("diagonal", "sweep"),
+    _core.statistics: (
+        *("transmission_value", "transmission_slope", "transmission_curvature", "transmission_value_and_slope"),
+        "prior_value",
+    ),
+    _core.subspace: ("prior_curvatures", "data_curvatures", "search_direction", "subspace_step"),
+    _core.volume: ("interpolate",),
+    _core.base: ("all_finite",),
+    _core.phantom: ("transmission",),
+}
 inside = 0.0  # CPU seconds in kernels so far
 CORES = (2, 4, 8, 16)
 LEVELS, LONG = 5, 150
@@ -47,8 +54,8 @@ def phantom() -> Phantom:
     """A compressed breast, 62 mm thick, its chest wall at y = 0: fat, gland, ducts, masses and specks. 1/mm at 20 keV."""
     half = Box((0, 150, 61), (400, 300, 62))
     parts: list[tuple[Solid, float]] = [
-        (Common([Ellipsoid((0, 0, 61), (112, 165, 52)), half]), 0.0456),
-        (Common([Ellipsoid((0, 20, 61), (74, 105, 26)), half]), 0.0173),
+        (Intersection([Ellipsoid((0, 0, 61), (112, 165, 52)), half]), 0.0456),
+        (Intersection([Ellipsoid((0, 20, 61), (74, 105, 26)), half]), 0.0173),
     ]
     rng = np.random.default_rng(0)
     for _ in range(12):
@@ -73,8 +80,9 @@ def geometry(coarser: int = 1) -> tuple[pp.Views, pp.Grid]:
 def lines(coarser: int = 1) -> Iterator[str]:
     """Stages, memory, and the model of more cores."""
     views, grid = geometry(coarser)
-    for name in KERNELS:
-        setattr(_core, name, counted(getattr(_core, name)))
+    for module, names in KERNELS.items():
+        for name in names:
+            setattr(module, name, counted(getattr(module, name)))
     began = clock()
     scan = pp.simulate_scan(phantom(), views, 20_000, seed=1)
     simulated = since(began)
@@ -112,8 +120,8 @@ def gaps(scan: pp.Scan, grid: pp.Grid, values: list[float], last: Float32) -> It
         best = step  # the last one's stays
     lowest, minimiser = best.objective, best.volume.values
     A, data = pp.Projector(scan.views, grid), Transmission.of(scan)
-    prior = tune(pp.Prior(), A, data, known := data_curvature(A, data))
-    flat = uniform(A, data)
+    prior = choose_prior_parameters(pp.Prior(), A, data, known := data_curvature(A, data))
+    flat = uniform_volume(A, data)
     top = data.value(A(flat)) + prior.strength * median_curvature(known) * prior.value(flat, grid)
     shown = ", ".join(f"{(value - lowest) / (top - lowest):.1e}" for value in values)
     yield f"gap after each finest iteration: {shown}"

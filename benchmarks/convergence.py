@@ -2,7 +2,7 @@
 
 Gap: (Φ − Φ*) / (Φ of the uniform start − Φ*), Φ on the finest grid. Φ* comes from M-MAP with momentum gone on with for ten
 times the iterations that it takes to the smallest gap shown. One pass is a projection and a backprojection, timed beside the
-runs. F-MAP: the finest level alone from a uniform volume. M-MAP-3: three levels, each by the optimiser named. An iterate
+runs. F-MAP: the finest level alone from a uniform volume. M-MAP-3: three levels, each by the optimizer named. An iterate
 of a coarse level is judged as what it is on the finest grid: interpolated linearly, the time for that added, and Φ worked
 out there, which is left out of all times. "on the finest" counts iterates of the finest level alone. β and edge are what
 `tune` chooses from each scan, the same for all runs of it. Scans are analytic, with Poisson noise. Cells are medians over
@@ -18,14 +18,14 @@ from dataclasses import dataclass
 import numpy as np
 
 import palpate as pp
-from benchmarks.timing import medians
+from benchmarks.interleaved_timing import medians
 from benchmarks.workloads import circular
 from palpate.arrays import Float32
-from palpate.reconstruction.baselines import uniform
-from palpate.reconstruction.descent import data_curvature
-from palpate.reconstruction.likelihood import Transmission
-from palpate.reconstruction.tune import median_curvature, tune
-from palpate.scans.phantom import Ellipsoid, Phantom
+from palpate.reconstruction.baselines.sirt import uniform_volume
+from palpate.reconstruction.models.likelihood import Transmission
+from palpate.reconstruction.optimizers.coordinate_descent import data_curvature
+from palpate.reconstruction.prior_parameters import choose_prior_parameters, median_curvature
+from palpate.scans.analytic_phantoms import Ellipsoid, Phantom
 from palpate.volumes.resample import resample
 
 GAPS = (1e-2, 1e-3, 1e-4)
@@ -50,9 +50,9 @@ def lump_phantom() -> Phantom:
 PHANTOMS = {"slab": pp.slab_phantom, "lump": lump_phantom}
 PLAN = {2e4: (1, 2, 3), 2e3: (1,), 2e5: (1,)}
 RUNS = {
-    f"{name} {optimiser}": (levels, optimiser)
+    f"{name} {optimizer}": (levels, optimizer)
     for name, levels in (("F-MAP", 1), ("M-MAP-3", 3))
-    for optimiser in ("descent", "momentum", "subsets", *["auto"] * (levels > 1))
+    for optimizer in ("descent", "momentum", "subsets", *["auto"] * (levels > 1))
 }
 
 
@@ -109,22 +109,22 @@ def measure(scan: pp.Scan, grid: pp.Grid, most: int) -> dict[str, Course]:
     """All runs of one scan, by name; F-MAP by descent first."""
     A, data = pp.Projector(scan.views, grid), Transmission.of(scan)
     known = data_curvature(A, data)
-    prior = tune(pp.Prior(), A, data, known)
+    prior = choose_prior_parameters(pp.Prior(), A, data, known)
     beta = prior.strength * median_curvature(known)
 
     def phi(f: Float32) -> float:
         return data.value(A(f)) + beta * prior.value(f, grid)
 
-    top = phi(uniform(A, data))
+    top = phi(uniform_volume(A, data))
 
-    def run(levels: int, optimiser: str) -> Callable[[], Iterator[pp.Step]]:
+    def run(levels: int, optimizer: str) -> Callable[[], Iterator[pp.Step]]:
         # Coarse levels stop by their own rule, as a user's would.
         return lambda: pp.iterates(
             scan,
             grid,
             levels=levels,
             prior=prior,
-            optimiser=optimiser,
+            optimizer=optimizer,
             start="uniform" if levels == 1 else "backprojection",
             iterations=[most, 100, 200][:levels],
             tolerance=1e-5 if levels == 1 else 1e-3,
@@ -133,8 +133,8 @@ def measure(scan: pp.Scan, grid: pp.Grid, most: int) -> dict[str, Course]:
     star = converged(scan, grid, prior, top)
     enough = [star + gap * (top - star) for gap in GAPS]
     courses = {}
-    for name, (levels, optimiser) in RUNS.items():
-        seen = timed(run(levels, optimiser), enough[-1], grid, phi)
+    for name, (levels, optimizer) in RUNS.items():
+        seen = timed(run(levels, optimizer), enough[-1], grid, phi)
         courses[name] = Course(arrivals(seen, enough), seen[-1].cpu)
         if levels > 1:
             finest = [s for s in seen if s.level == 0]
@@ -170,7 +170,7 @@ def converged(scan: pp.Scan, grid: pp.Grid, prior: pp.Prior, top: float) -> floa
 
     Less long where nothing lowers Φ any more, to rounding.
     """
-    steps = pp.iterates(scan, grid, prior=prior, optimiser="momentum", iterations=[10**6, 100, 200], tolerance=0.0)
+    steps = pp.iterates(scan, grid, prior=prior, optimizer="momentum", iterations=[10**6, 100, 200], tolerance=0.0)
     before, needed = np.inf, 0
     for step in steps:
         if step.level > 0:

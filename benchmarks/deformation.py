@@ -17,19 +17,19 @@ import numpy as np
 from scipy.sparse.linalg import splu
 
 import palpate as pp
-from benchmarks.apart import settled
-from benchmarks.cube import PUSH, TOP, Cube, cube
-from benchmarks.ladder import NAMES, SLIDE, Rung, rung
-from benchmarks.settle import Settled, least
-from benchmarks.timing import header, row
+from benchmarks.cube_case import PUSH, TOP, Cube, cube
+from benchmarks.interleaved_timing import header, row
+from benchmarks.model_ladder import NAMES, SLIDE, Rung, rung
+from benchmarks.peer_process import settled
+from benchmarks.settling_time import Settled, least
 from palpate import _core
-from palpate.tissue.contact import patch
-from palpate.tissue.elasticity import FiniteElements
-from palpate.tissue.factors import Factors
-from palpate.tissue.finite_strain import finite_strain
+from palpate.tissue.contact_patches import patch
+from palpate.tissue.reference.finite_strain import finite_strain
+from palpate.tissue.reference.linear_elasticity import FiniteElements
+from palpate.tissue.sparse_factor import Factors
 
 sys.path.append(str(Path(__file__).parents[1] / "tests"))
-import calculix
+from support import calculix
 
 PEERS = ("xpbd", "vertex_block", "flex")
 BUDGET = {  # CPU s of each run
@@ -47,14 +47,14 @@ ELSEWHERE = (  # measured elsewhere, on such a machine; ms of a step, ms to 1 %,
 
 def lines(sizes: tuple[int, ...] = (11, 21)) -> Iterator[str]:
     """All tables of each mesh, then the targets; on one core while it runs."""
-    allowed, threads = os.sched_getaffinity(0), _core.threads()
+    allowed, threads = os.sched_getaffinity(0), _core.base.threads()
     os.environ["OMP_NUM_THREADS"] = "1"  # read when peers are first imported
-    _core.set_threads(1)
+    _core.base.set_threads(1)
     os.sched_setaffinity(0, sorted(allowed)[:1])
     try:
         yield from _tables(sizes)
     finally:
-        _core.set_threads(threads)
+        _core.base.set_threads(threads)
         os.sched_setaffinity(0, allowed)
 
 
@@ -214,7 +214,7 @@ def _tick(here: Cube) -> float:
 
     def slide(_: None) -> None:
         for spot in spots:
-            model.native.advance(state, spot, PUSH, 1)
+            model.native.relax(state, spot, PUSH, 1)
 
     slide(None)  # makes the tables
     return least(slide, lambda: None) / len(spots)

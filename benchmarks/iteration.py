@@ -18,12 +18,12 @@ from dataclasses import dataclass
 import numpy as np
 
 import palpate as pp
-from benchmarks import installed, mbir
-from benchmarks.timing import header, row
+from benchmarks import installed, mbirjax_reconstruction
+from benchmarks.interleaved_timing import header, row
 from benchmarks.workloads import circular, coarse_circular, smooth
-from palpate.reconstruction.descent import data_curvature
-from palpate.reconstruction.likelihood import WeightedLeastSquares
-from palpate.reconstruction.tune import median_curvature, tune
+from palpate.reconstruction.models.likelihood import WeightedLeastSquares
+from palpate.reconstruction.optimizers.coordinate_descent import data_curvature
+from palpate.reconstruction.prior_parameters import choose_prior_parameters, median_curvature
 
 PHOTONS = 20_000
 LONGEST = 420.0  # seconds of mbirjax on the way to the end
@@ -54,7 +54,7 @@ def lines() -> Iterator[str]:
     if not installed("mbirjax"):
         yield "mbirjax is not installed: pip install 'palpate[bench]'.\n"
         return
-    peer, data = mbir.Translation(scan, grid), WeightedLeastSquares.of(scan)
+    peer, data = mbirjax_reconstruction.Translation(scan, grid), WeightedLeastSquares.of(scan)
     took: list[float] = []
     start = pp.backproject(pp.Projector(views, grid), data)
     peer.iterates(data.line_integrals, data.weights, start, ITERATIONS, lambda s, *_: not took.append(s))
@@ -69,11 +69,11 @@ def lines() -> Iterator[str]:
 def _one_iteration(scan: pp.Scan, grid: pp.Grid) -> float:
     """Median of the iterations after the first, as a user's loop sees them."""
     prior = pp.Prior("lange")
-    steps = pp.iterates(scan, grid, levels=1, iterations=8, tolerance=0, prior=prior, optimiser="descent")
+    steps = pp.iterates(scan, grid, levels=1, iterations=8, tolerance=0, prior=prior, optimizer="descent")
     return float(np.median(np.diff([step.seconds for step in steps])[1:]))
 
 
-def _disagreement(peer: mbir.Translation, views: pp.Views, grid: pp.Grid) -> float:
+def _disagreement(peer: mbirjax_reconstruction.Translation, views: pp.Views, grid: pp.Grid) -> float:
     """NRMSE of its projections of a smooth volume against ours, on the real panel."""
     A = pp.Projector(views, grid)
     ours, on = peer.placed(A(smooth(grid))), peer.placed(np.ones(views.shape, np.float32)) > 0
@@ -88,7 +88,7 @@ def _to_the_end() -> Iterator[str]:
     scan, truth = pp.simulate_scan(phantom, views, incident=PHOTONS, seed=1), phantom.volume(grid).values
     A, data = pp.Projector(views, grid), WeightedLeastSquares.of(scan)
     known = data_curvature(A, data)
-    prior = tune(pp.Prior("generalised", exponent=1.2, neighbours=6), A, data, known)
+    prior = choose_prior_parameters(pp.Prior("generalized", exponent=1.2, neighbours=6), A, data, known)
     beta = prior.strength * median_curvature(known)
     start = pp.backproject(A, data)
 
@@ -150,7 +150,7 @@ def _course_of_mbirjax(
     enough: Callable[[Seen], bool],
 ) -> list[Seen]:
     """The second of two runs, until enough or for `LONGEST` seconds; the first compiles it."""
-    peer = mbir.Translation(scan, grid)
+    peer = mbirjax_reconstruction.Translation(scan, grid)
     peer.same_prior(prior, beta)
     course: list[Seen] = []
 

@@ -18,13 +18,13 @@ from scipy.spatial import cKDTree
 from skimage.measure import marching_cubes
 
 import palpate as pp
-from benchmarks.timing import header, row
+from benchmarks.interleaved_timing import header, row
 from palpate.errors import PalpateError
 from palpate.samples import sample
-from palpate.volumes.names import with_names
+from palpate.volumes.label_names import with_names
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-from shapes import SHAPES, Shape  # the tests', so that both mean the same
+from support.difficult_labels import SHAPES, Shape  # the tests', so that both mean the same
 
 FACES = ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))
 CLOSE = 0.05  # of an edge, between the points strewn over a surface

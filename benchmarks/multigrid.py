@@ -11,16 +11,16 @@ from dataclasses import dataclass
 import numpy as np
 
 import palpate as pp
-from benchmarks.cube import PUSH, TOP, cube
-from benchmarks.settle import least
-from benchmarks.timing import header, row
+from benchmarks.cube_case import PUSH, TOP, cube
+from benchmarks.interleaved_timing import header, row
+from benchmarks.settling_time import least
 from palpate import _core
 from palpate.arrays import Float64
 from palpate.samples import sample
-from palpate.tissue.base import TissueModel
-from palpate.tissue.contact import patch
-from palpate.tissue.elasticity import FiniteElements
-from palpate.volumes.names import with_names
+from palpate.tissue.contact_patches import patch
+from palpate.tissue.models.tissue_model import TissueModel
+from palpate.tissue.reference.linear_elasticity import FiniteElements
+from palpate.volumes.label_names import with_names
 
 SPEED = 0.1  # mm a tick
 TICKS, LANDED = 200, 10  # ticks; how many make up for a tool that comes 5 mm deep at once
@@ -43,15 +43,15 @@ class Case:
 
 
 def lines() -> Iterator[str]:
-    threads = _core.threads()
-    _core.set_threads(1)
+    threads = _core.base.threads()
+    _core.base.set_threads(1)
     try:
         yield "One thread, CPU time. A patch of two mean edges, 5 mm deep, slides at 100 mm/s; a tick is one iteration."
         yield from _warm()
         yield "\nFrom rest: iterations to 0.1 %, and CPU time to 1 %, root mean square; in brackets in the energy's norm.\n"
         yield from _cold()
     finally:
-        _core.set_threads(threads)
+        _core.base.set_threads(threads)
 
 
 def _warm() -> Iterator[str]:
@@ -101,7 +101,7 @@ def slid(case: Case, model: TissueModel) -> tuple[Float64, float, float, float]:
     state = model.start()
     for k, spot in enumerate(patches):
         began = time.process_time()
-        force = model.native.advance(state, spot, case.push, 1)
+        force = model.native.relax(state, spot, case.push, 1)
         taken[k] = time.process_time() - began
         if k in JUDGED:
             exact = truth.push(case.path[k], case.push, case.radius)
@@ -145,11 +145,11 @@ def _from_rest(n: int, poisson: float) -> str:
     rms, whole = [], []
     for count in range(1, 11):
         state = model.start()
-        model.native.advance(state, spot, PUSH, count)
+        model.native.relax(state, spot, PUSH, count)
         rms.append(base.off(state.u, exact))
         whole.append(energy(truth, state.u - exact) / energy(truth, exact))
     one, tenth = (_count(rms, share) for share in (1e-2, 1e-3))
-    seconds = least(lambda state: model.native.advance(state, spot, PUSH, one), model.start)
+    seconds = least(lambda state: model.native.relax(state, spot, PUSH, one), model.start)
     return row(f"{n}³", poisson, f"{tenth} ({_count(whole, 1e-3)})", f"{one} ({_count(whole, 1e-2)})", 1e3 * seconds)
 
 

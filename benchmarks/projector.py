@@ -5,10 +5,10 @@ from collections.abc import Iterator
 import numpy as np
 
 import palpate as pp
-from benchmarks import installed, rtk
-from benchmarks.memory import above_arrays
+from benchmarks import installed, rtk_projector
+from benchmarks.interleaved_timing import header, medians, row
+from benchmarks.peak_memory import above_arrays
 from benchmarks.roofline import least
-from benchmarks.timing import header, medians, row
 from benchmarks.workloads import WORKLOADS, smooth
 
 AGAINST_RTK = {"W1 circular-8": 15, "W2 dbt-15": 5}  # runs: the shorter, the more
@@ -90,7 +90,7 @@ def against_rtk() -> Iterator[str]:
 
 
 def _compared(name: str, views: pp.Views, grid: pp.Grid) -> Iterator[str]:
-    A, peer = pp.Projector(views, grid), rtk.Joseph(views, grid)
+    A, peer = pp.Projector(views, grid), rtk_projector.Joseph(views, grid)
     rng = np.random.default_rng(0)
     x, y = rng.random(grid.shape, np.float32), rng.random(views.shape, np.float32)
     s = smooth(grid)

@@ -8,7 +8,7 @@ import numpy as np
 
 import palpate as pp
 from benchmarks import THREADS
-from benchmarks.timing import medians
+from benchmarks.interleaved_timing import medians
 
 FLOATS = 1 << 26  # an array: 256 MB, beyond any cache
 

@@ -19,9 +19,9 @@ import numpy as np
 
 import palpate as pp
 from palpate import _core
-from palpate.server.listen import loopback_socket
-from palpate.server.serve import serving
-from palpate.studies.deformation.organs import kidney
+from palpate.server.loopback_server import loopback_socket
+from palpate.server.touch import serving
+from palpate.studies.deformation.kidney import kidney
 
 MINUTES = 10.0
 EDGE = 2.36  # mm: the kidney of the sample in about 20,000 nodes
@@ -41,7 +41,7 @@ def lines(minutes: float = MINUTES, model: str = "compliance", seed: int = 1, ed
         client = subprocess.Popen(
             [
                 sys.executable,
-                str(Path(__file__).with_name("hands.py")),
+                str(Path(__file__).with_name("random_hands.py")),
                 address,
                 str(60 * minutes + SETTLING),
                 str(seed),
@@ -108,7 +108,7 @@ class Beside:
 
     def _run(self) -> None:
         while not self._ended:
-            woken, late = _core.empty_beat(CHUNK)
+            woken, late = _core.benchmark.timer_jitter(CHUNK)
             self.late += late
             self.count += np.bincount(np.minimum(woken / STEP, 1000).astype(np.int64), minlength=1001)
 

@@ -6,8 +6,8 @@ from importlib.util import find_spec
 
 import numpy as np
 
-from benchmarks.cube import DENSITY, LAMBDA, MU, STABLE, Cube
-from benchmarks.settle import Run
+from benchmarks.cube_case import DENSITY, LAMBDA, MU, STABLE, Cube
+from benchmarks.settling_time import Run
 
 NAME, MATERIAL = "vertex block descent (newton)", "stable neo-Hookean"
 MISSING = "Vertex block descent is left out: pip install newton warp-lang"

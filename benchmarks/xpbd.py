@@ -7,8 +7,8 @@ from importlib.util import find_spec
 import numpy as np
 from scipy.sparse import coo_array
 
-from benchmarks.cube import LAMBDA, MU, Cube
-from benchmarks.settle import Run
+from benchmarks.cube_case import LAMBDA, MU, Cube
+from benchmarks.settling_time import Run
 
 NAME, MATERIAL = "XPBD, distances + volumes (pyPBD)", "springs"
 MISSING = "XPBD is left out: pip install pyPBD"

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import palpate as pp
-from palpate.scans.phantom import Ellipsoid, Phantom
+from palpate.scans.analytic_phantoms import Ellipsoid, Phantom
 
 
 @dataclass(frozen=True, eq=False)

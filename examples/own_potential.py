@@ -7,7 +7,7 @@ t is the difference in units of the prior's edge. Both are tabulated once, and r
 import numpy as np
 
 import palpate as pp
-from palpate.scans.phantom import Ellipsoid, Phantom
+from palpate.scans.analytic_phantoms import Ellipsoid, Phantom
 
 
 class LogCosh:

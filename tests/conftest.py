@@ -5,14 +5,17 @@ import signal
 from pathlib import Path
 
 import pytest
-from chromium import launched
 from hypothesis import settings
-from organs import organ
+from support.browser import launched
+from support.example_organs import organ
 
 import palpate as pp
 
 # A runner started in the background may ignore Ctrl-C, and what it starts would too: tests that interrupt need it heard.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+# No test reads or writes the token of the user who runs it: each server makes one of its own.
+os.environ["XDG_STATE_HOME"] = os.devnull
 
 # No test is judged by its time: a busy machine and the sanitizers are slow.
 settings.register_profile("untimed", deadline=None)

@@ -15,7 +15,7 @@ const how = {
 };
 await rm("dist", { recursive: true, force: true });
 await mkdir("dist");
-const touch = await build({ ...how, entryPoints: ["src/main.ts", "src/worker.ts"] });
+const touch = await build({ ...how, entryPoints: [{ in: "src/touch/main.ts", out: "main" }, { in: "src/worker.ts", out: "worker" }] });
 const view = await build({
   ...how,
   entryPoints: [{ in: "src/slices/main.ts", out: "view" }],

@@ -1,13 +1,21 @@
 """The array types of the public functions, and the one check that every array passes on its way in."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from palpate import _core
 from palpate.errors import DataError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike as ArrayLike
+else:
+
+    class ArrayLike:
+        """What `numpy.asarray` takes. `help` shows this short name, not the union behind `numpy.typing.ArrayLike`."""
+
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
@@ -55,5 +63,5 @@ def _checked(name: str, values: ArrayLike, shape: Sequence[int | None] | None) -
 def _finite(array: AnyArray) -> bool:
     """Without a mask as large as the array, for the arrays that can be large."""
     if array.dtype == np.float32 and array.flags.c_contiguous:
-        return _core.all_finite(array.reshape(-1))
+        return _core.base.all_finite(array.reshape(-1))
     return bool(np.isfinite(array).all())

@@ -1,33 +1,35 @@
-// Owns the socket. Of the frames that arrive only the newest is kept, and decoded when the page asks for one.
-import { Painter, type Colouring } from "./colour";
-import { edges, normalised, normals, packed } from "./geometry";
-import { buffers, type FromWorker, type Organ, type Scale, type Shape, type ToWorker } from "./link";
-import { DIFFERENCE_BYTES, DIFFERENCE_KIND, FRAME_BYTES, decodeDifference, decodeFrame, encodeChoose, encodeCompare, encodeMark, encodeTool, type Scene } from "./messages";
+// The worker of the page: it owns the WebSocket, keeps only the newest frame, and decodes it when the page asks for one.
+import { ColorMap, FIRST_ENDS } from "./organ/color-map";
+import { normalize, normals, packNormals, uniqueEdges } from "./organ/mesh-geometry";
+import { buffersOf, type ColorMode, type FromWorker, type NodeArrays, type Organ, type Scale, type ToWorker } from "./protocol/worker-messages";
+import {
+  CloseCode, ComparisonState, DIFFERENCE_BYTES, DIFFERENCE_KIND, DISTANCE_STEPS, FRAME_BYTES, decodeDifference, decodeFrame,
+  encodeCompare, encodeMark, encodeSelection, encodeToolCommand, type Frame, type Scene,
+} from "./protocol/server-messages";
 
 const page = self as unknown as {
   postMessage(message: FromWorker, transfer?: Transferable[]): void;
   onmessage: (event: MessageEvent<ToWorker>) => void;
 };
 
-const QUICK = 4; // ms
-const COMPARED = 1; // state of a `Difference` that says something
-const STEPS = 65535; // of its biggest distance
-const ANOTHER = 4001; // the server closes with this when it serves another organ from now on
+const FAST_DECODE = 4; // ms
+const FIRST_RETRY = 250, LAST_RETRY = 4000; // ms
 
 let organ: Organ | null = null;
-let painter: Painter | null = null;
-let sums: Float32Array<ArrayBuffer>; // of normals
+let colorMap: ColorMap | null = null;
+let normalSums: Float32Array<ArrayBuffer>;
 let socket: WebSocket | null = null;
-let newest: ArrayBuffer | null = null;
-let last: ArrayBuffer | null = null; // shown last
-let home = false; // what was shown last is the organ at rest
-let colouring: Colouring = "plain";
-let ends: Scale = null; // of the colours shown last
+let newest: ArrayBuffer | null = null; // frame that was not sent to the page yet
+let last: ArrayBuffer | null = null; // frame that was sent last
+let lastAtRest = false; // and whether it shows the organ at rest
+let mode: ColorMode = "plain";
+let scale: Scale = null; // of the colors sent last
+const ends = { ...FIRST_ENDS }; // of the scales
 let waiting = false; // the page has asked for a frame
-let obeyed = 0; // serial of the last command that the frame shown last obeys
-let took = 0; // ms, to decode it
-let pressing = false; // and says that the first tool feels
-const spare: Shape[] = []; // arrays that the page has done with
+let lastSerial = 0; // of the newest command that the last frame obeys
+let decodeTime = 0; // ms, of the last frame
+let pressing = false; // the first tool measures stiffness
+const pool: NodeArrays[] = []; // arrays that the page has returned
 
 async function load(address: string): Promise<void> {
   const answer = await fetch(address);
@@ -37,21 +39,20 @@ async function load(address: string): Promise<void> {
   const scene = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, header))) as Scene;
   const rest = new Float32Array(data.slice(4 + header, 4 + header + 12 * scene.nodes));
   const triangles = new Uint32Array(data.slice(4 + header + 12 * scene.nodes));
-  const skin = scene.parts.find((p) => !p.inside) ?? scene.parts[0];
-  const outer = triangles.subarray(3 * skin.first, 3 * (skin.first + skin.count));
-  const normal = new Float32Array(rest.length);
-  // Of the organ's own surface; what lies inside has normals of its own, which need not be right to be felt.
-  normals(rest, outer, normal);
-  normalised(normal);
-  const all: Organ = { scene, rest, triangles, normals: normal, edges: edges(triangles, skin.first, skin.count) };
-  organ = all;
-  painter = new Painter(all, outer);
-  painter.colouring = colouring;
-  sums = new Float32Array(rest.length);
-  spare.length = 0;
+  const outer = scene.parts.find((p) => !p.inside) ?? scene.parts[0];
+  const surface = triangles.subarray(3 * outer.first, 3 * (outer.first + outer.count));
+  const unitNormals = new Float32Array(rest.length);
+  // Of the outer surface only: nodes of the inner regions that are not on it keep a zero normal.
+  normals(rest, surface, unitNormals);
+  normalize(unitNormals);
+  organ = { scene, rest, triangles, normals: unitNormals, edges: uniqueEdges(triangles, outer.first, outer.count) };
+  colorMap = new ColorMap(organ, surface, ends);
+  colorMap.mode = mode;
+  normalSums = new Float32Array(rest.length);
+  pool.length = 0;
   last = newest = null;
-  home = false;
-  page.postMessage({ kind: "organ", organ: all });
+  lastAtRest = false;
+  page.postMessage({ kind: "organ", organ });
 }
 
 function connect(address: string): void {
@@ -59,52 +60,54 @@ function connect(address: string): void {
   socket.binaryType = "arraybuffer";
   socket.onopen = () => {
     page.postMessage({ kind: "status", good: true, text: "" });
-    if (colouring === "error") compare(true);
+    if (mode === "error") requestComparison(true);
   };
-  socket.onmessage = (event: MessageEvent<ArrayBuffer>) => {
-    if (new DataView(event.data).getUint8(0) === DIFFERENCE_KIND) return differ(event.data);
+  socket.onmessage = (event: MessageEvent<ArrayBuffer | string>) => {
+    if (typeof event.data === "string") return page.postMessage({ kind: "notice", text: event.data });
+    if (new DataView(event.data).getUint8(0) === DIFFERENCE_KIND) return takeDifference(event.data);
     newest = event.data;
-    if (waiting || overtakes(event.data)) show();
+    if (waiting || supersedes(event.data)) sendFrame();
   };
 }
 
-/** Does a frame obey what the one that the page has not drawn yet does not? Then it goes as well, if it is quickly decoded. */
-const overtakes = (data: ArrayBuffer): boolean => took < QUICK && decodeFrame(new DataView(data)).serial > obeyed;
+/** Does the frame obey a newer command than the one that the page has not drawn yet? Then it is sent at once, if decoding
+ * it takes little time. */
+const supersedes = (data: ArrayBuffer): boolean => decodeTime < FAST_DECODE && decodeFrame(new DataView(data)).serial > lastSerial;
 
-/** Asks the server for differences from finite elements, or for no more. */
-function compare(on: boolean): void {
-  if (painter) painter.error = null;
+/** Asks the server to compare with finite elements, or to stop. */
+function requestComparison(on: boolean): void {
+  if (colorMap) colorMap.error = null;
   if (socket?.readyState === WebSocket.OPEN) socket.send(encodeCompare({ on: Number(on) }));
 }
 
-/** The newest difference: the next frame is painted by it. */
-function differ(data: ArrayBuffer): void {
+/** Takes the newest difference: the next frame is colored by it. */
+function takeDifference(data: ArrayBuffer): void {
   const difference = decodeDifference(new DataView(data)), { state, step, count } = difference;
   const nodes = organ?.scene.nodes ?? 0;
-  if (colouring !== "error" || !painter || (count !== 0 && count !== nodes)) return;
+  if (mode !== "error" || !colorMap || (count !== 0 && count !== nodes)) return;
   const values = new Float32Array(nodes), distances = new Uint16Array(data, DIFFERENCE_BYTES, count);
   for (let i = 0; i < count; i++) values[i] = step * distances[i];
-  painter.error = state === COMPARED ? { values, most: step * STEPS } : null;
-  home = false;
+  colorMap.error = state === ComparisonState.compared ? { values, largest: step * DISTANCE_STEPS } : null;
+  lastAtRest = false;
   page.postMessage({ kind: "difference", difference });
 }
 
-/** Stays connected: asks for the scene anew each time, since another organ may be open by then. */
-async function keep(scene: string, address: string): Promise<void> {
-  for (let pause = 250; ; pause = Math.min(2 * pause, 4000)) {
+/** Stays connected. Fetches the scene at each connection, since the server may have changed it. */
+async function stayConnected(scene: string, address: string): Promise<void> {
+  for (let pause = FIRST_RETRY; ; pause = Math.min(2 * pause, LAST_RETRY)) {
     try {
       await load(scene);
       connect(address);
-      pause = 250;
+      pause = FIRST_RETRY;
       const code = await new Promise<number>((closed) => (socket!.onclose = (event) => closed(event.code)));
-      if (code === ANOTHER) {
-        page.postMessage({ kind: "status", good: false, text: "Another mesh is coming…" });
+      if (code === CloseCode.scene_changed) {
+        page.postMessage({ kind: "status", good: false, text: "Loading another mesh…" });
         continue;
       }
       page.postMessage({ kind: "status", good: false, text: "Connection lost. Trying again…" });
     } catch (problem) {
       const refused = problem instanceof Error && problem.message === "refused";
-      const text = refused ? "palpate was started anew: open the address it printed." : "palpate is not running. Trying again…";
+      const text = refused ? "palpate was restarted: open the new address that it printed." : "palpate is not running. Trying again…";
       page.postMessage({ kind: "status", good: false, text });
     }
     newest = null;
@@ -112,70 +115,76 @@ async function keep(scene: string, address: string): Promise<void> {
   }
 }
 
-function show(): void {
-  if (!newest || !organ || !painter) return;
+function sendFrame(): void {
+  if (!newest || !organ || !colorMap) return;
   const began = performance.now();
   const frame = decodeFrame(new DataView(newest));
   if (frame.count !== 0 && frame.count !== organ.scene.nodes) return; // of another scene
-  if (pressing) painter.feel(frame);
-  const still = frame.count === 0 && home && !(pressing && colouring === "felt");
-  const shape = still ? null : shaped(newest, frame.count, frame.step);
-  home = frame.count === 0;
+  if (pressing) colorMap.addStiffness(frame);
+  const unchanged = frame.count === 0 && lastAtRest && !(pressing && mode === "stiffness");
+  const arrays = unchanged ? null : computeArrays(newest, frame);
+  lastAtRest = frame.count === 0;
   last = newest;
   newest = null;
   waiting = false;
-  obeyed = frame.serial;
-  took = performance.now() - began;
-  page.postMessage({ kind: "frame", frame, shape, scale: ends, work: took }, shape ? buffers(shape) : []);
+  lastSerial = frame.serial;
+  decodeTime = performance.now() - began;
+  page.postMessage({ kind: "frame", frame, arrays, scale, work: decodeTime }, arrays ? buffersOf(arrays) : []);
 }
 
-function shaped(data: ArrayBuffer, count: number, step: number): Shape {
-  const { rest, triangles } = organ!;
-  const shape = spare.pop() ?? fresh(rest.length / 3);
-  const { positions } = shape;
+function computeArrays(data: ArrayBuffer, { count, step, model }: Frame): NodeArrays {
+  const { rest, triangles, scene } = organ!;
+  const arrays = pool.pop() ?? allocate(rest.length / 3);
+  const { positions } = arrays;
   if (count) {
-    const moved = new Int16Array(data, FRAME_BYTES, 3 * count);
-    for (let i = 0; i < positions.length; i++) positions[i] = rest[i] + step * moved[i];
+    const displacements = new Int16Array(data, FRAME_BYTES, 3 * count);
+    for (let i = 0; i < positions.length; i++) positions[i] = rest[i] + step * displacements[i];
   } else positions.set(rest);
-  normals(positions, triangles, sums);
-  packed(sums, shape.normals);
-  ends = painter!.paint(positions, shape.colours);
-  return shape;
+  normals(positions, triangles, normalSums);
+  packNormals(normalSums, arrays.normals);
+  scale = colorMap!.apply(positions, scene.models[model] ?? scene.model, arrays.colors);
+  return arrays;
 }
 
-const fresh = (nodes: number): Shape => ({
+const allocate = (nodes: number): NodeArrays => ({
   positions: new Float32Array(3 * nodes),
   normals: new Int16Array(4 * nodes),
-  colours: new Uint8Array(4 * nodes),
+  colors: new Uint8Array(4 * nodes),
 });
 
-function reuse(shape: Shape | null): void {
-  if (shape && shape.positions.length === organ?.rest.length) spare.push(shape);
+function recycle(arrays: NodeArrays | null): void {
+  if (arrays && arrays.positions.length === organ?.rest.length) pool.push(arrays);
 }
 
-/** Paints what is shown anew. */
-function again(): void {
-  home = false;
+function setColorMode(next: ColorMode): void {
+  const before = mode;
+  mode = next;
+  if ((mode === "error") !== (before === "error")) requestComparison(mode === "error");
+  if (colorMap) colorMap.mode = mode;
+  colorAgain();
+}
+
+/** Colors the last frame again. */
+function colorAgain(): void {
+  lastAtRest = false;
   newest ??= last;
-  if (waiting) show();
+  if (waiting) sendFrame();
 }
 
 page.onmessage = ({ data }) => {
-  if (data.kind === "open") void keep(data.scene, data.socket);
-  else if (data.kind === "back") reuse(data.shape);
+  if (data.kind === "open") void stayConnected(data.scene, data.socket);
+  else if (data.kind === "return") recycle(data.arrays);
   else if (data.kind === "next") {
-    reuse(data.shape);
+    recycle(data.arrays);
     waiting = true;
     pressing = data.pressing;
-    show();
-  } else if (data.kind === "colour") {
-    const before = colouring;
-    colouring = data.colouring;
-    if ((colouring === "error") !== (before === "error")) compare(colouring === "error");
-    if (painter) painter.colouring = colouring;
-    again();
+    sendFrame();
+  } else if (data.kind === "color") setColorMode(data.mode);
+  else if (data.kind === "ends") {
+    ends[data.mode] = data.ends;
+    colorAgain();
   } else if (socket?.readyState !== WebSocket.OPEN) return;
-  else if (data.kind === "say") socket.send(encodeTool(data.tool));
-  else if (data.kind === "choose") socket.send(encodeChoose(data.choose));
+  else if (data.kind === "command") socket.send(encodeToolCommand(data.command));
+  else if (data.kind === "select") socket.send(encodeSelection(data.selection));
   else socket.send(encodeMark(data.mark));
 };

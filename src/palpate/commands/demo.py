@@ -1,5 +1,6 @@
 """`palpate demo`: the whole way on data that ships with the package."""
 
+import shlex
 import tempfile
 from enum import StrEnum
 from pathlib import Path
@@ -10,13 +11,10 @@ import typer
 import palpate as pp
 from palpate.commands.progress import progress
 
+DemoName = StrEnum("DemoName", "breast kidney head")
 
-class Which(StrEnum):
-    """The samples."""
 
-    breast = "breast"
-    kidney = "kidney"
-    head = "head"
+IMAGES = {DemoName.breast: "volume.nii.gz", DemoName.kidney: "ct.nii.gz"}  # what the organ was made from
 
 
 def add(app: typer.Typer) -> None:
@@ -25,7 +23,7 @@ def add(app: typer.Typer) -> None:
 
 
 def demo(
-    which: Annotated[Which, typer.Argument(help="What to show.")] = Which.breast,
+    which: Annotated[DemoName, typer.Argument(help="What to show.")] = DemoName.breast,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Folder for every file and report.html. Default: a new one.")
     ] = None,
@@ -45,20 +43,25 @@ def demo(
 
     Takes a few minutes at most; Ctrl-C stops it, and --resume goes on.
     """
-    from palpate.server.serve import check_ready
+    from palpate.server.touch import check_ready
 
-    if training and which is not Which.breast:
+    if training and which is not DemoName.breast:
         raise typer.BadParameter(f"{which.value} has no training lump; only the breast has", param_hint="--training")
-    if browser and which is not Which.head:
+    if browser and which is not DemoName.head:
         check_ready(port)
     folder = output or Path(tempfile.mkdtemp(prefix=f"palpate-{which.value}-"))
     try:
         with progress() as say:
-            tissues = pp.demonstrate(which.value, folder, resume=resume, progress=say)
+            tissues = pp.run_demo(which.value, folder, resume=resume, progress=say)
     except KeyboardInterrupt:
-        again = f"palpate demo {which.value} --resume -o {folder}" + ("" if browser else " --no-browser")
-        raise KeyboardInterrupt(f"go on with: {again}") from None
+        words = ["palpate", "demo", which.value, "--resume", "-o", str(folder)]
+        words += (
+            ["--training"] * training
+            + ["--no-browser"] * (not browser)
+            + ([] if port is None else ["--port", str(port)])
+        )
+        raise KeyboardInterrupt(f"go on with: {shlex.join(words)}") from None
     typer.echo(f"report: {(folder / 'report.html').resolve()}")
     if browser and tissues:
         name = "training" if training else next(iter(tissues))
-        pp.touch(tissues[name], port=port, title=name)
+        pp.touch(tissues[name], port=port, title=name, images=[pp.read_volume(folder / IMAGES[which])])

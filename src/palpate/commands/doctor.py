@@ -10,7 +10,8 @@ import typer
 
 NEEDED = (
     "numpy", "scipy", "scikit-image", "scikit-fem", "h5py", "nibabel", "tifffile", "meshio", "rich", "typer", "pyyaml",
-    "starlette", "uvicorn", "websockets", "matplotlib", "pydicom", "pillow", "pylibjpeg", "pylibjpeg-openjpeg",
+    "starlette", "uvicorn", "websockets", "matplotlib", "pydicom", "pillow", "pylibjpeg", "pylibjpeg-openjpeg", "jinja2",
+    "lazy-loader", "threadpoolctl",
 )  # fmt: skip
 PROMPT = (
     "for steady forces: '* - rtprio 1' in /etc/security/limits.d/palpate.conf, two processors or more, log in again"
@@ -34,6 +35,7 @@ def doctor() -> None:
     checks = (_packages, _kernels, _samples, _page, _browser)
     well = [check() for check in checks]
     _devices()
+    _plugins()
     if not all(well):
         raise typer.Exit(1)
 
@@ -55,12 +57,14 @@ def _kernels() -> bool:
     except ImportError as problem:
         typer.echo(f"kernels: missing ({problem}); install palpate's wheel again, or: make wheel")
         return False
-    typer.echo(f"kernels: {_core.instruction_set()}, {_core.threads()} threads of {os.cpu_count()} processors")
+    typer.echo(
+        f"kernels: {_core.base.instruction_set()}, {_core.base.threads()} threads of {os.cpu_count()} processors"
+    )
     try:
         typer.echo(f"projector: {_voxel_views_a_second() / 1e9:.2f} G voxel-views a second")
     except ImportError as problem:
         typer.echo(f"projector: not tried ({problem})")
-    prompt = _core.may_wake_promptly()
+    prompt = _core.simulation.realtime_priority()
     typer.echo(
         "loop: " + ("goes ahead of other threads" if prompt else f"waits its turn among other threads; {PROMPT}")
     )
@@ -98,7 +102,7 @@ def _page() -> bool:
     from palpate.errors import FileError
 
     try:
-        from palpate.server.guard import check_page
+        from palpate.server.access_control import check_page
 
         check_page()
     except (FileError, ImportError) as problem:
@@ -110,7 +114,7 @@ def _page() -> bool:
 
 def _browser() -> bool:
     """No browser here is no fault: the page can be opened from another machine."""
-    from palpate.server.listen import has_display
+    from palpate.server.loopback_server import has_display
 
     found = next((b for b in BROWSERS if shutil.which(b)), None)
     if found is None:
@@ -126,7 +130,7 @@ def _devices() -> None:
     """A device that is not here is no fault: the page's pointer is always there."""
     typer.echo("devices: pointer (in the page), replay (a file)")
     try:
-        from palpate.simulation.devices.find import look_for_devices
+        from palpate.haptics.discovery import look_for_devices
     except ImportError as problem:
         typer.echo(f"  with motors: not tried ({problem})")
         return
@@ -136,3 +140,12 @@ def _devices() -> None:
             typer.echo(f"  {sighting.driver}: {said}, version {sighting.found.version}")
         else:
             typer.echo(f"  {sighting.driver}: {sighting.fault}; {sighting.text}")
+
+
+def _plugins() -> None:
+    """Parts that installed packages or --plugin files registered."""
+    from palpate import plugins
+
+    own = {kind: plugins.names(kind)[len(built_in) :] for kind, built_in in plugins.BUILT_IN.items()}
+    found = [f"{kind.replace('_', ' ')} {name}" for kind, some in own.items() for name in some]
+    typer.echo(f"plugins: {', '.join(found) or 'none'}")

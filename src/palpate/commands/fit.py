@@ -1,12 +1,13 @@
 """`palpate fit`."""
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 import palpate as pp
-from palpate.commands.progress import progress
+from palpate.commands.progress import doing, progress
 
 
 def add(app: typer.Typer) -> None:
@@ -37,8 +38,8 @@ def fit_command(
 ) -> None:
     """Example: [bold]palpate fit kidney.vtu --young 15 --rest-on 0,1,0 --depth 12 -o tissue.vtu[/bold]
 
-    Gives a mesh stiffness and support, fits its springs to finite elements,
-    and says how far they are off. In a CT, 0,1,0 is the way to the back.
+    Gives a mesh stiffness and support, and says which model palpate touch
+    begins with. Fits springs too, and says how far they are off. In a CT, 0,1,0 is the way to the back.
 
     Which model is needed for 0.3 mm and 5 % of force in pushes of 10 mm:
     palpate fit kidney.vtu --young 15 --within 0.3 -o tissue.vtu
@@ -46,8 +47,9 @@ def fit_command(
     With a stiff lump:
     palpate fit breast.vtu --young 3.25 --region-young lump=42.5 -o tissue.vtu
     """
-    from palpate.atomic import writable
+    from palpate.atomic_write import writable
     from palpate.errors import FileError
+    from palpate.simulation.starting_model import starting_model
 
     writable(output)
     if output.suffix.lower() != ".vtu":
@@ -60,11 +62,14 @@ def fit_command(
     with progress() as say:
         tissue = pp.fit(solid, E, nu, fixed, law=law, element=element, progress=say)
     pp.write_tissue(output, tissue)
+    with doing("trying models"):
+        begin = starting_model(tissue)
+    typer.echo(f"palpate touch {shlex.quote(str(output))} begins with {begin.reason}")
     assert tissue.report is not None
     typer.echo(tissue.report.text())
     if within is not None:
         with progress() as say:
-            found = pp.ladder(tissue, within, force_within / 100, up_to, progress=say)
+            found = pp.select_model(tissue, within, force_within / 100, up_to, progress=say)
         typer.echo(found.text())
     typer.echo(f"{len(solid.nodes)} nodes, {len(tissue.fixed)} held; wrote {output}")
 

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 import palpate as pp
-from palpate.commands.progress import progress
+from palpate.commands.progress import doing
 
 
 def add(app: typer.Typer) -> None:
@@ -15,11 +15,25 @@ def add(app: typer.Typer) -> None:
 
 
 def mesh_command(
-    labels: Annotated[Path, typer.Argument(help="Labels: .nii, .nii.gz, .nrrd, .mha.", show_default=False)],
-    output: Annotated[Path, typer.Option("-o", "--output", help="Mesh to write: .vtu or .msh.", show_default=False)],
-    label: Annotated[str, typer.Option(help="The organ, by name or number.", show_default=False)],
+    labels: Annotated[
+        Path,
+        typer.Argument(
+            help="Labels: .nii, .nii.gz, .nrrd, .mha; a closed surface: .stl, .ply, .obj, .glb, .gltf; or a mesh, to "
+            "write it anew.",
+            show_default=False,
+        ),
+    ],
+    output: Annotated[
+        Path,
+        typer.Option(
+            "-o", "--output", help="Mesh: .vtu, .msh; its surface: .stl, .ply, .obj, .glb.", show_default=False
+        ),
+    ],
+    label: Annotated[str | None, typer.Option(help="The organ, by name or number.", show_default=False)] = None,
     edge: Annotated[float, typer.Option(help="Mean edge of the tetrahedra, mm.")] = 4.0,
-    inclusion: Annotated[list[str] | None, typer.Option(help="A label inside it, kept as a region.")] = None,
+    inclusion: Annotated[
+        list[str] | None, typer.Option(help="A label (or surface) inside it, kept as a region.")
+    ] = None,
     fine: Annotated[
         list[str] | None, typer.Option(help="Shorter edge at an inclusion, mm: lump=1.5.", metavar="LABEL=MM")
     ] = None,
@@ -27,7 +41,14 @@ def mesh_command(
     names: Annotated[
         Path | None, typer.Option(help="JSON of value to name. Default: label_names.json beside the labels.")
     ] = None,
-    keep_all: Annotated[bool, typer.Option("--keep-all", help="Mesh all parts of the label.")] = False,
+    keep: Annotated[
+        str,
+        typer.Option(
+            help="Of parts that do not touch: largest (with inclusions: theirs), all, left, right, anterior, posterior, "
+            "superior, inferior, a rank by size, or x,y,z mm in it."
+        ),
+    ] = "largest",
+    keep_all: Annotated[bool, typer.Option("--keep-all", help="The same as --keep all.")] = False,
     keep_voids: Annotated[bool, typer.Option("--keep-voids", help="Keep closed voids hollow.")] = False,
     closed_at_border: Annotated[
         bool, typer.Option("--closed-at-border", help="Close an organ that the volume's edge cuts.")
@@ -49,19 +70,34 @@ def mesh_command(
 
     An organ with a lump as a region of its own:
     palpate mesh labels.nii.gz --label organ --inclusion lump -o both.vtu
+
+    A surface of another program: palpate mesh organ.stl --edge 4 -o organ.vtu
+
+    One of two kidneys that have one label:
+    palpate mesh labels.nii.gz --label kidney --keep left -o kidney.vtu
     """
     import warnings
 
-    from palpate.atomic import writable
-    from palpate.meshes.files import mesh_format
-    from palpate.volumes.names import with_names
+    from palpate.atomic_write import writable
+    from palpate.meshes.io import READ, mesh_format
+    from palpate.meshes.surface_files import is_surface
+    from palpate.volumes.label_names import with_names
 
     writable(output)
     mesh_format(output)
+    if labels.suffix.lower() in READ:
+        pp.write_mesh(output, pp.read_mesh(labels))
+        typer.echo(f"wrote {output}")
+        return
     finer: dict[int | str, float] = dict(_label_and_edge(text) for text in fine or [])
-    stored = with_names(pp.read_labels(labels), labels, names)
-    with warnings.catch_warnings(record=True) as said, progress() as say:
-        say(f"meshing {label}", 0.0)
+    if is_surface(labels):
+        stored = pp.read_surfaces(labels, edge, [Path(name) for name in inclusion or []])
+        label, inclusion = "1", [str(number) for number in sorted(stored.names)[1:]]
+    elif label is None:
+        raise typer.BadParameter("which of the labels is the organ, by name or number", param_hint="--label")
+    else:
+        stored = with_names(pp.read_labels(labels), labels, names)
+    with warnings.catch_warnings(record=True) as said, doing(f"meshing {label}"):
         warnings.simplefilter("always", UserWarning)
         mesh = pp.tetrahedralize(
             stored,
@@ -70,7 +106,7 @@ def mesh_command(
             inclusions=inclusion or [],
             fine=finer,
             interior=interior,
-            keep="all" if keep_all else "largest",
+            keep="all" if keep_all else _part(keep),
             fill_holes=not keep_voids,
             closed_at_border=closed_at_border,
             smooth=smooth,
@@ -78,11 +114,20 @@ def mesh_command(
             finer_where_thin=finer_where_thin,
             mesher=mesher,
         )
-    for warning in said:
-        typer.echo(f"note: {warning.message}", err=True)
+    for warning in said:  # once the line of progress is gone
+        warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
     pp.write_mesh(output, mesh)
     typer.echo(str(pp.mesh_quality(mesh, stored)))
     typer.echo(f"wrote {output}")
+
+
+def _part(text: str) -> str | int | list[float]:
+    """A word, a rank, or a point."""
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        return text
+    return int(numbers[0]) if len(numbers) == 1 and numbers[0].is_integer() else numbers
 
 
 def _label_and_edge(text: str) -> tuple[str, float]:

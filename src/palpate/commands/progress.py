@@ -1,7 +1,13 @@
-"""One line of progress for long work."""
+"""Progress of long work, on stderr: a bar in a terminal, plain lines elsewhere."""
 
 import contextlib
+import sys
+import threading
+import time
 from collections.abc import Callable, Iterator
+
+LINE_DELAY = 1.0  # s, before a line says that a thing has begun: what is refused at once is one line, the refusal
+LINE_INTERVAL = 10.0  # s, between two lines about the same thing where there is no terminal
 
 
 @contextlib.contextmanager
@@ -10,8 +16,6 @@ def progress() -> Iterator[Callable[[str, float], None]]:
 
     A share of 0 that stays 0 shows that something goes on, not how far it is.
     """
-    import sys
-
     from rich.console import Console
     from rich.markup import escape
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -19,7 +23,8 @@ def progress() -> Iterator[Callable[[str, float], None]]:
     # On stderr: what a command has to say goes to stdout, for others to read.
     console = Console(stderr=True)
     if not console.is_terminal:
-        yield lambda what, share: print(f"  done: {what}", file=sys.stderr) if share >= 1 else None
+        with plain_lines() as say:
+            yield say
         return
     columns = (TextColumn("{task.description:<44}"), BarColumn(28), TimeElapsedColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as bar:
@@ -36,3 +41,42 @@ def progress() -> Iterator[Callable[[str, float], None]]:
                 bar.console.print(f"  [green]✓[/green] {escape(what)}", highlight=False)
 
         yield say
+
+
+@contextlib.contextmanager
+def plain_lines() -> Iterator[Callable[[str, float], None]]:
+    """say(what, share done) that prints a line when a thing begins and ends, and every `LINE_INTERVAL` meanwhile."""
+    reached, last, waiting = 1.0, 0.0, threading.Timer(0, lambda: None)
+
+    def line(text: str) -> None:
+        print(f"  {text}", file=sys.stderr, flush=True)
+
+    def say(what: str, share: float) -> None:
+        nonlocal reached, last, waiting
+        begins, now = share < reached, time.monotonic()
+        if share >= 1:
+            waiting.cancel()
+            line(f"done: {what}")
+        elif begins or now - last >= LINE_INTERVAL:
+            waiting.cancel()
+            waiting = threading.Timer(
+                LINE_DELAY if begins else 0, line, [f"{what}, {share:.0%}" if share > 0 else what]
+            )
+            waiting.daemon = True
+            waiting.start()
+            last = now
+        reached = share
+
+    try:
+        yield say
+    finally:
+        waiting.cancel()
+
+
+@contextlib.contextmanager
+def doing(what: str) -> Iterator[None]:
+    """Shows that something goes on during the block, where nothing tells how far it is."""
+    with progress() as say:
+        say(what, 0.0)
+        yield
+        say(what, 1.0)

@@ -1,6 +1,5 @@
 """`palpate reconstruct`: from a scan to a volume."""
 
-import sys
 from collections import deque
 from enum import StrEnum
 from pathlib import Path
@@ -9,24 +8,29 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import palpate as pp
+from palpate.commands.findings import warn
+from palpate.commands.progress import progress
 from palpate.errors import DataError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from palpate.reconstruction.likelihood import Likelihood
+    from palpate.reconstruction.models.likelihood import Likelihood
 
 
-class Method(StrEnum):
-    """How the volume is found."""
+Method = StrEnum("Method", "map ml tv sirt sart fbp backprojection")
+StartImage = StrEnum("StartImage", "backprojection uniform")
 
-    map = "map"
-    ml = "ml"
-    tv = "tv"
-    sirt = "sirt"
-    sart = "sart"
-    fbp = "fbp"
-    backprojection = "backprojection"
+
+class PriorName(StrEnum):
+    """Potentials of the prior."""
+
+    lange = "lange"
+    huber = "huber"
+    quadratic = "quadratic"
+    hyperbola = "hyperbola"
+    generalized = "generalized"
+    generalised = "generalised"  # the spelling of version 0.1
 
 
 class WindowName(StrEnum):
@@ -39,16 +43,6 @@ class WindowName(StrEnum):
     ram_lak = "ram-lak"
 
 
-class PriorName(StrEnum):
-    """Potentials of the prior."""
-
-    lange = "lange"
-    huber = "huber"
-    quadratic = "quadratic"
-    hyperbola = "hyperbola"
-    generalised = "generalised"
-
-
 class LikelihoodName(StrEnum):
     """What the values are."""
 
@@ -57,28 +51,13 @@ class LikelihoodName(StrEnum):
     least_squares = "least-squares"
 
 
-class OptimiserName(StrEnum):
-    """How map and ml descend."""
-
-    auto = "auto"
-    momentum = "momentum"
-    descent = "descent"
-    subsets = "subsets"
-
-
-class Start(StrEnum):
-    """Where the coarsest level starts."""
-
-    backprojection = "backprojection"
-    uniform = "uniform"
-
-
 def add(app: typer.Typer) -> None:
     """Adds the command to `app`."""
     app.command("reconstruct", short_help="Reconstructs a volume from a scan.")(reconstruct_command)
 
 
 def reconstruct_command(
+    ctx: typer.Context,
     scan: Annotated[Path, typer.Argument(help="Scan file (.h5); palpate scan import makes one.", show_default=False)],
     output: Annotated[
         Path,
@@ -116,11 +95,12 @@ def reconstruct_command(
     ] = None,
     edge: Annotated[float | None, typer.Option(help="Difference that is kept, 1/mm. Default: from the data.")] = None,
     neighbours: Annotated[int, typer.Option(help="6, 18 or 26 voxels around each.")] = 26,
-    exponent: Annotated[float, typer.Option(help="Of the generalised prior, 1 to 2: it grows so for jumps.")] = 1.2,
-    start: Annotated[Start, typer.Option(help="Of the coarsest level.")] = Start.backprojection,
-    optimiser: Annotated[
-        OptimiserName, typer.Option(help="Of map and ml: all voxels at once, one by one, or some views at a time.")
-    ] = OptimiserName.auto,
+    exponent: Annotated[float, typer.Option(help="Of the generalized prior, 1 to 2: it grows so for jumps.")] = 1.2,
+    start: Annotated[StartImage, typer.Option(help="Of the coarsest level.")] = StartImage.backprojection,
+    optimizer: Annotated[
+        str, typer.Option(help="Of map and ml: auto, momentum, descent, subsets, or one of your own (--plugin).")
+    ] = "auto",
+    optimiser: Annotated[str | None, typer.Option(hidden=True)] = None,
     iterations: Annotated[int, typer.Option(help="At most; on coarser levels twice as many a level.")] = 50,
     tolerance: Annotated[float, typer.Option(help="A level ends when an iteration gains less than this share.")] = 1e-3,
     window: Annotated[WindowName, typer.Option(help="Of fbp's ramp.")] = WindowName.hann,
@@ -128,6 +108,7 @@ def reconstruct_command(
     relaxation: Annotated[float, typer.Option(help="Of sart, between 0 and 2; less for noise.")] = 1.0,
     resume: Annotated[bool, typer.Option("--resume", help="Go on from the checkpoint beside the output.")] = False,
     checkpoint_every: Annotated[int, typer.Option(help="Iterations between checkpoints.")] = 5,
+    check: Annotated[bool, typer.Option(help="Look for mistakes before and after, and warn.")] = True,
 ) -> None:
     """Example: [bold]palpate reconstruct breast.h5 -o breast.nii.gz --thickness 51.2[/bold]
 
@@ -136,12 +117,16 @@ def reconstruct_command(
     Ctrl-C keeps the last iterate in a checkpoint beside the output; the
     same command with --resume goes on from it.
     """
-    from palpate.reconstruction.checkpoint import checkpoint_beside, checkpointed, fingerprint, read_checkpoint
-    from palpate.reconstruction.region import around, cropped
-    from palpate.volumes.files import writable_volume
+    from palpate.reconstruction.checkpoint import checkpoint_path, fingerprint, read_checkpoint, with_checkpoints
+    from palpate.reconstruction.reconstruct import OLD_SPELLING, OPTIONS
+    from palpate.reconstruction.region_of_interest import crop_to_region, reconstruct_full_field
+    from palpate.volumes.io import writable_volume
 
     writable_volume(output)
-    beside = checkpoint_beside(output)
+    if optimiser is not None:
+        typer.echo(f"note: --optimiser: write --optimizer; {OLD_SPELLING}", err=True)
+        optimizer = optimiser
+    beside = checkpoint_path(output)
     measured = pp.read_scan(scan)
     if gain != 1 or electronic != 0:
         m = measured
@@ -149,18 +134,11 @@ def reconstruct_command(
             m.counts, m.incident, m.views, m.background, m.mask, gain=gain, electronic=electronic
         )
     grid = pp.read_volume(like).grid if like else pp.covering_grid(measured.views, thickness, spacing)
-    options: dict[str, Any] = {
-        "levels": levels,
-        "method": method.value,
-        "likelihood": likelihood.value,
-        "prior": pp.Prior(prior.value, strength, edge, neighbours, exponent),
-        "start": start.value,
-        "optimiser": optimiser.value,
-        "tolerance": tolerance,
-        "window": window.value,
-        "cutoff": cutoff,
-        "relaxation": relaxation,
-    }
+    here = ("prior", "optimizer", "optimiser", "iterations", "resume")
+    options: dict[str, Any] = {name: ctx.params[name] for name in OPTIONS if name in ctx.params and name not in here}
+    options["prior"], options["optimizer"] = pp.Prior(prior.value, strength, edge, neighbours, exponent), optimizer
+    if check and not resume:
+        warn(pp.check_scan(measured, grid))
     part = pp.region_grid(grid, *corners(region)) if region else None
     if hardening is None and bones is not None:
         raise DataError("bones: they need --hardening with a file of weight,soft,bone lines")
@@ -177,13 +155,13 @@ def reconstruct_command(
     last = read_checkpoint(beside, run) if resume else None
     try:
         if part is not None:
-            pp.iterates(cropped(measured, part), part, **options)  # what cannot be is refused here, before work
+            pp.iterates(crop_to_region(measured, part), part, **options)  # what cannot be is refused here, before work
             coarse = {**options, "method": "map" if method in ("fbp", "backprojection") else method.value}
-            steps = around(measured, grid, halvings=halvings, **coarse, iterations=iterations)
+            steps = reconstruct_full_field(measured, grid, halvings=halvings, **coarse, iterations=iterations)
             field = deque(_shown(steps, iterations), maxlen=1)[0]  # and no iterate before it
             measured, grid = pp.local_scan(measured, grid, part, field.volume), part
         steps = pp.iterates(measured, grid, **options, iterations=iterations, resume=last)
-        for step in _shown(checkpointed(steps, beside, run, checkpoint_every), iterations):
+        for step in _shown(with_checkpoints(steps, beside, run, checkpoint_every), iterations):
             last = step
     except KeyboardInterrupt:
         kept = f"{beside} holds the last iterate: the same command with --resume goes on"
@@ -191,13 +169,15 @@ def reconstruct_command(
     assert last is not None
     pp.write_volume(output, last.volume)
     beside.unlink(missing_ok=True)
+    if check and hardening is None:
+        warn(pp.check_residuals(pp.residuals(measured, last.volume)))
     shape = " x ".join(str(n) for n in grid.shape)
     typer.echo(f"{output}: {shape} voxels (z, y, x), objective {last.objective:.6g}, {last.seconds:.0f} s")
 
 
 def corners(words: str) -> tuple[list[float], list[float]]:
     """Lowest and highest (x, y, z) of "x0,x1,y0,y1,z0,z1"."""
-    numbers = _numbers(words)
+    numbers = numbers_in(words)
     if len(numbers) != 6:
         raise DataError(f"region: expected six numbers x0,x1,y0,y1,z0,z1 in mm, got {words!r}")
     return numbers[::2], numbers[1::2]
@@ -205,11 +185,11 @@ def corners(words: str) -> tuple[list[float], list[float]]:
 
 def _hardened(name: str, words: str, first: "pp.Volume | None", between: str) -> "Callable[[pp.Scan], Likelihood]":
     """The named likelihood behind a hardening polynomial or the spectrum in a file; refuses one that cannot be."""
-    from palpate.reconstruction.hardening import Tabulated
+    from palpate.reconstruction.models.beam_hardening import Tabulated
     from palpate.reconstruction.reconstruct import LIKELIHOODS
 
     curve: pp.Polynomial | pp.Spectrum
-    numbers = _numbers(words)
+    numbers = numbers_in(words)
     if numbers:
         curve = pp.Polynomial(tuple(numbers))
     elif not Path(words).is_file():
@@ -217,14 +197,14 @@ def _hardened(name: str, words: str, first: "pp.Volume | None", between: str) ->
     else:
         columns = pp.read_spectrum(words).T
         if first is not None:
-            limits = _numbers(between)
+            limits = numbers_in(between)
             if len(columns) != 3 or len(limits) != 2:
                 raise DataError(
                     f"bones: expected weight,soft,bone on the lines of {words} and --bone-range with two numbers, got "
                     f"{len(columns)} columns and {between!r}"
                 )
             materials = pp.TwoMaterials(*columns, *limits)
-            return pp.two_material_likelihood(materials, first, LIKELIHOODS[name])
+            return pp.two_material_beam_hardening_likelihood(materials, first, LIKELIHOODS[name])
         curve = pp.Spectrum(*columns[:2])
     if first is not None:
         raise DataError("bones: they need --hardening with a file of weight,soft,bone lines")
@@ -232,7 +212,7 @@ def _hardened(name: str, words: str, first: "pp.Volume | None", between: str) ->
     return lambda scan: pp.Hardened(LIKELIHOODS[name](scan), curve)
 
 
-def _numbers(words: str) -> list[float]:
+def numbers_in(words: str) -> list[float]:
     """Of "1.08,-0.011"; none if something else is there."""
     try:
         return [float(word) for word in words.split(",")]
@@ -241,13 +221,9 @@ def _numbers(words: str) -> list[float]:
 
 
 def _shown(steps: "Iterator[pp.Step]", iterations: int) -> "Iterator[pp.Step]":
-    """The same steps, with a bar: level, iteration, objective, and the longest that the rest can take."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TextColumn("{task.fields[left]}"))
-    with Progress(*columns, console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
-        task = bar.add_task("preparing", total=iterations, left="")
+    """The same steps, with progress: level, iteration, objective, and the longest that the rest can take."""
+    with progress() as say:
+        say("preparing", 0.0)
         before = 0.0
         for step in steps:
             took, before = step.seconds - before, step.seconds
@@ -256,7 +232,6 @@ def _shown(steps: "Iterator[pp.Step]", iterations: int) -> "Iterator[pp.Step]":
             here = iterations * 2**step.level
             rest = took * (here - step.iteration + here * sum(2**k for k in range(1, step.level + 1)))
             words = f"level {step.level}, iteration {step.iteration}, objective {step.objective:.6g}"
-            bar.update(task, total=here, completed=step.iteration, description=words, left=f"at most {rest:.0f} s left")
-            if step.finished:
-                bar.console.print(f"  [green]✓[/green] {words}", highlight=False)
+            left = "" if step.finished else f", at most {rest:.0f} s left"
+            say(words + left, 1.0 if step.finished else min(step.iteration / here, 0.99))
             yield step

@@ -1,5 +1,6 @@
-"""`palpate scan import|simulate|template`: where every reconstruction starts."""
+"""`palpate scan import|check|simulate|template`: where every reconstruction starts."""
 
+import shlex
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -7,30 +8,19 @@ from typing import Annotated
 import typer
 
 import palpate as pp
+from palpate.commands.findings import warn
+from palpate.commands.progress import doing
 
-MEANING = "Scan files: import, simulate, or a geometry template."
+MEANING = "Scan files: import, check, simulate, or a geometry template."
+FOUND = 3  # exit code of `palpate scan check` where something is wrong
 scan_app = typer.Typer(
     no_args_is_help=True,
     help=f"Example: [bold]palpate scan import breast -o breast.h5[/bold]\n\n{MEANING}",
 )
 
 
-class Motion(StrEnum):
-    """How the tube moves."""
-
-    arc = "arc"
-    rotating = "rotating"
-    circular = "circular"
-    linear = "linear"
-    hypocycloid = "hypocycloid"
-    free = "free"
-
-
-class PhantomName(StrEnum):
-    """Analytic phantoms."""
-
-    slab = "slab"
-    breast = "breast"
+Motion = StrEnum("Motion", "arc rotating circular linear hypocycloid free")
+PhantomName = StrEnum("PhantomName", "slab breast")
 
 
 def add(app: typer.Typer) -> None:
@@ -43,6 +33,7 @@ def import_command(
     stack: Annotated[Path, typer.Argument(help="A file, a folder, a 'pattern*.tif', or a sample: breast, head.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Scan file to write (.h5).")],
     geometry: Annotated[Path | None, typer.Option(help="Geometry file; palpate scan template writes one.")] = None,
+    check: Annotated[bool, typer.Option(help="Look for mistakes in geometry and counts, and warn.")] = True,
 ) -> None:
     """Example: [bold]palpate scan import breast -o breast.h5[/bold]
 
@@ -52,21 +43,75 @@ def import_command(
     Your own: palpate scan template -o geometry.yaml, fill it in, then
     palpate scan import 'views/*.tif' --geometry geometry.yaml -o scan.h5
     """
-    from palpate.atomic import writable
-    from palpate.scans.dicom import MEANING as DICOM_MEANING
-    from palpate.scans.dicom import is_dicom_stack
+    from palpate.atomic_write import writable
+    from palpate.scans.dicom_projections import MEANING as DICOM_MEANING
+    from palpate.scans.dicom_projections import is_dicom_stack
     from palpate.scans.importers import geometry_of
 
     writable(output)
     dicom = is_dicom_stack(stack) and geometry is None
     meaning = None if dicom else geometry_of(str(stack), geometry)
-    scan = pp.import_scan(str(stack), meaning)
+    with doing(f"importing {stack.name}"):
+        scan = pp.import_scan(str(stack), meaning)
     pp.write_scan(output, scan)
-    _tell(output, scan)
+    _print_summary(output, scan)
     if dicom:
         typer.echo(DICOM_MEANING)
     if meaning is None or meaning.values == "intensity":
-        typer.echo("these are intensities, not photon counts: palpate reconstruct --likelihood least-squares")
+        words = shlex.join(["palpate", "reconstruct", str(output), "-o", "volume.nii.gz"])
+        typer.echo(f"these are intensities, not photon counts: {words} --thickness MM --likelihood least-squares")
+    if check:
+        warn(pp.check_scan(scan))
+
+
+@scan_app.command("check", short_help="Looks for mistakes in geometry, counts and grid.")
+def check_command(
+    scan: Annotated[Path, typer.Argument(help="Scan file (.h5); palpate scan import makes one.", show_default=False)],
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Picture of geometry and verdict (.png, .svg).")
+    ] = None,
+    thickness: Annotated[float | None, typer.Option(help="Depth of the object from the panel up, mm.")] = None,
+    like: Annotated[Path | None, typer.Option(help="Volume file whose grid is to be reconstructed.")] = None,
+    volume: Annotated[Path | None, typer.Option(help="A reconstructed volume: is it what the views show?")] = None,
+    attenuation: Annotated[str, typer.Option(help="Least and largest of the dense part, 1/mm.")] = "0.005,0.1",
+) -> None:
+    """Example: [bold]palpate scan check breast.h5 --thickness 51.2 -o check.png[/bold]
+
+    Looks for mistakes in geometry, counts and grid.
+
+    The exit code is 3 if something is wrong. docs/scan-check.md tells
+    what the data cannot show.
+    """
+    from palpate.atomic_write import replacing, writable
+    from palpate.commands.reconstruct import numbers_in
+    from palpate.errors import DataError
+
+    if output is not None:
+        writable(output)
+    limits = numbers_in(attenuation)
+    if len(limits) != 2:
+        raise DataError(f"attenuation: expected two numbers least,largest in 1/mm, got {attenuation!r}")
+    measured = pp.read_scan(scan)
+    found_volume = pp.read_volume(volume) if volume else None
+    grid = pp.read_volume(like).grid if like else found_volume.grid if found_volume else None
+    if grid is None and thickness is not None:
+        grid = pp.covering_grid(measured.views, thickness)
+    found = pp.check_scan(measured, grid, attenuation=(limits[0], limits[1]))
+    left = pp.residuals(measured, found_volume) if found_volume else None
+    if left is not None:
+        found += pp.check_residuals(left)
+        typer.echo("deviance a pixel of each view: " + ", ".join(f"{d:.3g}" for d in left.deviance))
+    for number, finding in enumerate(found, 1):
+        typer.echo(f"{number}. {'' if finding.alarm else '(note) '}{finding}")
+    if not any(finding.alarm for finding in found):
+        typer.echo(f"{scan}: the views agree with one object" + (" in the grid" if grid else ""))
+    if output is not None:
+        figure = pp.plot_check(measured, found, grid, left)
+        with replacing(output) as temporary:
+            figure.savefig(temporary, format=output.suffix.lstrip(".").lower() or "png")
+        typer.echo(f"{output}: geometry and verdict")
+    if any(finding.alarm for finding in found):
+        raise typer.Exit(FOUND)
 
 
 @scan_app.command("simulate", short_help="Simulates a scan of a phantom whose shadow is known exactly.")
@@ -90,20 +135,21 @@ def simulate_command(
 
     Simulates a scan of a phantom whose shadow is known exactly.
     """
-    from palpate.atomic import writable
+    from palpate.atomic_write import writable
     from palpate.scans.simulate import standard_views
-    from palpate.volumes.files import writable_volume
+    from palpate.volumes.io import writable_volume
 
     writable(output)
     if truth is not None:
         writable_volume(truth)
     geometry = standard_views(motion.value, views, pixels, pitch, distance, extent, angle)
     solid = pp.slab_phantom() if phantom is PhantomName.slab else pp.breast_phantom()
-    scan = pp.simulate_scan(solid, geometry, incident, seed if noise else None, background)
+    with doing(f"simulating {views} views"):
+        scan = pp.simulate_scan(solid, geometry, incident, seed if noise else None, background)
     pp.write_scan(output, scan)
     if truth is not None:
         pp.write_volume(truth, solid.volume(solid.grid(1.0)))
-    _tell(output, scan)
+    _print_summary(output, scan)
 
 
 @scan_app.command("template", short_help="Writes a commented geometry file to fill in.")
@@ -115,8 +161,8 @@ def template_command(
 
     Writes a commented geometry file to fill in.
     """
-    from palpate.atomic import replacing
-    from palpate.scans.template import template
+    from palpate.atomic_write import replacing
+    from palpate.scans.geometry_template import template
 
     text = template(motion.value)
     if output is None:
@@ -124,10 +170,11 @@ def template_command(
         return
     with replacing(output) as temporary:
         temporary.write_text(text, encoding="utf-8")
-    typer.echo(f"{output}: fill it in, then: palpate scan import STACK --geometry {output} -o scan.h5")
+    words = shlex.join(["palpate", "scan", "import", "STACK", "--geometry", str(output), "-o", "scan.h5"])
+    typer.echo(f"{output}: fill it in, then: {words}")
 
 
-def _tell(output: Path, scan: "pp.Scan") -> None:
+def _print_summary(output: Path, scan: "pp.Scan") -> None:
     views, rows, columns = scan.shape
     low, high = float(scan.incident.min()), float(scan.incident.max())
     beam = f"{low:g}" if low == high else f"{low:g} to {high:g}"

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 import palpate as pp
-from palpate.commands.progress import progress
+from palpate.commands.progress import doing, progress
 
 
 def add(app: typer.Typer) -> None:
@@ -35,20 +35,26 @@ def score_command(
 
     The limits are yours to choose; the defaults are no clinical ones.
     """
-    from palpate.atomic import writable
+    from palpate.atomic_write import writable
 
     writable(output)
     solid, asked = pp.read_tissue(tissue), pp.Task(task, target, within, force, strain)
-    score = scored(pp.read_record(session), solid, asked)
-    other = None if reference is None else scored(pp.read_record(reference), solid, asked)
-    words = ["palpate", "score", str(session), str(tissue), *([] if task == "touch" else ["--task", task])]
+    score = scored(pp.read_record(session), solid, asked, session.name)
+    other = None if reference is None else scored(pp.read_record(reference), solid, asked, reference.name)
+    words = ["palpate", "score", str(session), str(tissue), "-o", str(output)]
     words += [] if reference is None else ["--reference", str(reference)]
-    made = pp.score_report(output, score, other, command=shlex.join([*words, "-o", str(output)]))
+    usual = pp.Task()
+    for name in ("kind", "target", "within", "force", "strain"):
+        if getattr(asked, name) != getattr(usual, name):
+            words += ["--task" if name == "kind" else f"--{name}", str(getattr(asked, name))]
+    with doing("writing the report"):
+        made = pp.score_report(output, score, other, command=shlex.join(words))
     typer.echo(score.text())
     typer.echo(f"report: {made[0].resolve()}")
 
 
-def scored(record: "pp.Record", tissue: "pp.Tissue", task: "pp.Task") -> "pp.Score":
-    """The score, with a line of progress: a replay takes some of the session's own time."""
+def scored(record: "pp.Record", tissue: "pp.Tissue", task: "pp.Task", name: str) -> "pp.Score":
+    """The score, with progress: to make the model takes a while, and a replay some of the session's own time."""
     with progress() as say:
-        return pp.score(record, tissue, task, progress=lambda share: say("replaying the session", share))
+        say(f"replaying {name}", 0.0)
+        return pp.score(record, tissue, task, progress=lambda share: say(f"replaying {name}", share))

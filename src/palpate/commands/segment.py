@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 import palpate as pp
+from palpate.commands.progress import doing
 
 
 def add(app: typer.Typer) -> None:
@@ -31,6 +32,7 @@ def segment_command(
     name: Annotated[str, typer.Option(help="Name of the new label.")] = "organ",
     onto: Annotated[Path | None, typer.Option(help="Labels to which the new one is added.")] = None,
     inside: Annotated[str | None, typer.Option(help="Only within this label of --onto.")] = None,
+    method: Annotated[str, typer.Option(help="threshold, or a segmenter of your own (--plugin).")] = "threshold",
 ) -> None:
     """Example: [bold]palpate segment ct.nii.gz -o labels.nii.gz --lower 150 --largest[/bold]
 
@@ -40,25 +42,27 @@ def segment_command(
     palpate segment breast.nii.gz -o both.nii.gz --onto labels.nii.gz
     --inside organ --lower 0.06 --largest --name lump
     """
-    from palpate.atomic import writable
-    from palpate.volumes.segment import label_volumes
+    from palpate.atomic_write import writable
+    from palpate.volumes.segmentation import label_volumes
 
     writable(output)
-    labels = pp.segment(
-        pp.read_volume(volume),
-        lower,
-        upper,
-        keep="largest" if largest else "all",
-        seed=[_point(text) for text in seed] if seed else None,
-        least_volume=least_volume,
-        fill_holes=fill_holes,
-        fill_slices=fill_slices,
-        smooth=smooth,
-        opening=opening,
-        name=name,
-        onto=None if onto is None else pp.read_labels(onto),
-        inside=inside,
-    )
+    with doing(f"segmenting {volume.name}"):
+        labels = pp.segment(
+            pp.read_volume(volume),
+            lower,
+            upper,
+            keep="largest" if largest else "all",
+            seed=[_point(text) for text in seed] if seed else None,
+            least_volume=least_volume,
+            fill_holes=fill_holes,
+            fill_slices=fill_slices,
+            smooth=smooth,
+            opening=opening,
+            name=name,
+            onto=None if onto is None else pp.read_labels(onto),
+            inside=inside,
+            method=method,
+        )
     pp.write_labels(output, labels)
     for value, volume_ml in label_volumes(labels).items():
         typer.echo(f"{value} ({labels.names.get(value, value)}): {volume_ml:.2f} ml")

@@ -1,5 +1,6 @@
 """`palpate touch`."""
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -17,7 +18,12 @@ def touch_command(
     tissue: Annotated[
         list[Path], typer.Argument(help="What `palpate fit` or `palpate demo` wrote (.vtu); more: other resolutions.")
     ],
-    model: Annotated[str, typer.Option(help="springs, blocks, multigrid, compliance or neo-hookean.")] = "blocks",
+    model: Annotated[
+        str | None,
+        typer.Option(
+            help="springs, blocks, multigrid, compliance or neo-hookean. Default: what keeps 1000 ticks a second here."
+        ),
+    ] = None,
     radius: Annotated[float | None, typer.Option(help="Of the contact, mm. Default: two edge lengths.")] = None,
     port: Annotated[
         int | None, typer.Option(help="On this machine's loopback. Default: a free one from 8765 on.")
@@ -39,7 +45,7 @@ def touch_command(
     ends the session.
     """
     from palpate.commands.score import scored
-    from palpate.simulation.task import target_of
+    from palpate.simulation.training_task import target_of
 
     recorded = None if replay is None else pp.read_record(replay)
     names = [path.stem if len({p.stem for p in tissue}) == len(tissue) else str(path) for path in tissue]
@@ -60,5 +66,6 @@ def touch_command(
         task=asked.text,
     )
     if record is not None and task != "touch":
-        typer.echo(scored(pp.read_record(record), solid, asked).text())
-        typer.echo(f"report: palpate score {record} {tissue[0]} --task {task} -o report.html")
+        typer.echo(scored(pp.read_record(record), solid, asked, record.name).text())
+        words = ["palpate", "score", str(record), str(tissue[0]), "--task", task, "-o", "report.html"]
+        typer.echo(f"report: {shlex.join(words)}")

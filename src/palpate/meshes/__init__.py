@@ -1,1 +1,1 @@
-"""From labels to a solid of tetrahedra."""
+"""Tetrahedral meshes from labels."""

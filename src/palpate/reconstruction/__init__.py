@@ -1,1 +1,1 @@
-"""From projections to a volume: projector, likelihood, prior, descent, multi-resolution."""
+"""Reconstruction: projector, likelihood, prior, optimizers, resolution levels."""

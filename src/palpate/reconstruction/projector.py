@@ -1,12 +1,13 @@
 """Line integrals of a volume along the rays of a scan, and their exact transpose."""
 
+import math
 import warnings
+from abc import ABC, abstractmethod
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from palpate import _core
-from palpate.arrays import Float32, Float64, float32
+from palpate.arrays import ArrayLike, Float32, Float64, float32
 from palpate.errors import DataError, GeometryError
 from palpate.scans.views import Views
 from palpate.volumes.grid import Grid
@@ -14,34 +15,86 @@ from palpate.volumes.grid import Grid
 TOLERANCE = 3e-3  # relative L2 error of a view of independent voxel values, uniform in [0, 1]
 
 
-class Projector:
-    """The linear map from a volume to its projections, separable in x and y on each slice.
+class LinearMap(ABC):
+    """What a projector and its transpose share: `A @ x`, and what `scipy.sparse.linalg.aslinearoperator(A)` asks for."""
 
-    A(x):   (z, y, x) 1/mm           -> (views, rows, columns), no unit: line integrals averaged over each pixel
-    A.T(p): (views, rows, columns)   -> (z, y, x), the exact transpose
+    dtype = np.dtype(np.float32)
+    domain_shape: tuple[int, int, int]
+    range_shape: tuple[int, int, int]
+    T: "LinearMap"
 
-    tolerance: relative L2 error of each view against exact line integrals through the voxels, for independent voxel
-    values uniform in [0, 1] (smooth volumes are far below it). It decides how many products of 1-D weights a slice is
-    made of where a source lies off both axes, and the shadow moves along both while the ray crosses the slice; time
-    grows with them; rows of voxels that need fewer have fewer. And how little a voxel may weigh in a pixel before its
-    neighbour there gets its weight: all that it saves is time. It holds for panels parallel to the slices and for those
-    turned about x or y alone; any other panel is averaged from a parallel one of half its pitch, which adds about
-    0.5 %. The error is estimated on sample voxels of each view. Rays run on beyond a panel that cuts the grid.
-    `geometry` is what the kernels share.
+    @abstractmethod
+    def __call__(self, x: ArrayLike, out: Float32 | None = None) -> Float32:
+        """A x, of shape `range_shape`."""
 
-    Raises `GeometryError` when the grid reaches a focal spot or lies behind a panel, or when no ray meets it.
-    Source: distance-driven weights after De Man & Basu, Phys. Med. Biol. 49, 2004; separable trapezoids after Long,
-    Fessler & Balter, IEEE TMI 29, 2010; their product corrected by Legendre moments over the slice (cpp/weights.h).
+    def __matmul__(self, x: ArrayLike) -> Float32:
+        return self(x)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Of the matrix: (size of the range, size of the domain)."""
+        return math.prod(self.range_shape), math.prod(self.domain_shape)
+
+    def matvec(self, x: ArrayLike) -> Float32:
+        """A x of a flat array, as a flat array."""
+        return self(np.reshape(x, self.domain_shape)).ravel()
+
+    def rmatvec(self, y: ArrayLike) -> Float32:
+        """Aᵀ y of a flat array, as a flat array."""
+        return self.T.matvec(y)
+
+
+class Projector(LinearMap):
+    """The linear map from a volume to its projections.
+
+    `A(x)` gives the line integrals averaged over each pixel. `A.T(p)` is the exact transpose. On each slice the weights
+    are products of one-dimensional weights in x and y.
+
+    Parameters
+    ----------
+    views : Views
+        The geometry.
+    grid : Grid
+        The voxels, in the grid's own frame.
+    tolerance : float, optional
+        Largest relative L2 error of a view against exact line integrals, for voxels that are independent and uniform in
+        [0, 1]. Smooth volumes err far less. A smaller tolerance takes more time. It holds for panels that are parallel to
+        the slices or turned about x or y alone; any other panel is averaged from a parallel one of half its pitch.
+
+    Attributes
+    ----------
+    T : Transpose
+        The transpose.
+    domain_shape, range_shape : tuple of int
+        Shapes of the volume and of the projections.
+
+    Raises
+    ------
+    GeometryError
+        If the grid reaches a focal spot or lies behind a panel, or if no ray meets it.
+
+    References
+    ----------
+    De Man & Basu, Phys. Med. Biol. 49:2463, 2004 (distance-driven weights). Long, Fessler & Balter, IEEE TMI 29:1839,
+    2010 (separable footprints).
+
+    Examples
+    --------
+    >>> A = pp.Projector(views, grid)
+    >>> p = A(volume.values)
+    >>> x = np.random.default_rng(0).random(grid.shape)
+    >>> float(np.vdot(A(x), p)) == pytest.approx(float(np.vdot(x, A.T(p))), rel=1e-5)
+    True
     """
 
     def __init__(self, views: Views, grid: Grid, tolerance: float = TOLERANCE) -> None:
         if not 1e-6 <= tolerance <= 0.5:
             raise GeometryError(f"tolerance: expected a relative error between 1e-6 and 0.5, got {tolerance!r}")
-        check_meeting(views, grid)
+        check_field_of_view(views, grid)
         self.views, self.grid, self.tolerance = views, grid, tolerance
         self.domain_shape, self.range_shape = grid.shape, views.shape
         panels = views.panels
-        self.geometry = _core.Geometry(
+        self.geometry = _core.projection.ScanGeometry(
             source=np.ascontiguousarray(views.source),
             origin=np.array([p.origin for p in panels]),
             row_axis=np.array([p.row_axis for p in panels]),
@@ -54,32 +107,32 @@ class Projector:
             grid_origin=np.array(grid.origin),
             tolerance=tolerance,
         )
-        self.T = Transpose(self)
+        self.T: Transpose = Transpose(self)
 
     def __call__(self, x: ArrayLike, out: Float32 | None = None) -> Float32:
         """Projections (views, rows, columns) of a volume (z, y, x). Raises `DataError`."""
         values = float32("volume", x, self.domain_shape)
         out = _output(out, self.range_shape)
-        _core.project(self.geometry, values, out)
+        _core.projection.project(self.geometry, values, out)
         return out
 
 
-class Transpose:
+class Transpose(LinearMap):
     """A.T: projections back into the volume. A.T.T is A."""
 
     def __init__(self, projector: Projector) -> None:
-        self.T = projector
+        self.T: Projector = projector
         self.domain_shape, self.range_shape = projector.range_shape, projector.domain_shape
 
     def __call__(self, p: ArrayLike, out: Float32 | None = None) -> Float32:
         """Volume (z, y, x) of projections (views, rows, columns). Raises `DataError`."""
         values = float32("projections", p, self.domain_shape)
         out = _output(out, self.range_shape)
-        _core.backproject(self.T.geometry, values, out)
+        _core.projection.backproject(self.T.geometry, values, out)
         return out
 
 
-def check_meeting(views: Views, grid: Grid) -> None:
+def check_field_of_view(views: Views, grid: Grid) -> None:
     """Raises `GeometryError` unless the grid lies between sources and panels and some ray meets it."""
     corners = _corners(grid)
     shadow_low, shadow_high = [], []
@@ -103,7 +156,7 @@ def check_meeting(views: Views, grid: Grid) -> None:
                 f"grid reaches behind the focal spot of view {view} at {_mm(source)}, as seen from its panel; "
                 f"the object lies between source and panel: check the panel's origin and axes"
             )
-        # The part of the box in front of the panel casts the shadow: corners behind it are brought to the panel.
+        # Only the part of the box in front of the panel has a shadow on it.
         landed = views[view].project(corners[height > 0])[0]
         shadow_low.append(landed.min(axis=0))
         shadow_high.append(landed.max(axis=0))
@@ -116,7 +169,7 @@ def check_meeting(views: Views, grid: Grid) -> None:
             f"{low[1]:.0f} to {high[1]:.0f}, but the panel has rows 0 to {views.shape[1] - 1} and columns 0 to "
             f"{views.shape[2] - 1}; check the grid's origin, the panel's origin and axes, and the units"
         )
-    if missing:  # lawful, for a wide sweep over a small object, but seldom meant
+    if missing:  # possible for a wide sweep over a small object, but seldom intended
         warnings.warn(f"the volume's shadow misses the panel in views {missing}; they tell nothing of it", stacklevel=3)
 
 

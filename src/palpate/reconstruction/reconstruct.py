@@ -1,20 +1,24 @@
-"""From a scan to a volume: the levels, the methods, the stopping rule."""
+"""Reconstructs a volume from a scan: levels, methods, optimizers."""
 
 import time
+import warnings
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from functools import partial
 from typing import Literal, get_args
 
 import numpy as np
 
 from palpate.arrays import Float32
 from palpate.errors import DataError
-from palpate.reconstruction.baselines import backproject, sirt, uniform
-from palpate.reconstruction.cover import covering_grid
-from palpate.reconstruction.descent import data_curvature, descend
-from palpate.reconstruction.filtered import Window, check_window, fbp
-from palpate.reconstruction.likelihood import (
+from palpate.plugins import BUILT_IN, names, part
+from palpate.reconstruction.baselines.filtered_backprojection import Window, check_window, fbp
+from palpate.reconstruction.baselines.sart import check_relaxation, sart
+from palpate.reconstruction.baselines.sirt import backproject, sirt, uniform_volume
+from palpate.reconstruction.baselines.total_variation import tv
+from palpate.reconstruction.default_grid import covering_grid
+from palpate.reconstruction.iterate import Step
+from palpate.reconstruction.models.likelihood import (
     CURVATURES,
     Curvature,
     Gaussian,
@@ -22,16 +26,17 @@ from palpate.reconstruction.likelihood import (
     Transmission,
     WeightedLeastSquares,
 )
-from palpate.reconstruction.momentum import accelerate
-from palpate.reconstruction.multires import Downsample, default_levels, pyramid
-from palpate.reconstruction.prior import Prior
+from palpate.reconstruction.models.mrf_prior import Prior
+from palpate.reconstruction.multiresolution import Downsample, default_levels, pyramid
+from palpate.reconstruction.optimizers.coordinate_descent import coordinate_descent, data_curvature
+from palpate.reconstruction.optimizers.hybrid_descent import hybrid_descent, sweeps_are_cheap
+from palpate.reconstruction.optimizers.memory_gradient import memory_gradient
+from palpate.reconstruction.optimizers.ordered_subsets import SubsetsState, default_subsets, ordered_subsets
+from palpate.reconstruction.optimizers.problem import Problem
+from palpate.reconstruction.prior_parameters import choose_prior_parameters, median_curvature
 from palpate.reconstruction.projector import Projector
-from palpate.reconstruction.sart import check_relaxation, sart
-from palpate.reconstruction.step import Step
-from palpate.reconstruction.subsets import Pace, default_subsets, ordered_subsets
-from palpate.reconstruction.swept import sweep_then_accelerate, sweeps_are_cheap
-from palpate.reconstruction.tune import median_curvature, tune
-from palpate.reconstruction.tv import tv
+from palpate.reconstruction.stopping_rule import StoppingRule
+from palpate.scans.grid_placement import check_grid
 from palpate.scans.scan import Scan
 from palpate.volumes.grid import Grid
 from palpate.volumes.resample import INTERPOLATIONS, Interpolation, resample
@@ -39,37 +44,17 @@ from palpate.volumes.volume import Volume
 
 Method = Literal["map", "ml", "tv", "sirt", "sart", "fbp", "backprojection"]
 DIRECT = ("backprojection", "fbp")  # done in one step
-Optimiser = Literal["auto", "momentum", "descent", "subsets"]
 LikelihoodOf = Literal["poisson", "gaussian", "least-squares"] | Callable[[Scan], Likelihood]
+Baseline = Callable[
+    [Projector, Likelihood, Float32], Iterator[tuple[Float32, float]]
+]  # a method without a prior of ours
 LIKELIHOODS: dict[str, Callable[[Scan], Likelihood]] = {
     "poisson": Transmission.of,
     "gaussian": Gaussian.of,
     "least-squares": WeightedLeastSquares.of,
 }
+OLD_SPELLING = "the old spelling is taken until version 0.3"
 TOLERANCE = 1e-3
-COARSE = 20.0  # see _Rule
-
-
-@dataclass(frozen=True)
-class _Rule:
-    """When a level is finished: after so many iterations, or when one gains less than a share of the objective.
-
-    The share is `tolerance` on the finest level. A coarse level is but a start: once what it still gains is small beside
-    what the step to the finer grid costs and brings, its own posterior is not wanted. But what is broad is found nowhere
-    so cheaply, and by descent hardly at all on the finest grid. Level 1 ends at 5 times the tolerance. An iteration costs a
-    quarter as much a level further down, so it is worth making there for a quarter of the gain: each level down the share
-    is a quarter.
-
-    iterations: the most a level, finest first.
-    """
-
-    iterations: Sequence[int]
-    tolerance: float
-
-    def finished(self, level: int, iteration: int, objective: float, previous: float | None) -> bool:
-        share = self.tolerance * (COARSE / 4**level if level else 1.0)
-        gained = previous is not None and abs(previous - objective) > share * abs(objective)
-        return iteration >= self.iterations[level] or (previous is not None and not gained)
 
 
 def iterates(
@@ -82,7 +67,7 @@ def iterates(
     likelihood: LikelihoodOf = "poisson",
     start: Literal["backprojection", "uniform"] | Volume = "backprojection",
     curvature: Curvature = "precomputed",
-    optimiser: Optimiser | Sequence[Optimiser] = "auto",
+    optimizer: str | Sequence[str] = "auto",
     iterations: int | Sequence[int] = 50,
     tolerance: float = TOLERANCE,
     downsample: Downsample = "sum",
@@ -91,40 +76,94 @@ def iterates(
     cutoff: float = 1.0,
     relaxation: float = 1.0,
     resume: Step | None = None,
+    optimiser: str | Sequence[str] | None = None,
 ) -> Iterator[Step]:
-    """Every iterate of a reconstruction, coarsest level first (M-MAP-L; `levels=1` is F-MAP).
+    """Yield every iterate of a reconstruction, coarsest level first.
 
-    levels: None takes as many as the grid asks for, 3 or more (`default_levels`). method: "map" minimises
-    -log likelihood + β R, "ml" without prior (β = 0); "tv", "sirt", "sart", "fbp" and "backprojection" are baselines on the
-    finest level. prior: `Prior()` if None; what it leaves open the data choose; "tv" takes from it the strength alone (see
-    `tv` for its meaning there).
-    likelihood: "poisson" for counts, "gaussian" for counts with a variance that follows the mean (`Gaussian`),
-    "least-squares" for intensities that are none, or a function from a scan to a likelihood. start: on the coarsest level.
-    curvature: see `Transmission.curvature`. optimiser: of "map" and "ml", one or one a level, finest first: "momentum"
-    (`accelerate`), "descent" (`descend`), "subsets" (`ordered_subsets`), or "auto", which is momentum, with several
-    levels after three sweeps of descent where the panel is parallel to the slices (`sweep_then_accelerate`).
-    iterations: at most so many on the finest level and twice as many a level down, or a number a level, finest first.
-    tolerance: a level ends when an iteration lowers the objective by less than this share; level 1 at 5 times it, and a
-    level down at a quarter of that. downsample, interpolation: see `pyramid`, `resample`. window, cutoff: of `fbp`.
-    relaxation: of `sart`. resume: the step after which to go on, exactly as if never stopped. Raises `DataError` and
-    `GeometryError` at once, before any work.
+    Several levels are the dissertation's M-MAP; `levels=1` is its F-MAP. "map" minimizes −log likelihood + β R.
+
+    Parameters
+    ----------
+    scan : Scan
+        The projections.
+    grid : Grid
+        The voxels of the finest level.
+    levels : int, optional
+        Number of resolutions. By default the grid decides, 3 or more.
+    method : str, optional
+        "map"; "ml", which has no prior; or a baseline on the finest level: "tv", "sirt", "sart", "fbp", "backprojection".
+    prior : Prior, optional
+        By default `Prior()`. The data choose what it leaves open. "tv" uses its strength only.
+    likelihood : str or callable, optional
+        "poisson" for counts, "gaussian" for counts with a variance that follows the mean, "least-squares" for intensities,
+        or a function from a scan to a likelihood.
+    start : str or Volume, optional
+        "backprojection", "uniform" or a volume, on the coarsest level.
+    curvature : str, optional
+        As in `Transmission.curvature`.
+    optimizer : str or sequence of str, optional
+        Of "map" and "ml", one or one for each level, finest first: "momentum", "descent", "subsets", or "auto", which is
+        momentum, after three sweeps of coordinate descent on each of several levels if the panel is parallel to the slices.
+        Names of `register_optimizer` serve too.
+    iterations : int or sequence of int, optional
+        Most iterations on the finest level (twice as many one level down), or a number for each level, finest first.
+    tolerance : float, optional
+        A level ends when an iteration lowers the objective by less than this share. Level 1 takes 5 times as much, and each
+        coarser level a quarter of the one above.
+    downsample : str, optional
+        How pixels are combined on coarse levels: "sum" keeps Poisson counts; "linear", "nearest", "median" do not.
+    interpolation : str, optional
+        How a volume goes to the next level, see `resample`.
+    window, cutoff : optional
+        Of `fbp`.
+    relaxation : float, optional
+        Of `sart`.
+    resume : Step, optional
+        The step after which to go on, exactly as if the run had never stopped.
+    optimiser : str, optional
+        The old spelling of `optimizer`, until version 0.3.
+
+    Yields
+    ------
+    Step
+        Each iterate.
+
+    Raises
+    ------
+    DataError, GeometryError
+        If an argument is not valid, before any work is done.
+
+    References
+    ----------
+    Chen, PhD dissertation, University of Delaware, 2006. Erdogan & Fessler, IEEE TMI 18:801, 1999.
+
+    Examples
+    --------
+    >>> steps = list(pp.iterates(scan, grid, levels=1, iterations=3))
+    >>> steps[-1].objective < steps[0].objective
+    True
     """
+    optimizer = _new_spelling(optimizer, optimiser)
     levels = default_levels(scan, grid) if levels is None else levels
     most = _per_level(iterations, levels)
-    _choices(method, curvature, interpolation, start, likelihood, tolerance)
-    optimisers = _optimisers(optimiser, levels)
+    _check_choices(method, curvature, interpolation, start, likelihood, tolerance)
+    optimizers = _optimizers(optimizer, levels)
     check_window(window, cutoff)
     check_relaxation(relaxation)
     chosen = LIKELIHOODS[likelihood] if isinstance(likelihood, str) else likelihood
     scans = pyramid(scan, grid, levels if method in ("map", "ml") else 1, downsample)
-    A = Projector(scan.views, grid)  # a geometry that cannot be is refused here
-    if levels == 1 or not sweeps_are_cheap(A):  # "auto" begins with sweeps: see `sweep_then_accelerate`
-        optimisers = ["momentum" if name == "auto" else name for name in optimisers]
-    rule = _Rule(most, tolerance)
+    A = Projector(scan.views, grid)  # raises GeometryError before any work
+    for finding in check_grid(scan.views, grid):
+        warnings.warn(str(finding), stacklevel=2)
+    if levels == 1 or not sweeps_are_cheap(A):  # then "auto" has no sweeps: see `hybrid_descent`
+        optimizers = ["momentum" if name == "auto" else name for name in optimizers]
+    rule = StoppingRule(most, tolerance)
     prior = prior if prior is not None else Prior()
-    knobs = (window, cutoff, relaxation)
-    steps = _run(scans, A, method, prior, chosen, start, curvature, optimisers, rule, interpolation, resume, knobs)
-    return steps
+    baseline = _baseline(method, prior, window, cutoff, relaxation)
+    return _run(scans, A, method, prior, chosen, start, curvature, optimizers, rule, interpolation, resume, baseline)
+
+
+OPTIONS = tuple(iterates.__kwdefaults__ or ())
 
 
 def reconstruct(
@@ -133,16 +172,59 @@ def reconstruct(
     *,
     thickness: float | None = None,
     spacing: float | None = None,
-    **options: object,
+    levels: int | None = None,
+    method: Method = "map",
+    prior: Prior | None = None,
+    likelihood: LikelihoodOf = "poisson",
+    start: Literal["backprojection", "uniform"] | Volume = "backprojection",
+    curvature: Curvature = "precomputed",
+    optimizer: str | Sequence[str] = "auto",
+    iterations: int | Sequence[int] = 50,
+    tolerance: float = TOLERANCE,
+    downsample: Downsample = "sum",
+    interpolation: Interpolation = "linear",
+    window: Window = "hann",
+    cutoff: float = 1.0,
+    relaxation: float = 1.0,
+    resume: Step | None = None,
+    optimiser: str | Sequence[str] | None = None,
 ) -> Volume:
-    """The attenuation (z, y, x), 1/mm, behind a scan: the last of `iterates`, whose options it takes.
+    """Return the volume behind a scan: the last of `iterates`.
 
-    grid: None covers the field that the views share, over `thickness` mm of depth, with voxels of `spacing` mm in the slice
-    (see `covering_grid`). Raises `DataError` and `GeometryError`.
+    Parameters
+    ----------
+    scan : Scan
+        The projections.
+    grid : Grid, optional
+        The voxels. By default they cover the field that the views share, see `covering_grid`.
+    thickness : float, optional
+        Depth of the default grid, mm.
+    spacing : float, optional
+        Voxel size of the default grid in the slice, mm.
+    levels, method, prior, likelihood, start, curvature, optimizer, iterations, tolerance : optional
+        As for `iterates`.
+    downsample, interpolation, window, cutoff, relaxation, resume, optimiser : optional
+        As for `iterates`.
+
+    Returns
+    -------
+    Volume
+        Attenuation (z, y, x), 1/mm.
+
+    Raises
+    ------
+    DataError, GeometryError
+        If an argument is not valid, before any work is done.
+
+    Examples
+    --------
+    >>> found = pp.reconstruct(scan, grid, levels=1, iterations=20)
+    >>> pp.nmse(found.values, volume.values) < 0.3
+    True
     """
+    given = locals() | {"optimizer": _new_spelling(optimizer, optimiser), "optimiser": None}
     grid = covering_grid(scan.views, thickness, spacing) if grid is None else grid
-    last = deque(iterates(scan, grid, **options), maxlen=1)  # type: ignore[arg-type]
-    return last[0].volume
+    return deque(iterates(scan, grid, **{name: given[name] for name in OPTIONS}), maxlen=1)[0].volume
 
 
 def _run(
@@ -153,101 +235,109 @@ def _run(
     likelihood: Callable[[Scan], Likelihood],
     start: str | Volume,
     curvature: Curvature,
-    optimisers: Sequence[Optimiser],
-    rule: _Rule,
+    optimizers: Sequence[str],
+    rule: StoppingRule,
     interpolation: Interpolation,
     resume: Step | None,
-    knobs: tuple[Window, float, float],
+    baseline: Baseline,
 ) -> Iterator[Step]:
     began = time.perf_counter() - (resume.seconds if resume else 0)
     A, data = finest = A, likelihood(scans[0][0])
     prior = Prior("quadratic", 0.0) if method == "ml" else prior
-    prior, beta = _weighed(prior, A, data) if method == "map" else (prior, 0.0)
+    prior, beta = _prior_with_weight(prior, A, data) if method == "map" else (prior, 0.0)
     last = resume
     for level in reversed(range(len(scans))):
         if last is not None and (last.level < level or (last.level == level and last.finished)):
             continue
         level_scan, grid = scans[level]
         A, data = (Projector(level_scan.views, grid), likelihood(level_scan)) if level else finest
-        # Twice the strength a level: a jump between two regions then weighs about the same on every grid. A level has a
-        # quarter of the pairs across it, each of twice the weight in mm (half and once where slices stay as thick).
+        # The strength doubles with each level, so that an edge has about the same penalty on every grid: a coarser level
+        # has a quarter of the pairs across it, each of twice the weight in mm (half and once where slices stay as thick).
         weight = beta * 2**level
         if last is not None and last.level == level:
             values, done, objective, before = last.volume.values, last.iteration, last.objective, last.previous
         else:
             values = (
-                resample(last.volume, grid, interpolation).values if last else _first(start, A, data, interpolation)
+                resample(last.volume, grid, interpolation).values
+                if last
+                else _initial_values(start, A, data, interpolation)
             )
             done, objective, before = 0, None, None
-        remembers = method in ("map", "ml") and optimisers[level] != "descent"
-        pace = None
-        if remembers and optimisers[level] == "subsets":
-            pace = Pace.of(before, last.pace) if last and before is not None else Pace(default_subsets(len(A.views)))
-            part = _parts(level_scan, likelihood)
-            solver = ordered_subsets(A, data, prior, weight, values, part, pace, curvature)
-        elif remembers and optimisers[level] == "auto":
-            solver = sweep_then_accelerate(A, data, prior, weight, values, curvature, done, before)
+        remembers = method in ("map", "ml") and optimizers[level] != "descent"
+        pace, own = None, None
+        if remembers and optimizers[level] == "subsets":
+            pace = (
+                SubsetsState.of(before, last.pace)
+                if last and before is not None
+                else SubsetsState(default_subsets(len(A.views)))
+            )
+            some = _likelihood_of_views(level_scan, likelihood)
+            solver = ordered_subsets(A, data, prior, weight, values, some, pace, curvature)
+        elif remembers and optimizers[level] not in BUILT_IN["optimizer"]:
+            state = last.state if last is not None and done else {}
+            own = part("optimizer", optimizers[level])(Problem(A, data, prior, weight, curvature), values.copy(), state)
+            solver = iter(own.update, None)
+        elif remembers and optimizers[level] == "auto":
+            solver = hybrid_descent(A, data, prior, weight, values, curvature, done, before)
         elif remembers:
-            solver = accelerate(A, data, prior, weight, values, curvature, before)
+            solver = memory_gradient(A, data, prior, weight, values, curvature, before)
+        elif method in ("map", "ml"):
+            solver = coordinate_descent(A, data, prior, weight, values, curvature)
         else:
-            solver = _solver(method, A, data, prior, weight, values, curvature, knobs)
+            solver = baseline(A, data, values)
         for iteration, (f, now) in enumerate(solver, done + 1):
             finished = method in DIRECT or rule.finished(level, iteration, now, objective)
-            # Never written to again by the solver: no copy, for a volume can be gigabytes.
-            handed = method in ("map", "ml") and pace is None
-            if handed and not finished:
+            # The solver does not write to it again, so it is not copied: a volume can have gigabytes.
+            shared = method in ("map", "ml") and pace is None and own is None
+            if shared and not finished:
                 f.flags.writeable = False
-            volume = Volume(f if handed else f.copy(), grid)
-            previous, told = (values, ()) if pace is None else pace.state()
-            if finished or not remembers:
-                previous, told = None, ()
-            last = Step(volume, now, level, iteration, time.perf_counter() - began, finished, previous, told)
+            volume = Volume(f if shared else np.array(f), grid)
+            previous, numbers = (values, ()) if pace is None else pace.state()
+            if finished or not remembers or own:
+                previous, numbers = None, ()
+            state = {name: np.array(array) for name, array in own.state().items()} if own and not finished else {}
+            seconds = time.perf_counter() - began
+            last = Step(volume, now, level, iteration, seconds, finished, previous, numbers, state)
             objective, values = now, volume.values
             yield last
             if finished:
                 break
 
 
-def _parts(scan: Scan, likelihood: Callable[[Scan], Likelihood]) -> Callable[[list[int]], Likelihood]:
+def _likelihood_of_views(scan: Scan, likelihood: Callable[[Scan], Likelihood]) -> Callable[[list[int]], Likelihood]:
     """The likelihood of some of the views."""
     return lambda views: likelihood(scan[views])
 
 
-def _weighed(prior: Prior, A: Projector, data: Likelihood) -> tuple[Prior, float]:
-    """The prior with nothing left open, and β, frozen on the finest grid."""
+def _prior_with_weight(prior: Prior, A: Projector, data: Likelihood) -> tuple[Prior, float]:
+    """The prior with all parameters chosen, and β, from the finest grid."""
     known = data_curvature(A, data)
-    prior = tune(prior, A, data, known)
+    prior = choose_prior_parameters(prior, A, data, known)
     assert prior.strength is not None
     return prior, prior.strength * median_curvature(known)
 
 
-def _solver(
-    method: Method,
-    A: Projector,
-    data: Likelihood,
-    prior: Prior,
-    beta: float,
-    values: Float32,
-    curvature: Curvature,
-    knobs: tuple[Window, float, float],
-) -> Iterator[tuple[Float32, float]]:
-    window, cutoff, relaxation = knobs
+def _baseline(method: Method, prior: Prior, window: Window, cutoff: float, relaxation: float) -> Baseline:
     if method in DIRECT:
-        values = backproject(A, data) if method == "backprojection" else fbp(A, data, window, cutoff)
-        return iter([(values, data.value(A(values)))])
-    if method == "sirt":
-        return sirt(A, data, values)
+        make = backproject if method == "backprojection" else partial(fbp, window=window, cutoff=cutoff)
+        return lambda A, data, values: iter([(volume := make(A, data), data.value(A(volume)))])
     if method == "sart":
-        return sart(A, data, values, relaxation)
-    if method == "tv":
-        return tv(A, data, values, prior.strength)
-    return descend(A, data, prior, beta, values, curvature)
+        return partial(sart, relaxation=relaxation)
+    return partial(tv, strength=prior.strength) if method == "tv" else sirt
 
 
-def _first(start: str | Volume, A: Projector, data: Likelihood, interpolation: Interpolation) -> Float32:
+def _initial_values(start: str | Volume, A: Projector, data: Likelihood, interpolation: Interpolation) -> Float32:
     if isinstance(start, Volume):
         return np.maximum(resample(start, A.grid, interpolation).values, 0)
-    return uniform(A, data) if start == "uniform" else backproject(A, data)
+    return uniform_volume(A, data) if start == "uniform" else backproject(A, data)
+
+
+def _new_spelling(optimizer: str | Sequence[str], optimiser: str | Sequence[str] | None) -> str | Sequence[str]:
+    """The optimizer, given by either spelling; the old one warns the caller's caller."""
+    if optimiser is None:
+        return optimizer
+    warnings.warn(f"optimiser={optimiser!r}: write optimizer=; {OLD_SPELLING}", DeprecationWarning, stacklevel=3)
+    return optimiser
 
 
 def _per_level(iterations: int | Sequence[int], levels: int) -> Sequence[int]:
@@ -257,20 +347,20 @@ def _per_level(iterations: int | Sequence[int], levels: int) -> Sequence[int]:
     return each
 
 
-def _optimisers(optimiser: Optimiser | Sequence[Optimiser], levels: int) -> Sequence[Optimiser]:
-    each = [optimiser] * levels if isinstance(optimiser, str) else list(optimiser)
+def _optimizers(optimizer: str | Sequence[str], levels: int) -> Sequence[str]:
+    each = [optimizer] * levels if isinstance(optimizer, str) else list(optimizer)
     for name in each:
-        if name not in get_args(Optimiser):
-            raise DataError(f"optimiser: there is no {name!r}; choose from {', '.join(get_args(Optimiser))}")
+        if name not in names("optimizer"):
+            raise DataError(f"optimizer: there is no {name!r}; choose from {', '.join(names('optimizer'))}")
     if len(each) != levels:
-        raise DataError(f"optimiser: expected one, or {levels} (finest first), got {optimiser!r}")
+        raise DataError(f"optimizer: expected one, or {levels} (finest first), got {optimizer!r}")
     return each
 
 
-def _choices(
+def _check_choices(
     method: str, curvature: str, interpolation: str, start: object, likelihood: object, tolerance: float
 ) -> None:
-    """Refuses names that there are not, with those that there are."""
+    """Raises `DataError` for an unknown name, and lists the known ones."""
     for name, value, there in (
         ("method", method, get_args(Method)),
         ("curvature", curvature, CURVATURES),

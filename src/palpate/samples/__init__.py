@@ -4,6 +4,11 @@ from pathlib import Path
 
 from palpate.errors import FileError
 
+# The kidney of the sample "abdomen", as the demo and the study of deformation take it.
+KIDNEY_LABEL = "kidney_left"
+KIDNEY_POISSON = 0.45  # Poisson's ratio
+KIDNEY_BED = 0.25  # share of its depth, from the back, that lies in fat and muscle and is held still
+
 
 def sample(name: str) -> Path:
     """Folder of a sample: "breast" (FDA photon counts), "head" (portal projections), "abdomen" (CT and labels)."""

@@ -1,1 +1,1 @@
-"""Projections: geometry, counts, files, and simulated scans."""
+"""Scans: geometry, counts, files and simulation."""

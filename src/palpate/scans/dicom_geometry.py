@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from pydicom import Dataset
 
-from palpate.arrays import Float64
+from palpate.arrays import AnyArray, Float64
 from palpate.errors import FileError, GeometryError
 from palpate.scans.views import Panel, Views
-from palpate.volumes.dicom_files import group, has, named, number, numbers
+from palpate.volumes.dicom_io import functional_group, has_tag, tag_name, tag_number, tag_numbers
 
-WAY = "or give the geometry: palpate scan template -o geometry.yaml, fill it in, then --geometry geometry.yaml"
+WAY = "or give the geometry: palpate scan template -o geometry.yaml, fill it in, give it with --geometry"
 STANDING = np.diag([-1.0, -1.0, 1.0])  # gantry's right, rear, up to LPS: the patient stands facing the equipment
 LETTERS = {"L": (1, 0, 0), "R": (-1, 0, 0), "P": (0, 1, 0), "A": (0, -1, 0), "H": (0, 0, 1), "F": (0, 0, -1)}
 # On which side of the patient the tube is, by view position (PS3.3 C.8.11.5.1.1).
@@ -26,7 +26,7 @@ DISTANCE = 1.0  # mm, between the distance from tube to panel that is said and t
 
 
 @dataclass(frozen=True, eq=False)
-class Shot:
+class ProjectionHeader:
     """One projection's header: the data set and which of its frames, and what a message calls it."""
 
     where: str
@@ -36,26 +36,26 @@ class Shot:
 
     def home(self, macro: str, keyword: str) -> Dataset:
         """Where a tag is looked for: this frame's functional group, else the top of the data set."""
-        found = group(self.dataset, self.frame, macro)
-        return found if has(found, keyword) else self.dataset
+        found = functional_group(self.dataset, self.frame, macro)
+        return found if has_tag(found, keyword) else self.dataset
 
 
-def isocentric_views(shots: list[Shot]) -> Views:
+def isocentric_views(shots: list[ProjectionHeader]) -> Views:
     """Views of a Breast Projection X-Ray Image, each frame by its isocentre reference system (PS3.3 C.8.31.6)."""
     turns, corners, axes, sources, pitches = [], [], [], [], []
     for shot in shots:
-        iso = group(shot.dataset, shot.frame, "IsocenterReferenceSystemSequence")
+        iso = functional_group(shot.dataset, shot.frame, "IsocenterReferenceSystemSequence")
 
-        def angle(part: str, shot: Shot = shot, iso: Dataset = iso) -> tuple[float, float]:
+        def angle(part: str, shot: ProjectionHeader = shot, iso: Dataset = iso) -> tuple[float, float]:
             one, two = (
-                number(shot.where, iso, f"{part}Isocenter{which}Angle", WAY) for which in ("Primary", "Secondary")
+                tag_number(shot.where, iso, f"{part}Isocenter{which}Angle", WAY) for which in ("Primary", "Secondary")
             )
             return np.radians(one), np.radians(two)
 
         turn = _turn(*angle("Detector"))
-        middle = np.array([number(shot.where, iso, f"Detector{a}PositionToIsocenter", WAY) for a in "XYZ"])
-        first = numbers(shot.where, iso, "DetectorActiveAreaTLHCPosition", 3, WAY)
-        cosines = numbers(shot.where, iso, "DetectorActiveAreaOrientation", 6, WAY).reshape(2, 3)
+        middle = np.array([tag_number(shot.where, iso, f"Detector{a}PositionToIsocenter", WAY) for a in "XYZ"])
+        first = tag_numbers(shot.where, iso, "DetectorActiveAreaTLHCPosition", 3, WAY)
+        cosines = tag_numbers(shot.where, iso, "DetectorActiveAreaOrientation", 6, WAY).reshape(2, 3)
         pitch, offset = _field(shot)
         corner = middle + turn @ (first + offset[1] * cosines[0] + offset[0] * cosines[1])
         across = cosines @ turn.T
@@ -81,9 +81,21 @@ def _turn(primary: float, secondary: float) -> Float64:
     return np.asarray(about_y @ about_x)
 
 
-def _field(shot: Shot) -> tuple[Float64, Float64]:
+def as_detected(shot: ProjectionHeader, image: AnyArray) -> AnyArray:
+    """An image as the detector read it: a turn by 180 degrees, and a flip after it, are undone. Raises `FileError`."""
+    turned = float(shot.dataset.get("FieldOfViewRotation") or 0) % 360
+    if turned not in (0, 180):
+        raise FileError(
+            f"{shot.where}: its image was turned by {turned:g} degrees ({tag_name('FieldOfViewRotation')}) from the "
+            f"detector, which is not undone; export it as detected, {WAY}"
+        )
+    flipped = str(shot.dataset.get("FieldOfViewHorizontalFlip") or "NO") == "YES"
+    return image[:: -1 if turned else 1, :: -1 if flipped != (turned == 180) else 1]
+
+
+def _field(shot: ProjectionHeader) -> tuple[Float64, Float64]:
     """Pitch (rows, columns) mm, and from the active area's first element to the centre of the image's first pixel."""
-    pitch = numbers(
+    pitch = tag_numbers(
         shot.where,
         shot.home("FramePixelDataPropertiesSequence", "ImagerPixelSpacing"),
         "ImagerPixelSpacing",
@@ -91,31 +103,28 @@ def _field(shot: Shot) -> tuple[Float64, Float64]:
         WAY,
     )
     top = shot.dataset
-    if str(top.get("FieldOfViewHorizontalFlip", "NO")) == "YES" or float(top.get("FieldOfViewRotation", 0) or 0) != 0:
-        raise FileError(
-            f"{shot.where}: its image was turned or flipped from the detector ({named('FieldOfViewRotation')}, "
-            f"{named('FieldOfViewHorizontalFlip')}), which is not undone; export it as detected, {WAY}"
-        )
     element = (
-        numbers(shot.where, top, "DetectorElementSpacing", 2, WAY) if has(top, "DetectorElementSpacing") else pitch
+        tag_numbers(shot.where, top, "DetectorElementSpacing", 2, WAY)
+        if has_tag(top, "DetectorElementSpacing")
+        else pitch
     )
     offset = (pitch - element) / 2
-    if has(top, "FieldOfViewOrigin") and has(top, "DetectorActiveOrigin"):
-        field, active = (numbers(shot.where, top, k, 2, WAY) for k in ("FieldOfViewOrigin", "DetectorActiveOrigin"))
+    if has_tag(top, "FieldOfViewOrigin") and has_tag(top, "DetectorActiveOrigin"):
+        field, active = (tag_numbers(shot.where, top, k, 2, WAY) for k in ("FieldOfViewOrigin", "DetectorActiveOrigin"))
         offset = offset + (field - active) * element
     return pitch, offset
 
 
-def _spot(shot: Shot, towards: Float64, corner: Float64, axes: Float64, pitch: Float64) -> Float64:
+def _spot(shot: ProjectionHeader, towards: Float64, corner: Float64, axes: Float64, pitch: Float64) -> Float64:
     """The focal spot, `towards` from the isocentre: as far as is said, or as the distance to the panel makes it.
 
     That distance goes to the middle of the chest wall's edge of the panel, the edge nearest to the gantry's front.
     """
     home = shot.home("XRayGeometrySequence", "DistanceSourceToIsocenter")
-    if has(home, "DistanceSourceToIsocenter"):
-        return towards * number(shot.where, home, "DistanceSourceToIsocenter", WAY)
+    if has_tag(home, "DistanceSourceToIsocenter"):
+        return towards * tag_number(shot.where, home, "DistanceSourceToIsocenter", WAY)
     home = shot.home("XRayGeometrySequence", "DistanceSourceToDetector")
-    distance = number(shot.where, home, "DistanceSourceToDetector", WAY)
+    distance = tag_number(shot.where, home, "DistanceSourceToDetector", WAY)
     rows, columns = shot.shape
     middles = [
         corner + c * pitch[1] * axes[0] + r * pitch[0] * axes[1]
@@ -125,20 +134,20 @@ def _spot(shot: Shot, towards: Float64, corner: Float64, axes: Float64, pitch: F
     reach = distance**2 - edge @ edge + (towards @ edge) ** 2
     if reach <= 0:
         raise GeometryError(
-            f"{shot.where}: {named('DistanceSourceToDetector')} of {distance:g} mm does not reach from the panel past the "
+            f"{shot.where}: {tag_name('DistanceSourceToDetector')} of {distance:g} mm does not reach from the panel past the "
             f"isocentre; check it, {WAY}"
         )
     return np.asarray(towards * (towards @ edge + np.sqrt(reach)))
 
 
-def pivoted_views(shots: list[Shot]) -> Views:
+def pivoted_views(shots: list[ProjectionHeader]) -> Views:
     """Views with a file each: a resting panel, a tube that swings about one point above the middle of its foot."""
     first = shots[0]
     mammogram = str(first.dataset.get("Modality", "")) == "MG"
     along, down, normal = _orientation(first, mammogram)
-    pitch = numbers(first.where, first.dataset, "ImagerPixelSpacing", 2, WAY)
+    pitch = tag_numbers(first.where, first.dataset, "ImagerPixelSpacing", 2, WAY)
     for shot in shots[1:]:
-        other = numbers(shot.where, shot.dataset, "ImagerPixelSpacing", 2, WAY)
+        other = tag_numbers(shot.where, shot.dataset, "ImagerPixelSpacing", 2, WAY)
         if not np.allclose(other, pitch, rtol=1e-4) or any(
             np.abs(a - b).max() > 1e-6
             for a, b in zip(_orientation(shot, mammogram), (along, down, normal), strict=True)
@@ -162,13 +171,13 @@ def pivoted_views(shots: list[Shot]) -> Views:
     return Views(_swing(shots, np.array(beams), n), panel, direction)
 
 
-def _swing(shots: list[Shot], beams: Float64, n: Float64) -> Float64:
+def _swing(shots: list[ProjectionHeader], beams: Float64, n: Float64) -> Float64:
     """Focal spots: at the distance of the isocentre from it, which lies above the foot as the panel's distance says."""
-    sid = np.array([number(s.where, s.dataset, "DistanceSourceToDetector", WAY) for s in shots])
+    sid = np.array([tag_number(s.where, s.dataset, "DistanceSourceToDetector", WAY) for s in shots])
     upright = int((beams @ n).argmax())
     if (beams @ n > 1 - 1e-9).all():
         return np.asarray(sid[:, None] * n)
-    radius = np.array([number(s.where, s.dataset, "DistanceSourceToIsocenter", WAY) for s in shots])[:, None]
+    radius = np.array([tag_number(s.where, s.dataset, "DistanceSourceToIsocenter", WAY) for s in shots])[:, None]
     cosine, r = float(beams[upright] @ n), float(radius[upright, 0])
     height = np.sqrt(max(sid[upright] ** 2 - r**2 * (1 - cosine**2), 0)) - r * cosine
     spots = height * n + radius * beams
@@ -176,47 +185,47 @@ def _swing(shots: list[Shot], beams: Float64, n: Float64) -> Float64:
     if np.ptp(sid) > DISTANCE and off.max() > DISTANCE:  # one number for all views is a nominal one
         worst = int(off.argmax())
         raise GeometryError(
-            f"{shots[worst].where}: {named('DistanceSourceToDetector')} is {sid[worst]:g} mm, its angle and "
-            f"{named('DistanceSourceToIsocenter')} make it {np.linalg.norm(spots[worst]):g} mm; check them, {WAY}"
+            f"{shots[worst].where}: {tag_name('DistanceSourceToDetector')} is {sid[worst]:g} mm, its angle and "
+            f"{tag_name('DistanceSourceToIsocenter')} make it {np.linalg.norm(spots[worst]):g} mm; check them, {WAY}"
         )
     return np.asarray(spots)
 
 
-def _beam(shot: Shot, mammogram: bool, u: Float64, v: Float64, n: Float64, direction: Float64) -> Float64:
+def _beam(shot: ProjectionHeader, mammogram: bool, u: Float64, v: Float64, n: Float64, direction: Float64) -> Float64:
     """From the isocentre towards the tube, unit vector.
 
     Detector angles tell the beam's tilt against the image itself (PS3.3 C.8.7.5.1.4); the positioner's angle is one about
     the patient, towards the left unless its direction says clockwise (C.8.11.7), and knows nothing of a turned panel.
     """
     top = shot.dataset
-    if has(top, "DetectorPrimaryAngle"):
-        one = np.radians(number(shot.where, top, "DetectorPrimaryAngle", WAY))
+    if has_tag(top, "DetectorPrimaryAngle"):
+        one = np.radians(tag_number(shot.where, top, "DetectorPrimaryAngle", WAY))
         two = (
-            np.radians(number(shot.where, top, "DetectorSecondaryAngle", WAY))
-            if has(top, "DetectorSecondaryAngle")
+            np.radians(tag_number(shot.where, top, "DetectorSecondaryAngle", WAY))
+            if has_tag(top, "DetectorSecondaryAngle")
             else 0
         )
         beam = n - np.tan(one) * u + np.tan(two) * v
         return np.asarray(beam / np.linalg.norm(beam))
     if not mammogram or abs(direction[2, 2]) < 0.99:
         raise FileError(
-            f"{shot.where}: lacks {named('DetectorPrimaryAngle')}, the beam's angle to a turned panel; {WAY}"
+            f"{shot.where}: lacks {tag_name('DetectorPrimaryAngle')}, the beam's angle to a turned panel; {WAY}"
         )
-    angle = np.radians(number(shot.where, top, "PositionerPrimaryAngle", WAY))
+    angle = np.radians(tag_number(shot.where, top, "PositionerPrimaryAngle", WAY))
     sign = -1 if str(top.get("PositionerPrimaryAngleDirection", "CC")) == "CW" else 1
     left = np.array([1.0, 0, 0]) @ direction
     return np.asarray(np.sin(sign * angle) * left + np.cos(angle) * n)
 
 
-def _orientation(shot: Shot, mammogram: bool) -> tuple[Float64, Float64, Float64]:
+def _orientation(shot: ProjectionHeader, mammogram: bool) -> tuple[Float64, Float64, Float64]:
     """LPS directions of a row of pixels, of a column of pixels, and from the panel to the tube."""
     words = [str(w) for w in np.atleast_1d(np.asarray(shot.dataset.get("PatientOrientation") or [], dtype=object))]
     if len(words) != 2 or any(set(w) - set(LETTERS) or not w for w in words):
-        raise FileError(f"{shot.where}: {named('PatientOrientation')} is {words}, expected two such as A, R; {WAY}")
+        raise FileError(f"{shot.where}: {tag_name('PatientOrientation')} is {words}, expected two such as A, R; {WAY}")
     along, down = (np.array([LETTERS[letter] for letter in word], dtype=np.float64).sum(axis=0) for word in words)
     if min(np.linalg.norm(along), np.linalg.norm(down)) < 0.5 or abs(along @ down) > 1e-6:
         raise FileError(
-            f"{shot.where}: {named('PatientOrientation')} {words} are no two directions at right angles; {WAY}"
+            f"{shot.where}: {tag_name('PatientOrientation')} {words} are no two directions at right angles; {WAY}"
         )
     along, down = np.asarray(along / np.linalg.norm(along)), np.asarray(down / np.linalg.norm(down))
     normal = np.cross(along, down)
@@ -224,18 +233,19 @@ def _orientation(shot: Shot, mammogram: bool) -> tuple[Float64, Float64, Float64
     side = _medial(shot) if position in ("ML", "LM") else TUBE.get(position)
     if side is None:
         raise FileError(
-            f"{shot.where}: {named('ViewPosition')} is {position or 'missing'}; it says on which side the tube is "
+            f"{shot.where}: {tag_name('ViewPosition')} is {position or 'missing'}; it says on which side the tube is "
             f"(one of {', '.join(TUBE)}, ML, LM); {WAY}"
         )
     towards = np.array(LETTERS[side], dtype=np.float64) * (-1 if position == "LM" else 1)
     cosine = float(normal @ towards)
     if abs(cosine) < 0.3 or (mammogram and not {"A", "P"} & set(words)):
         raise FileError(
-            f"{shot.where}: {named('PatientOrientation')} {words} does not go with {named('ViewPosition')} {position}; {WAY}"
+            f"{shot.where}: {tag_name('PatientOrientation')} {words} does not go with {tag_name('ViewPosition')} {position}; "
+            f"{WAY}"
         )
     return along, down, normal * np.sign(cosine)
 
 
-def _medial(shot: Shot) -> str | None:
+def _medial(shot: ProjectionHeader) -> str | None:
     """The letter towards the middle of the body, seen from the breast."""
     return {"L": "R", "R": "L"}.get(str(shot.dataset.get("ImageLaterality") or shot.dataset.get("Laterality") or ""))

@@ -1,4 +1,4 @@
-"""The geometry file: a YAML text that says where tube and panel were and what the numbers of a stack mean."""
+"""The geometry file: YAML with the positions of tube and panel, and the meaning of the stored values."""
 
 import difflib
 from collections.abc import Callable, Mapping, Sequence
@@ -10,10 +10,11 @@ import numpy as np
 import yaml
 
 from palpate.arrays import Float64
+from palpate.bounded_read import read_text
 from palpate.errors import FileError, GeometryError
-from palpate.scans import motion
+from palpate.scans import trajectories
+from palpate.scans.bounded_yaml import parse_yaml
 from palpate.scans.views import Panel, Views
-from palpate.volumes.files import readable
 
 UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 0.001}
 AXES = ("view", "row", "column")
@@ -21,11 +22,11 @@ TOP = ("units", "values", "incident", "background", "contrast", "unmeasured", "d
 # Of each motion: its function, the keys it cannot do without, those it can; LENGTHS are scaled by the file's units.
 SWEEP = ("count", "centre", "fulcrum")
 MOTIONS: dict[str, tuple[Callable[..., Views], tuple[str, ...], tuple[str, ...]]] = {
-    "circular": (motion.circular_views, ("radius", "height"), (*SWEEP, "start")),
-    "linear": (motion.linear_views, ("length", "height"), (*SWEEP, "direction")),
-    "hypocycloid": (motion.hypocycloid_views, ("radius", "height"), (*SWEEP, "cusps", "start")),
-    "arc": (motion.arc_views, ("angles", "radius"), ("pivot",)),
-    "rotating": (motion.rotating_views, ("angles", "source"), ("pivot", "axis")),
+    "circular": (trajectories.circular_views, ("radius", "height"), (*SWEEP, "start")),
+    "linear": (trajectories.linear_views, ("length", "height"), (*SWEEP, "direction")),
+    "hypocycloid": (trajectories.hypocycloid_views, ("radius", "height"), (*SWEEP, "cusps", "start")),
+    "arc": (trajectories.arc_views, ("angles", "radius"), ("pivot",)),
+    "rotating": (trajectories.rotating_views, ("angles", "source"), ("pivot", "axis")),
 }
 LENGTHS = ("radius", "height", "length", "centre", "fulcrum", "pivot", "source")
 FORMATS = ("raw", "tiff", "mat", "npy")
@@ -33,7 +34,7 @@ FORMATS = ("raw", "tiff", "mat", "npy")
 
 @dataclass(frozen=True)
 class Stack:
-    """How a stack lies in its file or files; shape, dtype, offset and order serve raw files only."""
+    """Layout of a stack in its file or files; shape, dtype, offset and order serve raw files only."""
 
     files: str | None = None
     format: str | None = None
@@ -65,14 +66,38 @@ class Geometry:
 
 
 def read_geometry(path: str | Path) -> Geometry:
-    """The geometry file at `path` (see `palpate scan template`), lengths in mm whatever its units.
+    """Read a geometry file.
 
-    Raises `FileError` when it is missing or not YAML, and `GeometryError` naming the key that is wrong.
+    Parameters
+    ----------
+    path : str or Path
+        A YAML file, as `palpate scan template` writes it.
+
+    Returns
+    -------
+    Geometry
+        Views and incident counts. Lengths are in mm, whatever the unit of the file.
+
+    Raises
+    ------
+    FileError
+        If the file is missing or is not YAML.
+    GeometryError
+        If a key is wrong; the message names it.
+
+    Examples
+    --------
+    >>> try:
+    ...     pp.read_geometry("missing.yaml")
+    ... except pp.errors.FileError:
+    ...     print("no such file")
+    no such file
     """
-    path = readable(path)
+    path = Path(path)
+    text = read_text(path)
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as problem:
+        content = parse_yaml(text)
+    except (yaml.YAMLError, ValueError) as problem:
         raise FileError(
             f"{path}: not a YAML text ({' '.join(str(problem).split())}); see: palpate scan template"
         ) from None
@@ -164,13 +189,18 @@ def _stack(given: Any) -> Stack:
     dtype = None if s.get("dtype") is None else str(s["dtype"])
     if dtype is not None and (dtype not in np.sctypeDict or np.dtype(dtype).kind not in "iuf"):
         raise GeometryError(f"stack.dtype: expected uint8, uint16, int32, float32 and so on, got {dtype!r}")
-    shape = None if s.get("shape") is None else tuple(_numbers("stack.shape", s["shape"], 3).astype(int).tolist())
+    sizes = None if s.get("shape") is None else _numbers("stack.shape", s["shape"], 3)
+    if sizes is not None and ((sizes < 1) | (sizes > 2**31) | (sizes != np.round(sizes))).any():
+        raise GeometryError(f"stack.shape: expected 3 whole numbers of at least 1, got {s['shape']!r}")
+    offset = _number("stack.offset", s.get("offset", 0))
+    if not 0 <= offset < 2**63 or offset != int(offset):
+        raise GeometryError(f"stack.offset: expected a number of bytes, 0 or more, got {s['offset']!r}")
     return Stack(
         files=None if s.get("files") is None else str(s["files"]),
         format=None if s.get("format") is None else _one_of("stack.format", s["format"], FORMATS),
         dtype=dtype,
-        shape=shape,
-        offset=int(_number("stack.offset", s.get("offset", 0))),
+        shape=None if sizes is None else (int(sizes[0]), int(sizes[1]), int(sizes[2])),
+        offset=int(offset),
         order=_one_of("stack.order", s.get("order", "little"), ("little", "big")),
         axes=axes,
         variable=None if s.get("variable") is None else str(s["variable"]),
@@ -195,8 +225,10 @@ def _value(where: str, given: Any) -> Any:
     if isinstance(given, Mapping):
         run = _mapping(where, given, ("first", "last", "count"), ())
         first, last, count = (_number(f"{where}.{k}", run[k]) for k in ("first", "last", "count"))
-        if count < 2:
-            raise GeometryError(f"{where}.count: expected at least 2, got {count:g}")
+        if not 2 <= count <= trajectories.MOST or count != int(count):
+            raise GeometryError(
+                f"{where}.count: expected a whole number of at least 2 and at most {trajectories.MOST}, got {count:g}"
+            )
         return np.linspace(first, last, int(count))
     return _numbers(where, given) if isinstance(given, list) else _number(where, given)
 

@@ -1,35 +1,56 @@
-"""Stacks of projections from elsewhere: DICOM, raw, TIFF, MATLAB and NumPy files, and the samples that ship with palpate."""
+"""Imports stacks of projections: DICOM, raw, TIFF, MATLAB and NumPy files, and palpate's samples."""
 
+import math
 import re
-import struct
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import scipy.io
-import tifffile
 
 from palpate.arrays import AnyArray, Bool
+from palpate.bounded_read import check_claim, existing_file, read_text
 from palpate.errors import DataError, FileError
 from palpate.samples import sample
-from palpate.scans.correct import equal_contrast, open_beam
-from palpate.scans.dicom import dicom_projections, dicom_scan, is_dicom_stack
+from palpate.scans.dicom_projections import dicom_projections, dicom_scan, is_dicom_stack
 from palpate.scans.geometry_file import AXES, Geometry, Stack, read_geometry
+from palpate.scans.intensity_correction import equal_contrast, open_beam
 from palpate.scans.scan import Scan
-from palpate.volumes.files import readable
+from palpate.volumes.suppress_output import suppress_output
+from palpate.volumes.tiff import whole_series
 
 BESIDE = "geometry.yaml"  # beside DICOM files, where their tags do not tell the geometry
 SAMPLES = ("breast", "head")
+WIDTH = {"double": 8, "single": 4, "int64": 8, "uint64": 8, "int32": 4, "uint32": 4, "int16": 2, "uint16": 2}
 FORMAT_OF = {".raw": "raw", ".bin": "raw", ".tif": "tiff", ".tiff": "tiff", ".mat": "mat", ".npy": "npy"}
 
 
 def import_scan(stack: str | Path, geometry: str | Path | Geometry | None = None) -> Scan:
-    """The scan in a stack of projections and its geometry file.
+    """Import a stack of projections and its geometry.
 
-    stack: a file, a folder, a pattern such as "view_*.tif" (several files follow each other in the order of their
-    numbers), or the name of a sample, "breast" or "head", which needs no geometry. geometry: a YAML file
-    (`palpate scan template`). DICOM projections tell their geometry; one that is given, or lies beside them as
-    geometry.yaml, takes precedence. Raises `FileError`, `DataError`, `GeometryError`.
+    Parameters
+    ----------
+    stack : str or Path
+        A file, a folder, a pattern such as "view_*.tif" (sorted by number) or the name of a
+        sample: "breast" or "head".
+    geometry : str, Path or Geometry, optional
+        A geometry file in YAML; `palpate scan template` writes one. DICOM projections hold their geometry. One that is
+        given, or that lies beside them as geometry.yaml, takes precedence.
+
+    Returns
+    -------
+    Scan
+        The projections.
+
+    Raises
+    ------
+    FileError, DataError, GeometryError
+        If a file is missing, or its contents are not valid.
+
+    Examples
+    --------
+    >>> pp.import_scan("breast").shape
+    (7, 170, 615)
     """
     if is_dicom_stack(Path(stack)):
         return _of_dicom(Path(stack), geometry)
@@ -58,7 +79,7 @@ def _of_dicom(path: Path, geometry: str | Path | Geometry | None) -> Scan:
 
 
 def geometry_of(stack: str | Path, geometry: str | Path | Geometry | None = None) -> Geometry:
-    """What a stack's numbers mean: the geometry file given, or that of the sample that `stack` names."""
+    """The geometry of a stack: the given file, or that of the sample that `stack` names."""
     if isinstance(geometry, Geometry):
         return geometry
     if geometry is not None:
@@ -97,7 +118,7 @@ def _files(where: Path, stack: Stack | None = None) -> list[Path]:
     elif re.search(r"[*?\[]", where.name) and not where.exists():
         found = [p for p in where.parent.glob(where.name) if p.is_file()]
     else:
-        return [readable(where)]
+        return [existing_file(where)]
     if not found:
         raise FileError(f"{where}: no projections there; name a file, a folder or a pattern such as 'view_*.tif'")
     return sorted(found, key=lambda p: [int(w) if w.isdigit() else w for w in re.split(r"(\d+)", p.name)])
@@ -132,7 +153,7 @@ def _raw(path: Path, stack: Stack, files: int) -> AnyArray:
     if stack.shape[views] % files:
         raise DataError(f"{path}: {files} files cannot hold equal parts of stack.shape {stack.shape}; check both")
     shape = tuple(n // files if axis == views else n for axis, n in enumerate(stack.shape))
-    wanted, there = stack.offset + int(np.prod(shape)) * kind.itemsize, path.stat().st_size
+    wanted, there = stack.offset + math.prod(shape) * kind.itemsize, path.stat().st_size
     if there != wanted:
         what = "truncated, or" if there < wanted else "longer than"
         raise FileError(
@@ -143,18 +164,22 @@ def _raw(path: Path, stack: Stack, files: int) -> AnyArray:
 
 
 def _tiff(path: Path, stack: Stack, files: int) -> AnyArray:
-    try:
-        values: AnyArray = np.squeeze(tifffile.imread(path))
+    with whole_series(path) as (_, series):
+        values: AnyArray = np.squeeze(series.asarray())
         return values
-    except (OSError, ValueError, struct.error, IndexError, KeyError, EOFError, tifffile.TiffFileError) as problem:
-        raise FileError(f"{path}: not a whole TIFF file ({problem}); copy or export it again") from None
 
 
 def _mat(path: Path, stack: Stack, files: int) -> AnyArray:
     try:
+        for one, shape, kind in scipy.io.whosmat(path):
+            if min(shape, default=0) < 0:
+                raise ValueError(f"{one} has shape {shape}")
+            check_claim(path, f"{one} {shape}", math.prod(map(int, shape)) * WIDTH.get(kind, 1), path.stat().st_size)
         content = scipy.io.loadmat(path)
     except NotImplementedError:
         raise FileError(f"{path}: a MATLAB 7.3 file; save it in MATLAB with save(..., '-v7')") from None
+    except FileError:
+        raise
     except Exception as problem:  # scipy's reader raises almost anything on a damaged file
         raise FileError(f"{path}: not a whole MATLAB file ({problem}); copy or save it again") from None
     arrays = {k: v for k, v in content.items() if k[0] != "_" and isinstance(v, np.ndarray)}
@@ -170,9 +195,9 @@ def _mat(path: Path, stack: Stack, files: int) -> AnyArray:
 
 def _npy(path: Path, stack: Stack, files: int) -> AnyArray:
     try:
-        values: AnyArray = np.load(path, allow_pickle=False)
-        return values
-    except (OSError, ValueError, EOFError) as problem:
+        with suppress_output():
+            return np.array(np.load(path, mmap_mode="r", allow_pickle=False))  # a map allocates no more than is there
+    except Exception as problem:  # what stands in the header is evaluated
         raise FileError(f"{path}: not a whole NumPy file ({problem}); copy or save it again") from None
 
 
@@ -199,7 +224,7 @@ def _inverse(g: Geometry) -> list[int]:
 def _dead(path: Path, shape: tuple[int, int]) -> Bool:
     """True at the pixels that a text file lists, one "row column" a line, # starts a comment."""
     mask = np.zeros(shape, dtype=bool)
-    for number, line in enumerate(readable(path).read_text().splitlines(), 1):
+    for number, line in enumerate(read_text(path).splitlines(), 1):
         words = line.partition("#")[0].split()
         if not words:
             continue

@@ -1,23 +1,45 @@
-"""What the panel counted."""
+"""The scan: counts of the panel, open beam, background and geometry."""
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from palpate.arrays import AnyArray, Bool, Float32, float32
+from palpate.arrays import AnyArray, ArrayLike, Bool, Float32, float32
 from palpate.errors import DataError
 from palpate.scans.views import Views
 
 
 @dataclass(frozen=True, eq=False, init=False)
 class Scan:
-    """Projections of an object: what is measured, and all that is needed to say what it means.
+    """Projections of an object, and all that is needed to interpret them.
 
-    counts: photons (views, rows, columns), may be non-integer. incident: photons a pixel would count with nothing in
-    the beam; scalar, (views,) or full. background: expected scatter and dark counts, likewise. mask: True = measured,
-    (views, rows, columns) or broadcastable; what lies where it is False is never used, and may be NaN. Raises
-    `DataError`.
+    `scan[::2]` is the scan with every second view.
+
+    Parameters
+    ----------
+    counts : array_like, (views, rows, columns)
+        Photons; they need not be integers.
+    incident : array_like
+        Photons that a pixel would count with nothing in the beam: a scalar, (views,) or the shape of `counts`.
+    views : Views
+        The geometry.
+    background : array_like, optional
+        Expected scatter and dark counts, likewise.
+    mask : array_like of bool, optional
+        True where a pixel was measured, of a shape that broadcasts to `counts`. Other pixels are not
+        used and may be NaN.
+
+    Raises
+    ------
+    DataError
+        If shapes differ, or a count is negative or not finite.
+
+    Examples
+    --------
+    >>> counts = np.full((5, 40, 48), 900.0)
+    >>> scan = pp.Scan(counts, incident=1000, views=views)
+    >>> scan[::2].shape
+    (3, 40, 48)
     """
 
     counts: Float32
@@ -46,9 +68,9 @@ class Scan:
         y = float32("counts", _where_measured(counts, measured), views.shape)
         b = per_pixel("incident", _where_measured(incident, measured), views.shape)
         r = per_pixel("background", _where_measured(background, measured), views.shape)
-        _refuse("counts", y, (y < 0) & measured, "negative", "subtract no more than the offset, or mask them")
-        _refuse("background", r, (r < 0) & measured, "negative", "expected counts cannot be below 0")
-        _refuse("incident", b, (b <= 0) & measured, "0 or less", "mask dead pixels with mask=False there")
+        _raise_at("counts", y, (y < 0) & measured, "negative", "subtract no more than the offset, or mask them")
+        _raise_at("background", r, (r < 0) & measured, "negative", "expected counts cannot be below 0")
+        _raise_at("incident", b, (b <= 0) & measured, "0 or less", "mask dead pixels")
         for name, value in (("counts", y), ("incident", b), ("background", r), ("mask", measured)):
             value = value.view()
             value.flags.writeable = False
@@ -62,11 +84,11 @@ class Scan:
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """(views, rows, columns)."""
+        """Number of (views, rows, columns)."""
         return self.views.shape
 
     def _repr_html_(self) -> str:
-        from palpate.scans.plots import scan_html  # only a notebook asks
+        from palpate.scans.scan_plots import scan_html  # only a notebook asks
 
         return scan_html(self)
 
@@ -90,7 +112,7 @@ def per_pixel(name: str, values: ArrayLike, shape: tuple[int, int, int]) -> Floa
         raise DataError(f"{name}: expected a scalar, ({shape[0]},) one a view, or {shape}; got {array.shape}") from None
 
 
-def _refuse(name: str, values: AnyArray, bad: Bool, what: str, remedy: str) -> None:
+def _raise_at(name: str, values: AnyArray, bad: Bool, what: str, remedy: str) -> None:
     if bad.any():
         view, row, column = (int(i) for i in np.argwhere(bad)[0])
         raise DataError(

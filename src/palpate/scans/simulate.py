@@ -1,13 +1,12 @@
-"""Scans of analytic phantoms, with the noise of counting."""
+"""Simulates scans of analytic phantoms, with Poisson noise."""
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from palpate import _core
-from palpate.arrays import Float64
+from palpate.arrays import ArrayLike, Float64
 from palpate.errors import DataError, GeometryError
-from palpate.scans import motion as motions
-from palpate.scans.phantom import Box, Common, Ellipsoid, Phantom, Solid
+from palpate.scans import trajectories
+from palpate.scans.analytic_phantoms import Box, Ellipsoid, Intersection, Phantom, Solid
 from palpate.scans.scan import Scan
 from palpate.scans.views import Panel, Views
 
@@ -23,12 +22,35 @@ def simulate_scan(
     mask: ArrayLike | None = None,
     subrays: int = 2,
 ) -> Scan:
-    """Counts that a panel would show: Poisson(incident · mean of e^-p over the pixel's area + background).
+    """Simulate the counts of a panel: Poisson(incident · mean of e⁻ᵖ over the pixel + background).
 
-    incident, background, mask: as in `Scan`. seed: the same seed gives the same counts; None gives the expected counts
-    themselves, without noise. subrays: each pixel's area is averaged over subrays² rays, each an exact line integral p.
-    Raises `DataError`, also for voxels instead of a `Phantom`: a scan from our own projector would flatter what is
-    reconstructed with that same projector (the inverse crime).
+    Parameters
+    ----------
+    phantom : Phantom
+        The object. A volume is refused: a scan from palpate's own projector would favour palpate (inverse crime).
+    views : Views
+        The geometry.
+    incident, background, mask : array_like
+        As in `Scan`.
+    seed : int or None, optional
+        Equal seeds give equal counts. None gives the expected counts without noise.
+    subrays : int, optional
+        Each pixel is the mean over subrays² rays, each with an exact line integral p.
+
+    Returns
+    -------
+    Scan
+        The projections.
+
+    Raises
+    ------
+    DataError
+        If `phantom` is a volume or an argument is not valid.
+
+    Examples
+    --------
+    >>> pp.simulate_scan(phantom, views, incident=10_000, seed=1).shape
+    (5, 40, 48)
     """
     if not isinstance(phantom, Phantom):
         raise DataError(
@@ -55,7 +77,7 @@ def transmission(phantom: Phantom, source: Float64, panel: Panel, subrays: int =
     down, right = fine[0] * np.asarray(panel.row_axis), fine[1] * np.asarray(panel.column_axis)
     start = panel.points([(0.5 / subrays - 0.5,) * 2])[0]
     passed = np.empty(panel.shape)
-    _core.transmission(
+    _core.phantom.transmission(
         np.cumsum([0] + [len(solids) for solids in known]),
         np.array([attenuation for _, attenuation in phantom.parts], np.float64),
         np.array([_rays_that_meet(solid.bounds(), source, panel, subrays) for solid, _ in phantom.parts], np.int64),
@@ -69,13 +91,16 @@ def transmission(phantom: Phantom, source: Float64, panel: Panel, subrays: int =
 
 
 def _primitives(solid: Solid) -> list[tuple[int, Float64]]:
-    """Kind and numbers (cpp/shadow.h) of the convex solids of which a solid is the common part; none if there is no such."""
+    """Kind and numbers of the convex solids whose intersection is a solid; none if there are no such solids.
+
+    The numbers are those of cpp/phantom/analytic_transmission.h.
+    """
     if type(solid) is Ellipsoid:
         turn = np.asarray(solid.axes) / np.asarray(solid.radii)
         return [(0, np.concatenate([turn.ravel(), np.asarray(solid.centre)]))]
     if type(solid) is Box:
         return [(1, np.concatenate([solid.bounds().ravel(), np.zeros(6)]))]
-    if type(solid) is Common:
+    if type(solid) is Intersection:
         parts = [_primitives(part) for part in solid.solids]
         return [primitive for part in parts for primitive in part] if all(parts) else []
     return []
@@ -133,13 +158,15 @@ def standard_views(
     corner = (-(columns - 1) / 2 * pitch, -(rows - 1) / 2 * pitch, 0)
     panel, pivot = Panel(shape, (pitch, pitch), corner), (0, 0, 50)
     if motion == "circular":
-        return motions.circular_views(panel, radius=extent, height=distance, count=count)
+        return trajectories.circular_views(panel, radius=extent, height=distance, count=count)
     if motion == "hypocycloid":
-        return motions.hypocycloid_views(panel, radius=extent, height=distance, count=count)
+        return trajectories.hypocycloid_views(panel, radius=extent, height=distance, count=count)
     if motion == "linear":
-        return motions.linear_views(panel, length=extent, height=distance, count=count)
+        return trajectories.linear_views(panel, length=extent, height=distance, count=count)
     if motion == "arc":
-        return motions.arc_views(panel, np.linspace(-angle, angle, count), radius=distance - 50, pivot=pivot)
+        return trajectories.arc_views(panel, np.linspace(-angle, angle, count), radius=distance - 50, pivot=pivot)
     if motion == "rotating":
-        return motions.rotating_views(panel, np.linspace(-angle, angle, count), source=(0, 0, distance), pivot=pivot)
+        return trajectories.rotating_views(
+            panel, np.linspace(-angle, angle, count), source=(0, 0, distance), pivot=pivot
+        )
     raise GeometryError(f"motion: {motion!r} cannot be simulated; choose circular, hypocycloid, linear, arc, rotating")

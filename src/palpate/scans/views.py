@@ -1,12 +1,11 @@
-"""Where the X-rays come from and where they land: one focal spot and one flat panel a view."""
+"""Views: one focal spot and one flat panel for each projection."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from palpate.arrays import Float64
+from palpate.arrays import ArrayLike, Float64
 from palpate.errors import GeometryError
 
 FAR = 10_000.0  # mm; no X-ray room is longer, but 1,500 mm given in micrometres is
@@ -14,11 +13,29 @@ FAR = 10_000.0  # mm; no X-ray room is longer, but 1,500 mm given in micrometres
 
 @dataclass(frozen=True, eq=False, init=False)
 class Panel:
-    """A flat panel.
+    """A flat panel: where its pixels are.
 
-    shape: (rows, columns). pitch: (dv, du) mm between rows and between columns. origin: centre (x, y, z) of pixel
-    (0, 0), mm. row_axis, column_axis: directions in which the row and the column index grow, orthogonal; made unit
-    length. Raises `GeometryError`.
+    Parameters
+    ----------
+    shape : array_like, (2,)
+        Number of (rows, columns).
+    pitch : array_like, (2,)
+        Distance between rows and between columns, mm.
+    origin : array_like, (3,)
+        Centre (x, y, z) of pixel (0, 0), mm.
+    row_axis, column_axis : array_like, (3,), optional
+        Directions in which the row and the column index grow. They must be orthogonal and are made unit length.
+
+    Raises
+    ------
+    GeometryError
+        If a length is not positive or the axes are not orthogonal.
+
+    Examples
+    --------
+    >>> panel = pp.Panel(shape=(40, 48), pitch=(2, 2), origin=(-47, -39, 0))
+    >>> panel.points([(0, 0), (39, 47)]).tolist()
+    [[-47.0, -39.0, 0.0], [47.0, 39.0, 0.0]]
     """
 
     shape: tuple[int, int]
@@ -59,11 +76,22 @@ class Panel:
 
     @property
     def normal(self) -> Float64:
-        """Unit vector column_axis x row_axis: towards the source for an unmirrored panel seen from above."""
+        """Unit vector column_axis × row_axis. It points to the source if the panel is not mirrored."""
         return np.cross(self.column_axis, self.row_axis)
 
     def points(self, pixels: ArrayLike) -> Float64:
-        """Positions (N, 3) mm of (possibly fractional) pixels (N, 2) in (row, column) order."""
+        """Return the positions of pixels.
+
+        Parameters
+        ----------
+        pixels : array_like, (N, 2)
+            Pixels in (row, column) order; they may be fractional.
+
+        Returns
+        -------
+        ndarray, (N, 3)
+            Positions (x, y, z), mm.
+        """
         rc = np.atleast_2d(np.asarray(pixels, dtype=np.float64))
         steps = rc[:, :1] * self.pitch[0] * self.row_axis + rc[:, 1:] * self.pitch[1] * self.column_axis
         points: Float64 = self.origin + steps
@@ -72,10 +100,37 @@ class Panel:
 
 @dataclass(frozen=True, eq=False, init=False)
 class Views:
-    """source: focal spots (views, 3) mm. panels: one panel a view, all of one shape. Raises `GeometryError`.
+    """The focal spot and the panel of each view.
 
-    direction: 3x3 rotation whose columns are the world's x, y, z axes in patient space (LPS), where it is known; a
-    volume inherits it. `views[::2]` is every second view.
+    `views[::2]` is every second view.
+
+    Parameters
+    ----------
+    source : array_like, (views, 3)
+        Focal spots (x, y, z), mm.
+    panel : Panel or sequence of Panel
+        One panel for all views, or one for each view, all of one shape.
+    direction : array_like, (3, 3), optional
+        Rotation whose columns are the world's x, y and z axes in patient space (LPS). A volume inherits it.
+
+    Attributes
+    ----------
+    panels : tuple of Panel
+        The panel of each view.
+
+    Raises
+    ------
+    GeometryError
+        If shapes differ or a position is not finite.
+
+    Examples
+    --------
+    >>> panel = pp.Panel((40, 48), (2, 2), (-47, -39, 0))
+    >>> views = pp.Views([(0, 0, 500), (50, 0, 500)], panel)
+    >>> views.shape
+    (2, 40, 48)
+    >>> views[:1].shape
+    (1, 40, 48)
     """
 
     source: Float64
@@ -120,11 +175,22 @@ class Views:
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """(views, rows, columns)."""
+        """Number of (views, rows, columns)."""
         return (len(self), *self.panels[0].shape)
 
     def project(self, points: ArrayLike) -> Float64:
-        """Where rays through points (N, 3) mm land: (views, N, 2) fractional (row, column)."""
+        """Return where rays through points meet each panel.
+
+        Parameters
+        ----------
+        points : array_like, (N, 3)
+            Points (x, y, z), mm.
+
+        Returns
+        -------
+        ndarray, (views, N, 2)
+            Fractional (row, column).
+        """
         points = np.atleast_2d(np.asarray(points, dtype=np.float64))
         landed = np.empty((len(self), len(points), 2))
         for view, (s, panel) in enumerate(zip(self.source, self.panels, strict=True)):

@@ -1,35 +1,71 @@
-"""What page and server say to each other, defined once; `web/messages.py` writes the page's half from this.
+"""Messages between page and server, and the enumerations in them; `web/generate_messages.py` writes the TypeScript.
 
-Binary messages are little-endian: a byte that says which it is, then the fields in order, then nothing or one array.
+Binary messages are little-endian: a byte for the kind of message, the fields in order, then at most one array. A text
+message from the server is shown to the user.
 """
 
 import struct
 from dataclasses import dataclass, fields
+from enum import IntEnum
 from typing import Annotated, Any, get_args, get_type_hints
 
 import numpy as np
 
 from palpate.arrays import AnyArray, Float32
 from palpate.errors import DataError
-from palpate.simulation.devices.pointer import KINDS, TOOLS
+from palpate.simulation.pointer import TOOLS, CommandKind, ContactState
+from palpate.simulation.session import LUMP, SAMPLE
 
-# Each type's second part is its code in Python's struct.
+# The second argument of each type is its format in Python's struct.
 U8 = Annotated[int, "B"]
 U32 = Annotated[int, "I"]
 F32 = Annotated[float, "f"]
 F64 = Annotated[float, "d"]
 Vector = Annotated[tuple[float, float, float], "3f"]
 
-STEPS = 32767  # of the 16-bit displacements
+DISPLACEMENT_STEPS = 32767  # of the 16-bit displacements in a `Frame`
+DISTANCE_STEPS = 65535  # of the 16-bit distances in a `Difference`
+AT_REST = 1e-4  # mm: smaller displacements are not sent
+
+
+class SelectionKind(IntEnum):
+    """What a `Selection` selects."""
+
+    model = 0
+    organ = 1
+
+
+class MarkKind(IntEnum):
+    """What a `Mark` says."""
+
+    lump = LUMP
+    sample = SAMPLE
+
+
+class ComparisonState(IntEnum):
+    """What a `Difference` holds."""
+
+    preparing = 0
+    compared = 1
+    no_reference = 2
+    contacts_overlap = 3
+
+
+class CloseCode(IntEnum):
+    """Codes with which the server closes a page's WebSocket (RFC 6455; from 4000 on they are the application's)."""
+
+    refused = 1008
+    too_many_pages = 1013
+    scene_changed = 4001
 
 
 @dataclass(frozen=True)
-class Tool:
-    """Page to server: what one hand wants. kind: `KINDS`' number; 0 lets go.
+class ToolCommand:
+    """Page to server: the command of one tool. kind: a `CommandKind`; serial: the number of the command.
 
-    hold: the tissue at `point` (mm, on the surface at rest) is displaced by `displacement` mm. needle: `point` is where
-    it enters (mm, on the surface at rest), `displacement` leads from there to where its tip is to be. free: `point` is
-    where the tool's tip is in space (mm); what it touches follows from that.
+    away: the tool lets go. hold: the tissue at `point` (mm, on the surface at rest) is displaced by `displacement` mm.
+    needle: it enters at `point` (mm, on the surface at rest); `displacement` leads from there to the demanded position
+    of its tip. free: the tip of the tool is at `point` in space (mm); contact follows from that.
     """
 
     tool: U8
@@ -40,30 +76,32 @@ class Tool:
 
 
 @dataclass(frozen=True)
-class Choose:
-    """Page to server: what 0 is a model of the scene's `models`, 1 an organ (a resolution) of its `organs`, by index."""
+class Selection:
+    """Page to server: selects one of the scene's `models` or `organs` by index. kind: a `SelectionKind`."""
 
-    what: U8
+    kind: U8
     index: U8
 
 
 @dataclass(frozen=True)
 class Mark:
-    """Page to server: what 0 says that a lump was found under a tool, 1 that its needle takes a sample here."""
+    """Page to server: the user found a lump under this tool, or takes a sample with it. kind: a `MarkKind`."""
 
-    what: U8
+    kind: U8
     tool: U8
 
 
 @dataclass(frozen=True)
 class Frame:
-    """Server to page: one tick, for each of four tools. mm; force in N, of the tissue on the tool.
+    """Server to page: the state after one tick. Lengths in mm; force in N, of the tissue on the tool.
 
-    grip: 0 idle, 1 holding, 2 refused, 3 in space and not touching. point, displacement, force: three numbers a tool,
-    one tool after the other; the tool is drawn at point + displacement. inside: mm of a needle in the tissue. serial: of
-    the newest command obeyed. seconds: the loop's clock. busy: seconds of work in a tick, smoothed. model: index in the
-    scene's models. energy: N mm that the tools have put into the tissue and it holds or has used up. Then (count, 3)
-    16-bit whole numbers: the displacements of the first count shown nodes (0 or all) in units of `step` mm.
+    contact: a `ContactState` for each tool. point, displacement, force: three numbers for each tool; the tool is drawn
+    at point + displacement. insertion: mm of a needle in the tissue. serial: of the newest command obeyed. seconds: the
+    loop's clock. busy: computing time of a tick in seconds, smoothed. late, faults: ticks that began late, answers of
+    the model that were not finite. model, chosen: indices in the scene's models of the one that answers and of the one that
+    was chosen last, which may still be built. energy: N mm that the tools have put into the
+    tissue, stored or dissipated there. Then (count, 3) 16-bit integers: the displacements of the first `count` shown
+    nodes (0 or all) in units of `step` mm.
     """
 
     model: U8
@@ -74,43 +112,43 @@ class Frame:
     seconds: F64
     busy: F32
     energy: F32
-    grip: Annotated[tuple[int, ...], "4B"]
+    contact: Annotated[tuple[int, ...], "4B"]
     point: Annotated[tuple[float, ...], "12f"]
     displacement: Annotated[tuple[float, ...], "12f"]
     force: Annotated[tuple[float, ...], "12f"]
-    inside: Annotated[tuple[float, ...], "4f"]
+    insertion: Annotated[tuple[float, ...], "4f"]
+    chosen: U8
     step: F32
     count: U32
 
 
 @dataclass(frozen=True)
 class Compare:
-    """Page to server: on 1 asks for a `Difference` now and then from here on, 0 for no more."""
+    """Page to server: 1 asks the server to send a `Difference` from time to time, 0 asks it to stop."""
 
     on: U8
 
 
 @dataclass(frozen=True)
 class Difference:
-    """Server to page, if it asks: how far what one tick shows is from linear finite elements under the same contacts.
+    """Server to page, on request: the distance of one tick's state from linear finite elements under the same contacts.
 
-    state: 0 the reference is being prepared, 1 compared, 2 this mesh has no reference, 3 it cannot tell contacts apart
-    that press the same nodes. force: N, the reference's, of the tissue on each tool, three numbers a tool. off: how far
-    the model's forces are from it, all tools together, over its size. Then (count,) 16-bit whole numbers: of each shown
-    node the distance from where the reference has it, in units of `step` mm; count 0: it is zero everywhere.
+    state: a `ComparisonState`. force: N, of the tissue on each tool by the reference, three numbers for each tool.
+    force_error: norm of the difference of all forces over the norm of the reference's. Then (count,) 16-bit integers:
+    the distance of each shown node from its position by the reference, in units of `step` mm; count 0: zero everywhere.
     """
 
     state: U8
     tick: F64
     force: Annotated[tuple[float, ...], "12f"]
-    off: F32
+    force_error: F32
     step: F32
     count: U32
 
 
 @dataclass(frozen=True)
 class Part:
-    """Triangles first..first + count of the scene: the organ, or a region inside it."""
+    """Triangles first to first + count of the scene: the organ, or a region inside it."""
 
     name: str
     first: int
@@ -120,13 +158,13 @@ class Part:
 
 @dataclass(frozen=True)
 class Scene:
-    """Server to page, once, as JSON of `header` bytes (a 32-bit number before it), padded with blanks to 4 bytes.
+    """Server to page, once: a 32-bit length, then JSON of that length, padded with blanks to a multiple of 4 bytes.
 
-    Then (nodes, 3) float32 mm at rest, then (triangles, 3) 32-bit whole numbers, normals outwards. reach: mm, the
-    longest displacement that a tool may ask for. limit: N, what a device is pushed with at most. front: radians about z
-    from -y towards +x, the side from which to look first. models, organs: what may be chosen while it runs; organ: the
-    index of this one. task: what a trainee is asked to do, or empty. images: whether there are slices to show beside it
-    (an `Album` at /album, its values as `palpate view` serves them).
+    Then (nodes, 3) float32 mm at rest, then (triangles, 3) 32-bit integers, normals outwards. reach: mm, the longest
+    displacement that a tool may ask for. limit: N, the largest force on a device. front: radians about z from -y
+    towards +x, the direction from which the organ is first seen. models, organs: what can be selected while the session
+    runs; organ: the index of this one. task: the trainee's task, or empty. reason: why the session begins with its model,
+    or empty. images: whether there are slices to show (an `Album` at /album, its values as `palpate view` serves them).
     """
 
     title: str
@@ -145,12 +183,13 @@ class Scene:
     organs: list[str]
     organ: int
     task: str
+    reason: str
     images: bool
 
 
 @dataclass(frozen=True)
 class Window:
-    """Values from low (black) to high (white), and what the choice rests on."""
+    """A display window: values from low (black) to high (white). hint: how they were chosen."""
 
     name: str
     low: float
@@ -160,7 +199,7 @@ class Window:
 
 @dataclass(frozen=True)
 class Stack:
-    """Values of one kind, (z, y, x) or (view, row, column), little-endian, fetched on their own; NaN is not measured."""
+    """An array (z, y, x) or (view, row, column), little-endian, fetched separately; NaN: not measured."""
 
     name: str
     unit: str
@@ -172,10 +211,10 @@ class Stack:
 class Image:
     """A volume or a scan for `palpate view`. spacing: (z, y, x) mm, of a scan (1, row, column). origin: (x, y, z) mm.
 
-    direction: 3x3 row by row, columns are the axes x, y, z. patient: they are left, posterior, superior; else the axes
-    of a reconstruction. file: 3x4 row by row, from an index here, with a 1 after it, to that of the array which was
-    given. water: its attenuation, 1/mm, or 0 if unknown. note: what the page must say about the data. captions: of
-    each view of a scan.
+    direction: 3x3 row by row; its columns are the axes x, y, z. patient: these axes point left, posterior, superior;
+    otherwise they are those of a reconstruction. file: 3x4 row by row, the affine map from an index here to an index of
+    the given array. water: attenuation of water, 1/mm, or 0 if unknown. note: text that the page shows about the data.
+    captions: of each view of a scan.
     """
 
     title: str
@@ -194,25 +233,27 @@ class Image:
 
 @dataclass(frozen=True)
 class Album:
-    """Server to page, once, as JSON: what is viewed, one image or two to compare."""
+    """Server to page, once, as JSON: the images to view, one or two."""
 
     images: list[Image]
 
 
-BINARY: list[type] = [Tool, Frame, Choose, Mark, Compare, Difference]
-SAID: list[type] = [Tool, Choose, Mark, Compare]  # by pages
+BINARY: list[type] = [ToolCommand, Frame, Selection, Mark, Compare, Difference]
+FROM_PAGE: list[type] = [ToolCommand, Selection, Mark, Compare]
 JSON: list[type] = [Part, Scene, Window, Stack, Image, Album]
+ENUMS: list[type[IntEnum]] = [CommandKind, ContactState, SelectionKind, MarkKind, ComparisonState, CloseCode]
+CONSTANTS = {"TOOLS": TOOLS, "DISTANCE_STEPS": DISTANCE_STEPS}
 
 
 def code(message: type) -> str:
-    """Python's struct code of a binary message, kind included, padded so that an array may follow."""
+    """Format of a binary message in Python's struct, its kind included, padded to a multiple of 4 bytes."""
     hints = get_type_hints(message, include_extras=True)
     exact = "<B" + "".join(get_args(hints[field.name])[1] for field in fields(message))
     return exact + "x" * (-struct.calcsize(exact) % 4)
 
 
 def encode(message: Any, rest: AnyArray | None = None) -> bytes:
-    """A binary message and the array behind it."""
+    """A binary message, followed by the array `rest`."""
     flat = [BINARY.index(type(message)) + 1]
     for field in fields(message):
         value = getattr(message, field.name)
@@ -220,48 +261,58 @@ def encode(message: Any, rest: AnyArray | None = None) -> bytes:
     return struct.pack(code(type(message)), *flat) + (b"" if rest is None else rest.tobytes())
 
 
-def decode(data: bytes) -> Tool | Choose | Mark | Compare:
-    """What a page says. Raises `DataError` on any other length, kind or number."""
-    said: type = {BINARY.index(one) + 1: one for one in SAID}.get(data[0] if data else 0, type(None))
-    if said is type(None):
-        raise DataError(f"message: kind {data[0] if data else 'none'}, expected what a page may say; reload it")
-    name, wanted = said.__name__, struct.calcsize(code(said))
+def decode(data: bytes) -> ToolCommand | Selection | Mark | Compare:
+    """The message that a page sent. Raises `DataError` if its length, kind or a number in it is wrong."""
+    sent: type = {BINARY.index(one) + 1: one for one in FROM_PAGE}.get(data[0] if data else 0, type(None))
+    if sent is type(None):
+        found = data[0] if data else "none"
+        raise DataError(
+            f"message: kind {found}, expected {[BINARY.index(one) + 1 for one in FROM_PAGE]}; reload the page"
+        )
+    name, wanted = sent.__name__, struct.calcsize(code(sent))
     if len(data) != wanted:
         raise DataError(f"{name}: {len(data)} bytes, expected {wanted}; reload the page")
-    _, *values = struct.unpack(code(said), data)
-    if said is Choose:
-        return Choose(*values)
-    if said is Mark:
-        if values[0] > 1 or values[1] >= TOOLS:
-            raise DataError(f"Mark: {values[0]} of tool {values[1]}: there is no such thing; reload the page")
+    _, *values = struct.unpack(code(sent), data)
+    if sent is Selection:
+        if values[0] >= len(SelectionKind):
+            raise DataError(f"Selection: kind {values[0]}, expected less than {len(SelectionKind)}; reload the page")
+        return Selection(*values)
+    if sent is Mark:
+        if values[0] >= len(MarkKind) or values[1] >= TOOLS:
+            raise DataError(
+                f"Mark: kind {values[0]}, tool {values[1]}, expected less than {len(MarkKind)} and {TOOLS}; "
+                f"reload the page"
+            )
         return Mark(*values)
-    if said is Compare:
+    if sent is Compare:
         if values[0] > 1:
             raise DataError(f"Compare: {values[0]}, expected 0 or 1; reload the page")
         return Compare(*values)
     tool, kind, serial, *numbers = values
-    if tool >= TOOLS or kind >= len(KINDS):
-        raise DataError(f"Tool: number {tool}, kind {kind}, expected less than {TOOLS} and {len(KINDS)}")
+    if tool >= TOOLS or kind >= len(CommandKind):
+        raise DataError(
+            f"ToolCommand: tool {tool}, kind {kind}, expected less than {TOOLS} and {len(CommandKind)}; reload the page"
+        )
     if not np.isfinite(numbers).all():
-        raise DataError(f"Tool: {numbers} are not all finite; reload the page")
+        raise DataError(f"ToolCommand: {numbers} are not all finite; reload the page")
     x, y, z, dx, dy, dz = numbers
-    return Tool(tool, kind, serial, (x, y, z), (dx, dy, dz))
+    return ToolCommand(tool, kind, serial, (x, y, z), (dx, dy, dz))
 
 
 def flat(vectors: Any) -> tuple[float, ...]:
-    """Tool by tool, three numbers each."""
+    """The numbers of several vectors, one vector after the other."""
     return tuple(x for vector in vectors for x in vector)
 
 
-def frame_bytes(frame: Any, model: int = 0) -> bytes:
-    """A frame of the loop as a message. At rest there is no array; else the step follows the biggest displacement.
+def frame_bytes(frame: Any, model: int = 0, chosen: int = 0) -> bytes:
+    """A frame of the loop as a message. Without displacements it has no array.
 
-    16 bits of the biggest displacement are 0.2 µm at 5 mm: finer than a pixel, and half the bytes of float32.
+    The step is the largest displacement over 32767: 0.2 µm at 5 mm, less than a pixel, at half the size of float32.
     """
     shown: Float32 = frame.shown
-    most = float(np.abs(shown).max(initial=0))
-    still = most < 1e-4
-    step = most / STEPS if not still else 0.0
+    largest = float(np.abs(shown).max(initial=0))
+    at_rest = largest < AT_REST
+    step = 0.0 if at_rest else largest / DISPLACEMENT_STEPS
     message = Frame(
         model=model,
         tick=float(frame.tick),
@@ -271,12 +322,13 @@ def frame_bytes(frame: Any, model: int = 0) -> bytes:
         seconds=frame.seconds,
         busy=frame.busy,
         energy=frame.work,
-        grip=tuple(frame.grip),
+        contact=tuple(frame.contact),
         point=flat(frame.point),
         displacement=flat(frame.displacement),
         force=flat(frame.force),
-        inside=tuple(frame.inside),
+        insertion=tuple(frame.insertion),
+        chosen=chosen,
         step=step,
-        count=0 if still else len(shown),
+        count=0 if at_rest else len(shown),
     )
-    return encode(message, None if still else np.rint(shown / step).astype("<i2"))
+    return encode(message, None if at_rest else np.rint(shown / step).astype("<i2"))

@@ -1,1 +1,1 @@
-"""The 1 kHz loop, and the devices that hold the other end."""
+"""The simulation: the 1 kHz loop, its commands, records and scores."""

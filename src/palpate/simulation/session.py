@@ -1,31 +1,36 @@
-"""A tissue under tools, a thousand ticks a second: by the clock with a device, or tick by tick in lockstep."""
+"""A session: a tissue under tools at 1000 ticks a second, by the clock with a device, or in lockstep."""
 
 from collections.abc import Iterator, Sequence
+from threading import Event, Lock, Thread
 from types import TracebackType
 from typing import Any, Protocol, Self
+from weakref import ReferenceType, ref
 
 import numpy as np
 
 from palpate import _core
 from palpate.arrays import Float64
 from palpate.errors import DataError
-from palpate.meshes.mesh import TetMesh
-from palpate.meshes.shown import shown_nodes
-from palpate.simulation.devices.pointer import TOOLS, Command
-from palpate.simulation.devices.replay import Replay
-from palpate.simulation.journal import Journal
-from palpate.simulation.likeness import agrees, fingerprint, follows, settings_of
-from palpate.simulation.record import Record
-from palpate.tissue.base import TissueModel
-from palpate.tissue.models import model as build
-from palpate.tissue.models import name_of
+from palpate.meshes.display_surfaces import displayed_nodes
+from palpate.meshes.tet_mesh import TetMesh
+from palpate.simulation.event_log import EventLog
+from palpate.simulation.pointer import TOOLS, Command
+from palpate.simulation.recording import Record
+from palpate.simulation.replay import Replay
+from palpate.simulation.scripted_device import ScriptedDevice
+from palpate.simulation.session_compatibility import arithmetic, check_record, fingerprint, same_tissue, settings_of
+from palpate.simulation.session_journal import SessionJournal
+from palpate.tissue.models.registry import model as build
+from palpate.tissue.models.registry import name_of
+from palpate.tissue.models.tissue_model import TissueModel
 
-RATE: int = _core.RATE  # ticks a second
-TICK_BUDGET = 0.4e-3  # s of each tick that sweeps may take
+RATE: int = _core.simulation.RATE  # ticks a second
+TICK_BUDGET = 0.4e-3  # s of each tick for sweeps
 MOST_SWEEPS = 40
+COLLECT_INTERVAL = 0.5  # s; the queues of the loop hold the events of 16 s at least
 IDLE = Command()
-LUMP, SAMPLE = 0, 1  # what a hand may claim: `Session.mark`
-Given = Command | None | Sequence[Command | None]  # of one tool, or of up to four
+LUMP, SAMPLE = 0, 1  # what `Session.mark` may note
+Given = Command | None | Sequence[Command | None]  # for one tool, or for up to four
 
 
 class Device(Protocol):
@@ -35,12 +40,34 @@ class Device(Protocol):
 
 
 class Session:
-    """A model of a tissue under up to four tools. Drive it by the clock (`start`, `stop`) or in lockstep (`step`).
+    """A model of a tissue under up to four tools, with ticks of 1 ms.
 
-    radius: of the contact, mm (default: two mean edge lengths of the surface). sweeps: of the model in each tick
-    (default: as many as this machine does in 0.4 ms, measured now and kept in the record). limit: N, the most that a
-    device is pushed with. friction: Coulomb's, of tools in space. Raises `DataError` on a radius or limit that is not
-    positive, a negative friction, or a contact that covers too many nodes.
+    Run it in real time (`start`, `stop`) or without a clock (`step`).
+
+    Parameters
+    ----------
+    model : TissueModel
+        The model, from `pp.model`.
+    radius : float, optional
+        Radius of the contact, mm. The default is two mean edges of the surface.
+    sweeps : int, optional
+        Sweeps of the model in a tick. The default is what this machine does in 0.4 ms.
+    limit : float, optional
+        Largest force on a device, N.
+    friction : float, optional
+        Coulomb's coefficient, for free tools.
+
+    Raises
+    ------
+    DataError
+        If a number is not valid, or the contact covers too many nodes.
+
+    Examples
+    --------
+    >>> session = pp.Session(pp.model(tissue, "compliance"), radius=10, sweeps=10)
+    >>> force = session.step([pp.Command(True, tuple(top), (0, 0, -2))] * 200)
+    >>> bool(force[-1, 2] > 0)
+    True
     """
 
     def __init__(
@@ -54,26 +81,30 @@ class Session:
     ) -> None:
         self.first = self.model = model
         self.mesh: TetMesh = model.tissue.mesh
-        self.shown = shown_nodes(self.mesh)
+        self.shown = displayed_nodes(self.mesh)
         radius = 2 * mean_edge(self.mesh) if radius is None else float(radius)
         for name, value in (("radius", radius), ("limit", limit)):
             if not value > 0 or not np.isfinite(value):
                 raise DataError(f"{name}: {value:g}, expected more than 0; leave it out for the default")
         if not friction >= 0 or not np.isfinite(friction):
             raise DataError(f"friction: {friction:g}, expected 0 or more; leave it out for the default")
-        self.sweep_seconds: float = _core.sweep_seconds(model.native, model.tissue.surface, radius)
-        self.settings = _core.Settings()
+        self.sweep_seconds: float = _core.simulation.sweep_seconds(model.native, model.tissue.surface, radius)
+        self.settings = _core.simulation.SimulationSettings()
         self.settings.sweeps = self._sweeps(sweeps, self.sweep_seconds)
         self.settings.radius, self.settings.limit, self.settings.friction = radius, float(limit), float(friction)
         try:
-            self.loop = _core.Loop(model.native, model.tissue.surface, self.shown, self.settings)
+            self.loop = _core.simulation.RealtimeLoop(model.native, model.tissue.surface, self.shown, self.settings)
         except ValueError as problem:
             raise DataError(f"{problem}; choose a smaller radius") from None
         self._ticks = 0
-        self._kept = Journal()
+        self._kept = EventLog()
         self._came: list[tuple[TissueModel, int]] = []  # models and their sweeps, in the order of `change`
-        self._changes: list[int] = []  # ticks from which they ran
+        self._changes: list[int] = []  # first ticks of these models
         self._marks: list[tuple[int, int, int]] = []
+        self._lock = Lock()  # a change of model frees the retired one, and so does the collector
+        self._stopped = Event()
+        self._collector: Thread | None = None
+        self.journal: SessionJournal | None = None  # takes the events of a session that runs by the clock, as they come
 
     def __enter__(self) -> Self:
         return self
@@ -82,51 +113,88 @@ class Session:
         self.stop()
 
     def start(self, device: Device) -> None:
-        """Runs by the clock, `RATE` ticks a second, with `device` at the other end."""
+        """Run in real time, at `RATE` ticks a second, with a device.
+
+        Parameters
+        ----------
+        device : Device
+            Such as a `Pointer`.
+        """
         self.loop.start(device.core)
+        self._stopped.clear()
+        self._collector = Thread(target=_collect_while_running, args=(ref(self), self._stopped), daemon=True)
+        self._collector.start()
 
     def stop(self) -> None:
-        """Lets go and ends the run; the last force is zero. Does nothing if the session does not run."""
+        """Release the tissue and end the run. The last force is zero. Nothing happens if the session does not run."""
         self.loop.stop()
-        self._keep()
+        if self._collector:
+            self._stopped.set()
+            self._collector.join()
+            self._collector = None
+        self._collect_events()
+        self._ticks = int(self.loop.frame().tick)
 
     def step(self, commands: Sequence[Given]) -> Float64:
-        """One tick an item without a clock: a command (None: no touch), or a sequence of one for each of several tools.
+        """Run ticks without a clock.
 
-        Returns (ticks, 3) N, of the tissue on the first tool; (ticks, 4, 3), of all, where several were commanded.
+        Parameters
+        ----------
+        commands : sequence
+            One item for each tick: a command, None for no touch, or a sequence with one for each tool.
+
+        Returns
+        -------
+        ndarray, (ticks, 3) or (ticks, 4, 3)
+            Force of the tissue on the first tool, or on all tools if several were commanded, N.
         """
         alone = all(given is None or isinstance(given, Command) for given in commands)
         given = [row for at, item in enumerate(commands) for row in _rows(self._ticks + at, item)]
-        device = _core.Replay(
-            np.array([at for at, _, _ in given], dtype=np.int64),
-            np.array([tool for _, tool, _ in given], dtype=np.uint8),
-            np.array([c.number for _, _, c in given], dtype=np.uint8),
-            np.array([c.point for _, _, c in given], dtype=np.float64).reshape(-1, 3),
-            np.array([c.displacement for _, _, c in given], dtype=np.float64).reshape(-1, 3),
-            np.empty(0, dtype=np.int64),
-            np.empty(0, dtype=np.uint8),
-        )
-        force = self._advance(device, len(commands))
+        device = ScriptedDevice([at for at, *_ in given], [c for *_, c in given], [tool for _, tool, _ in given])
+        force = self._advance(device.core, len(commands))
         return force[:, 0] if alone else force
 
     def change(self, model: TissueModel, sweeps: int | None = None) -> bool:
-        """Goes on with another model of the same tissue, blended in within 0.3 s so that the force has no step.
+        """Continue with another model of the same tissue. Forces are blended over 0.3 s.
 
-        By the clock or not. False, and nothing changed, while an earlier change is under way. Raises `DataError` for a
-        model of another tissue, or of springs by a law that is not the tissue's.
+        Parameters
+        ----------
+        model : TissueModel
+            The new model.
+        sweeps : int, optional
+            Sweeps in a tick.
+
+        Returns
+        -------
+        bool
+            False if an earlier change is not finished; then nothing changes.
+
+        Raises
+        ------
+        DataError
+            If the model is of another tissue, or its springs follow another law.
         """
-        if not follows(model, self.first):
+        if not same_tissue(model, self.first):
             raise DataError("change: the model is of another tissue or spring law; make it of the session's own tissue")
-        seconds = _core.sweep_seconds(model.native, model.tissue.surface, self.settings.radius)
+        seconds = _core.simulation.sweep_seconds(model.native, model.tissue.surface, self.settings.radius)
         done = self._sweeps(sweeps, seconds)
-        if not self.loop.change(model.native, done):
-            return False
-        self.model = model
-        self._came.append((model, done))
+        with self._lock:
+            if not self.loop.change(model.native, done):
+                return False
+            self.model = model
+            self._came.append((model, done))
         return True
 
     def mark(self, what: int, tool: int = 0) -> None:
-        """Notes what the hand claims now: `LUMP` under a tool, or `SAMPLE` taken at a needle's tip; for scores."""
+        """Record what the trainee claims, for the score.
+
+        Parameters
+        ----------
+        what : int
+            `LUMP` (a lump is under the tool) or `SAMPLE` (the needle's tip is in it).
+        tool : int, optional
+            Which tool.
+        """
         if what not in (LUMP, SAMPLE) or not 0 <= tool < TOOLS:
             raise DataError(f"mark: {what} of tool {tool}, expected 0 or 1 of tool 0 to {TOOLS - 1}")
         self._marks.append((int(self.loop.frame().tick), what, tool))
@@ -141,12 +209,24 @@ class Session:
         return int(asked)
 
     def replay(self, record: Record) -> int | None:
-        """Obeys a record from its first tick to its last, in lockstep, as fast as the machine can.
+        """Replay a record without a clock, as fast as possible.
 
-        Returns None if every state digest agrees, else the tick by which the first one differs. The session must be
-        fresh, with the record's tissue, model and settings: `DataError` otherwise.
+        Parameters
+        ----------
+        record : Record
+            A record of the same tissue, model and settings.
+
+        Returns
+        -------
+        int or None
+            None if every state agrees, else the first tick that differs.
+
+        Raises
+        ------
+        DataError
+            If the session is not fresh or does not match.
         """
-        agrees(record, self.first, self.settings)
+        check_record(record, self.first, self.settings)
         if self._ticks or self.loop.frame().tick:
             raise DataError("replay: this session has run already; make a fresh one for the record")
         for _ in self.replayed(record, record.length):
@@ -159,9 +239,19 @@ class Session:
         return int(record.digest_ticks[wrong[0]]) if len(wrong) else None
 
     def replayed(self, record: Record, every: int) -> Iterator[tuple[int, Float64]]:
-        """Obeys a record in lockstep, `every` ticks at a time: the ticks done and (those, 4, 3) N. For scores.
+        """Replay a record and yield the forces. It stops also where a model changed or something was marked.
 
-        It also stops where a model changed or something was marked.
+        Parameters
+        ----------
+        record : Record
+            The record.
+        every : int
+            Ticks at a time.
+
+        Yields
+        ------
+        tuple of int and ndarray, (ticks, 4, 3)
+            The number of ticks done, and the forces, N.
         """
         device = Replay(record).core
         made = {name: self.first if name == record.model else build(self.first.tissue, name) for name in _named(record)}
@@ -179,60 +269,91 @@ class Session:
         if self.loop.running:
             raise DataError("step: the session runs by the clock; call stop() first")
         forces = [np.empty((0, TOOLS, 3))]
-        for begun in range(0, ticks, 10_000):  # the core's memory of what it obeyed is bounded
+        for begun in range(0, ticks, 10_000):  # the core's queues are bounded
             forces.append(self.loop.step(commands, min(10_000, ticks - begun)))
-            self._keep()
+            self._collect_events()
+        self._ticks = int(self.loop.frame().tick)
         return np.concatenate(forces)
 
     def frame(self) -> Any:
-        """The newest frame: tick, late, work (N mm) and, tool by tool, grip, force (N), point, displacement, tip (mm).
+        """Return the newest frame. Call it from one thread only.
 
-        shown: (S, 3) mm. From one thread only.
+        Returns
+        -------
+        Frame
+            tick, late, work (N mm), shown (S, 3) in mm; for each tool contact, force (N), point, displacement and tip (mm).
         """
-        if self.loop.running:
-            self._keep()
         return self.loop.frame()
 
     @property
     def displacement(self) -> Float64:
-        """(N, 3) mm of every node, now. Not while the session runs by the clock."""
+        """Displacement of every node, (N, 3), mm. Not while the session runs in real time."""
         if self.loop.running:
             raise DataError("displacement: the session runs by the clock; call stop() first, or look at frame().shown")
         return np.array(self.loop.displacement())
 
     def record(self) -> Record:
-        """All that was commanded so far. Raises `DataError` if the record has gaps, or while the session runs."""
+        """Return all commands so far.
+
+        Returns
+        -------
+        Record
+            The record.
+
+        Raises
+        ------
+        DataError
+            If the record has gaps, or the session runs.
+        """
         if self.loop.running:
             raise DataError("record: the session runs by the clock; call stop() first")
         if lost := self.loop.dropped():
-            raise DataError(f"record: {lost} entries were lost since nobody read frames for minutes; record again")
+            raise DataError(
+                f"record: {lost} entries were lost, since Python's threads stood still for seconds; record again"
+            )
         self._kept.add(self.loop.drain())
-        ticks, tools, kinds, points, displacements, digest_ticks, digests, switches, lacking = self._kept.columns()
         return Record(
-            ticks=ticks,
-            tools=tools,
-            kinds=kinds,
-            points=points,
-            displacements=displacements,
+            **self._kept.columns(),
             length=int(self.loop.frame().tick),
-            digest_ticks=digest_ticks,
-            digests=digests,
-            switches=switches,
-            lacking=lacking,
-            model=name_of(self.first),
-            tissue=fingerprint(self.first),
-            settings=settings_of(self.first, self.settings),
-            instructions=_core.instruction_set(),
-            changes=tuple((at, name_of(m), n) for at, (m, n) in zip(self._changes, self._came, strict=False)),
+            **self.description(),
+            changes=self._changes_made(),
             marks=tuple(self._marks),
         )
 
-    def _keep(self) -> None:
-        self._kept.add(self.loop.drain())
+    def description(self) -> dict[str, Any]:
+        """Say what a `Record` holds of the session as a whole.
+
+        Returns
+        -------
+        dict
+            model, tissue, settings and instructions, as `Record` has them.
+        """
+        return {
+            "model": name_of(self.first),
+            "tissue": fingerprint(self.first),
+            "settings": settings_of(self.first, self.settings),
+            "instructions": arithmetic(),
+        }
+
+    def _changes_made(self) -> tuple[tuple[int, str, int], ...]:
+        return tuple((at, name_of(m), n) for at, (m, n) in zip(self._changes, self._came, strict=False))
+
+    def _collect_events(self) -> None:
+        """Takes commands, digests and changes of model out of the loop's queues, which are bounded."""
+        events = self.loop.drain()
+        self._kept.add(events)
         self._changes += [tick for tick, _ in self.loop.changes()]
-        self.loop.tidy()
-        if not self.loop.running:
-            self._ticks = int(self.loop.frame().tick)
+        self.loop.free_retired()
+        if self.journal and not self.loop.dropped():
+            self.journal.append(events, self._changes_made(), self._marks)
+
+
+def _collect_while_running(session: "ReferenceType[Session]", stopped: Event) -> None:
+    """Collects the loop's events now and then; does not keep the session alive."""
+    while not stopped.wait(COLLECT_INTERVAL) and (running := session()):
+        with running._lock:
+            running._collect_events()
+        del running
 
 
 def _rows(tick: int, given: Given) -> list[tuple[int, int, Command]]:

@@ -1,1 +1,1 @@
-"""From a mesh to tissue: finite elements as truth, and models that answer a push in real time."""
+"""Tissue: reference solutions by finite elements, and models that answer a push in real time."""

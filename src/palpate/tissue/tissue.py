@@ -1,19 +1,18 @@
-"""Tissue: a mesh, its elastic constants, and where it is held."""
+"""Tissue: a mesh, its elastic constants, and its fixed nodes."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.sparse import coo_array, csgraph
 
 from palpate import _core
-from palpate.arrays import Bool, Float64, Int32, float64
+from palpate.arrays import ArrayLike, Bool, Float64, Int32, float64
 from palpate.errors import MaterialError
-from palpate.meshes.mesh import TetMesh
-from palpate.tissue.report import FitReport
-from palpate.tissue.supports import rigid_rank
+from palpate.meshes.tet_mesh import TetMesh
+from palpate.tissue.boundary_conditions import rigid_rank
+from palpate.tissue.spring_fit_report import FitReport
 
 KPA = 1e-3  # N/mm² in a kPa
 ELEMENTS = ("P1", "P2", "mixed")
@@ -23,12 +22,29 @@ Constant = float | ArrayLike | Mapping[int, float] | Mapping[str, float] | Mappi
 
 @dataclass(frozen=True)
 class SpringLaw:
-    """How a tissue's springs follow from its mesh and constants; `fit` chooses the numbers.
+    """How the springs of a tissue follow from its mesh. `fit` chooses the numbers.
 
-    law: RSC = k_h/k_e as a function of the row r (1 at the contact): "uniform" RSC0, "linear" RSC0·r, or "exponential"
-    1 − exp(RSC0·r) with RSC0 < 0. rows: r counted in "rings" of the mesh (the dissertation) or as 1 + "distance" from
-    the contact in edge lengths, which grows alike without steps. weights: edge springs "equal" in mm or "cotangent"
-    (the edge weights of the scalar Laplacian on linear tetrahedra). scale: their common factor, no unit.
+    Parameters
+    ----------
+    law : {"uniform", "linear", "exponential"}, optional
+        RSC = k_h / k_e as a function of the row r, which is 1 at the contact: RSC₀, RSC₀ r, or 1 − exp(RSC₀ r).
+    rsc : float, optional
+        RSC₀, no unit. It is negative for "exponential".
+    weights : {"equal", "cotangent"}, optional
+        Weights of the edge springs. "cotangent" are those of the scalar Laplacian on linear tetrahedra.
+    rows : {"rings", "distance"}, optional
+        Count r in rings of the mesh, as the dissertation does, or as 1 + distance from the contact in edge lengths.
+    scale : float, optional
+        Common factor of all springs, no unit.
+
+    References
+    ----------
+    Chen, PhD dissertation, University of Delaware, 2006.
+
+    Examples
+    --------
+    >>> pp.SpringLaw("uniform", rsc=0.05).weights
+    'cotangent'
     """
 
     law: str = "exponential"
@@ -55,14 +71,36 @@ class SpringLaw:
 
 @dataclass(frozen=True, eq=False, init=False)
 class Tissue:
-    """A solid that can be pushed.
+    """An elastic solid that can be pushed.
 
-    mesh: the solid. young: kPa, one number, (M,) a tet, or {region number or name: kPa}. poisson: likewise, no unit,
-    0 ≤ ν < 0.5, and 0.5 too with the mixed element. fixed: node indices, or an (N,) mask, of the nodes held still.
-    element: what `finite_elements` uses by default, "P1" (locks near ν = 0.5), "P2" or "mixed". springs, report: what
-    `fit` found.
+    Parameters
+    ----------
+    mesh : TetMesh
+        The solid.
+    young : float, array_like (M,), or dict
+        Young's modulus, kPa: one number, one for each tetrahedron, or by region number or name.
+    poisson : float, array_like (M,), or dict
+        Poisson's ratio, no unit, 0 ≤ ν < 0.5; 0.5 is allowed with the mixed element.
+    fixed : array_like
+        Indices of the nodes that are held, or an (N,) mask.
+    element : {"P1", "P2", "mixed"}, optional
+        What `finite_elements` uses by default. P1 locks near ν = 0.5.
+    springs : SpringLaw, optional
+        The springs that `fit` found.
+    report : FitReport, optional
+        The report of `fit`.
 
-    Raises `MaterialError` on constants no tissue has and on supports that leave a rigid motion free.
+    Raises
+    ------
+    MaterialError
+        If a constant is not that of a tissue, or the supports leave a rigid motion free.
+
+    Examples
+    --------
+    >>> fixed = pp.resting_on(mesh, (0, 0, -1))
+    >>> tissue = pp.Tissue(mesh, {"organ": 5, "lump": 50}, poisson=0.4, fixed=fixed)
+    >>> bool(tissue.held.sum() == len(fixed))
+    True
     """
 
     mesh: TetMesh
@@ -95,6 +133,10 @@ class Tissue:
             raise MaterialError(f"element: {element!r} is not built; choose one of {', '.join(ELEMENTS)}")
         _refuse_ratios(ratio, element)
         held = _node_indices(fixed, len(mesh.nodes))
+        if len(held) == len(mesh.nodes):
+            raise MaterialError(
+                "fixed: all nodes are held, so nothing can be pushed; hold those that rest on something"
+            )
         _refuse_rigid_motions(mesh, held)
         for name, value in (("young", modulus), ("poisson", ratio), ("fixed", held)):
             value.flags.writeable = False
@@ -104,19 +146,21 @@ class Tissue:
 
     @cached_property
     def held(self) -> Bool:
-        """(N,) True where the node is held still."""
+        """True where a node is held, (N,)."""
         mask = np.zeros(len(self.mesh.nodes), dtype=bool)
         mask[self.fixed] = True
         return mask
 
     @cached_property
-    def surface(self) -> "_core.Surface":
-        """The boundary at rest, for nearest points and contact patches; native, immutable, thread-safe."""
-        return _core.Surface(self.mesh.nodes, np.ascontiguousarray(self.mesh.surface), self.held.view(np.uint8))
+    def surface(self) -> "_core.tissue.ContactSurface":
+        """The boundary at rest, for nearest points and contact patches. It is native, immutable and thread-safe."""
+        return _core.tissue.ContactSurface(
+            self.mesh.nodes, np.ascontiguousarray(self.mesh.surface), self.held.view(np.uint8)
+        )
 
     @cached_property
     def edges(self) -> Int32:
-        """(E, 2) pairs of nodes that share an edge, lower index first, sorted."""
+        """Pairs of nodes that share an edge, (E, 2), lower index first, sorted."""
         return mesh_edges(self.mesh)
 
     @cached_property

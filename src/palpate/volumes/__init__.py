@@ -1,1 +1,1 @@
-"""Voxels: where they are, what they hold, how they are read, written and segmented."""
+"""Volumes and labels: their grids, files, segmentation and quality measures."""

@@ -1,4 +1,4 @@
-"""Volumes written as DICOM: a Breast Tomosynthesis Image (one file, many frames), or a CT series (a file a slice)."""
+"""Writing DICOM volumes: a Breast Tomosynthesis Image (one file), or a CT series (one file for each slice)."""
 
 from collections.abc import Mapping
 from datetime import datetime
@@ -12,7 +12,7 @@ from pydicom.uid import PYDICOM_IMPLEMENTATION_UID, ExplicitVRLittleEndian, gene
 from pydicom.valuerep import format_number_as_ds
 
 from palpate.arrays import AnyArray, Float32
-from palpate.atomic import replacing, replacing_folder
+from palpate.atomic_write import replacing, replacing_folder
 from palpate.errors import DataError
 from palpate.version import __version__
 from palpate.volumes.grid import Grid
@@ -30,7 +30,7 @@ UCUM = {"HU": ("[hnsf'U]", "Hounsfield unit"), "1/mm": ("/mm", "per millimeter")
 HOW = "Volume reconstructed from X-ray projections, or resampled, by palpate"
 
 
-def quantised(values: Float32) -> tuple[AnyArray, float, float]:
+def quantized(values: Float32) -> tuple[AnyArray, float, float]:
     """uint16 numbers q, slope a and intercept b: values = a · q + b, to half of a.
 
     Whole numbers that span less than 65,536 keep a = 1 and are exact. Otherwise a is 1, 2 or 5 times a power of ten, as
@@ -62,7 +62,7 @@ def write(path: Path, volume: Volume, tags: Mapping[str, str]) -> None:
 
 def write_tomosynthesis(path: Path, volume: Volume, tags: Mapping[str, str]) -> None:
     """One Breast Tomosynthesis Image; its real-world mapping says what the numbers mean. Raises `DataError`."""
-    q, slope, intercept = quantised(volume.values)
+    q, slope, intercept = quantized(volume.values)
     dataset = _common(TOMOSYNTHESIS, "MG", volume, tags)
     _fill(dataset, _three_dimensional(len(q)))
     now = datetime.now()
@@ -86,7 +86,7 @@ def write_tomosynthesis(path: Path, volume: Volume, tags: Mapping[str, str]) -> 
 
 def write_ct(folder: Path, volume: Volume, tags: Mapping[str, str]) -> None:
     """A CT series, one file a slice of constant z, in `folder`, which is there."""
-    q, slope, intercept = quantised(volume.values)
+    q, slope, intercept = quantized(volume.values)
     same = _common(CT, "CT", volume, tags)
     dz, dy, dx = volume.grid.spacing
     _fill(
@@ -122,7 +122,7 @@ def write_ct(folder: Path, volume: Volume, tags: Mapping[str, str]) -> None:
 
 
 def _common(sop_class: str, modality: str, volume: Volume, tags: Mapping[str, str]) -> Dataset:
-    """Who, what, when: nothing of a patient is known unless `tags` says it."""
+    """Patient, study, series and equipment; only `tags` says anything of the patient."""
     dataset = Dataset()
     now = datetime.now()
     _fill(

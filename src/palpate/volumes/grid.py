@@ -1,11 +1,10 @@
-"""Where voxels are."""
+"""The grid: positions of voxels in space."""
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from palpate.arrays import Float64
+from palpate.arrays import ArrayLike, Float64
 from palpate.errors import GeometryError
 
 
@@ -13,9 +12,31 @@ from palpate.errors import GeometryError
 class Grid:
     """A box of equal voxels.
 
-    shape: voxels along (z, y, x). spacing: mm along (z, y, x). origin: centre (x, y, z) of voxel (0, 0, 0), mm.
-    direction: 3x3 rotation whose columns are the grid's x, y, z axes in patient space (LPS); it serves the file
-    formats, reconstruction works in the grid's own frame. Raises `GeometryError`.
+    Parameters
+    ----------
+    shape : array_like, (3,)
+        Number of voxels along (z, y, x).
+    spacing : array_like, (3,)
+        Voxel size along (z, y, x), mm.
+    origin : array_like, (3,), optional
+        Centre (x, y, z) of voxel (0, 0, 0), mm: a point, in the order of all points, not that of the axes. Write it by
+        name. `Grid.centred` takes the middle of the box instead.
+    direction : array_like, (3, 3), optional
+        Rotation whose columns are the grid's x, y and z axes in patient space (LPS). File formats use it;
+        reconstruction works in the grid's own frame. The default is the identity.
+
+    Raises
+    ------
+    GeometryError
+        If a length is not positive or `direction` is not a rotation.
+
+    Examples
+    --------
+    >>> grid = pp.Grid(shape=(4, 5, 6), spacing=(3, 1, 1))
+    >>> grid.size
+    120
+    >>> grid.bounds.tolist()
+    [[-0.5, -0.5, -1.5], [5.5, 4.5, 10.5]]
     """
 
     shape: tuple[int, int, int]
@@ -52,6 +73,33 @@ class Grid:
         object.__setattr__(self, "origin", tuple(float(v) for v in o))
         object.__setattr__(self, "direction", turn)
 
+    @classmethod
+    def centred(cls, shape: ArrayLike, spacing: ArrayLike, *, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> "Grid":
+        """Return the box around a point.
+
+        Parameters
+        ----------
+        shape : array_like, (3,)
+            Number of voxels along (z, y, x).
+        spacing : array_like, (3,)
+            Voxel size along (z, y, x), mm.
+        x, y, z : float, optional
+            Middle of the box, mm. By name, so that no order can be mistaken.
+
+        Returns
+        -------
+        Grid
+            The box, in the axes of the scan.
+        """
+        at_zero = cls(shape, spacing)
+        return cls(shape, spacing, origin=np.array([x, y, z]) - at_zero.bounds.mean(axis=0))
+
+    def __repr__(self) -> str:
+        nz, ny, nx = self.shape
+        span = ", ".join(f"{a} {low:g} to {high:g}" for a, (low, high) in zip("xyz", self.bounds.T, strict=True))
+        turned = "" if np.array_equal(self.direction, np.eye(3)) else ", turned"
+        return f"Grid({nz} x {ny} x {nx} voxels (z, y, x), spacing {self.spacing} mm (z, y, x), {span} mm{turned})"
+
     def __eq__(self, other: object) -> bool:
         return (
             isinstance(other, Grid)
@@ -70,29 +118,62 @@ class Grid:
 
     @property
     def voxel_volume(self) -> float:
-        """mm³."""
+        """Volume of a voxel, mm³."""
         return float(np.prod(self.spacing))
 
     def axis(self, name: str) -> Float64:
-        """Voxel centres along "x", "y" or "z" in the grid's own frame, mm."""
+        """Return the voxel centres along one axis, in the grid's own frame.
+
+        Parameters
+        ----------
+        name : {"x", "y", "z"}
+            The axis.
+
+        Returns
+        -------
+        ndarray, (n,)
+            Positions, mm.
+        """
         i = "xyz".index(name)
         values: Float64 = self.origin[i] + self.spacing[2 - i] * np.arange(self.shape[2 - i], dtype=np.float64)
         return values
 
     @property
     def bounds(self) -> Float64:
-        """(2, 3): the lowest and highest corner of the box (outer voxel faces) in x, y, z, mm, grid's own frame."""
+        """Lowest and highest corner (x, y, z) of the box, (2, 3), mm, in the grid's own frame."""
         spacing, n = np.array(self.spacing[::-1]), np.array(self.shape[::-1])
         low = np.array(self.origin) - spacing / 2
         return np.stack([low, low + n * spacing])
 
     def points(self, indices: ArrayLike) -> Float64:
-        """Positions (N, 3) in x, y, z mm, patient space, of (possibly fractional) indices (N, 3) in z, y, x order."""
+        """Return the positions of voxel indices in patient space.
+
+        Parameters
+        ----------
+        indices : array_like, (N, 3)
+            Indices in (z, y, x) order; they may be fractional.
+
+        Returns
+        -------
+        ndarray, (N, 3)
+            Positions (x, y, z), mm.
+        """
         steps = np.atleast_2d(np.asarray(indices, dtype=np.float64))[:, ::-1] * np.array(self.spacing[::-1])
         points: Float64 = np.array(self.origin) + steps @ self.direction.T
         return points
 
     def indices(self, points: ArrayLike) -> Float64:
-        """Fractional indices (N, 3) in z, y, x order of positions (N, 3) in x, y, z mm: the inverse of `points`."""
+        """Return the voxel indices of positions: the inverse of `points`.
+
+        Parameters
+        ----------
+        points : array_like, (N, 3)
+            Positions (x, y, z) in patient space, mm.
+
+        Returns
+        -------
+        ndarray, (N, 3)
+            Fractional indices in (z, y, x) order.
+        """
         steps = (np.atleast_2d(np.asarray(points, dtype=np.float64)) - np.array(self.origin)) @ self.direction
         return np.asarray((steps / np.array(self.spacing[::-1]))[:, ::-1], dtype=np.float64)

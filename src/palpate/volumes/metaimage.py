@@ -1,4 +1,4 @@
-"""MetaImage files (.mha, and .mhd with its voxels in a second file), the way ITK writes them."""
+"""MetaImage files as ITK writes them: .mha, and .mhd with its voxels in a second file."""
 
 import zlib
 from pathlib import Path
@@ -7,7 +7,8 @@ import numpy as np
 
 from palpate.arrays import Float64
 from palpate.errors import FileError
-from palpate.volumes.stored import Stored
+from palpate.volumes.file_axes import StoredImage
+from palpate.volumes.voxel_data import HEADER, read_header, read_voxels, voxels_beside
 
 TYPES = {
     "MET_CHAR": "i1",
@@ -23,21 +24,20 @@ TYPES = {
 LAST = b"ElementDataFile"  # MetaImage's header ends with this key
 
 
-def read(path: Path) -> Stored:
+def read(path: Path) -> StoredImage:
     """Raises `FileError` when the file is not MetaImage, of a variant we do not read, or ends early."""
-    content = path.read_bytes()
+    content = read_header(path)
     at = content.find(LAST)
     end = content.find(b"\n", at)
     if at < 0 or b"=" not in content[:at]:
-        raise FileError(f"{path}: not a MetaImage file (no {LAST.decode()} key); check the name")
+        raise FileError(
+            f"{path}: not a MetaImage file (no {LAST.decode()} key in its first {HEADER} bytes); check the name"
+        )
     end = len(content) if end < 0 else end
     lines = content[:end].decode("latin-1").splitlines()
     fields = {k.strip(): v.strip() for k, _, v in (line.partition("=") for line in lines)}
-    beside, body = fields["ElementDataFile"], content[end + 1 :]
-    if beside != "LOCAL":
-        if not (path.parent / beside).is_file():
-            raise FileError(f"{path}: its voxels {beside} are not beside it; put both files in one folder")
-        body = (path.parent / beside).read_bytes()
+    local = fields["ElementDataFile"] == "LOCAL"
+    home = path if local else voxels_beside(path, fields["ElementDataFile"])
     try:
         sizes = [int(n) for n in fields["DimSize"].split()]
         msb = fields.get("BinaryDataByteOrderMSB", fields.get("ElementByteOrderMSB", "False")).lower() == "true"
@@ -46,26 +46,21 @@ def read(path: Path) -> Stored:
         origin = _numbers(fields.get("Offset", fields.get("Position", fields.get("Origin", "0 0 0"))), 3)
         # Three numbers an axis: the direction of the first axis, of the second, of the third.
         axes = _numbers(fields.get("TransformMatrix", fields.get("Rotation", "1 0 0 0 1 0 0 0 1")), 9).reshape(3, 3)
+        names = {int(k.removeprefix("Label_")): v for k, v in fields.items() if k.startswith("Label_")}
     except (KeyError, ValueError) as problem:
         raise FileError(f"{path}: MetaImage header lacks or garbles {problem}; export it again") from None
-    if len(sizes) != 3 or fields.get("ElementNumberOfChannels", "1") != "1":
-        raise FileError(f"{path}: expected 3 axes of one number a voxel, got DimSize {sizes}; save one volume a file")
+    if fields.get("ElementNumberOfChannels", "1") != "1":
+        raise FileError(
+            f"{path}: expected one number a voxel, got {fields['ElementNumberOfChannels']}; save one channel"
+        )
     affine = np.eye(4)
     affine[:3, :3], affine[:3, 3] = axes.T * spacing, origin
-    if fields.get("CompressedData", "False").lower() == "true":
-        try:
-            body = zlib.decompress(body)
-        except zlib.error as problem:
-            raise FileError(f"{path}: compressed voxels are cut short or damaged ({problem}); copy it again") from None
-    wanted = int(np.prod(sizes)) * kind.itemsize
-    if len(body) < wanted:
-        raise FileError(f"{path}: truncated: {len(body)} bytes of voxels, {wanted} expected; copy it again")
-    names = {int(k.removeprefix("Label_")): v for k, v in fields.items() if k.startswith("Label_")}
-    values = np.frombuffer(body, kind, int(np.prod(sizes))).reshape(sizes[::-1])
-    return Stored(values, affine, fields.get("palpate_unit"), names)
+    packed = 15 if fields.get("CompressedData", "False").lower() == "true" else None
+    values = read_voxels(path, home, end + 1 if local else 0, kind, sizes, packed)
+    return StoredImage(values, affine, fields.get("palpate_unit"), names)
 
 
-def write(path: Path, stored: Stored) -> None:
+def write(path: Path, stored: StoredImage) -> None:
     """One file, compressed."""
     body = zlib.compress(stored.values.astype(stored.values.dtype.newbyteorder("<")).tobytes(), 4)
     axes = stored.affine[:3, :3]

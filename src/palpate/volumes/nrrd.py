@@ -1,16 +1,15 @@
-"""NRRD files (teem.sourceforge.net/nrrd/format.html), the way 3D Slicer and ITK write them."""
+"""NRRD files as 3D Slicer and ITK write them (teem.sourceforge.net/nrrd/format.html)."""
 
 import gzip
 import re
-import zlib
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from palpate.arrays import AnyArray, Float64
+from palpate.arrays import Float64
 from palpate.errors import FileError
-from palpate.volumes.stored import Stored
+from palpate.volumes.file_axes import StoredImage
+from palpate.volumes.voxel_data import HEADER, read_header, read_voxels, voxels_beside
 
 TYPES = {
     **dict.fromkeys(("signed char", "int8", "int8_t"), "i1"),
@@ -33,39 +32,39 @@ SPACES = {
     "las": (1, -1, 1),
     "3d-right-handed": (1, 1, 1),
 }
+PACKED = {"raw": None, "gzip": 31, "gz": 31}  # encodings, and how zlib reads them
 VECTOR = re.compile(r"\(([^)]*)\)")
 
 
-def read(path: Path) -> Stored:
+def read(path: Path) -> StoredImage:
     """Raises `FileError` when the file is not NRRD, of a variant we do not read, or ends early."""
-    content = path.read_bytes()
+    content = read_header(path)
     if not content.startswith(b"NRRD"):
         raise FileError(f"{path}: not an NRRD file (it starts with {content[:8]!r}); check the name")
     end = re.search(rb"\r?\n\r?\n", content)
-    header, body = (content[: end.start()], content[end.end() :]) if end else (content, b"")
-    fields, notes = _fields(header.decode("utf-8", "replace"))
+    if end is None and len(content) == HEADER:
+        raise FileError(f"{path}: NRRD header does not end within {HEADER} bytes; export it again")
+    fields, notes = _fields(content[: end.start() if end else None].decode("utf-8", "replace"))
     try:
         kind, sizes = np.dtype(TYPES[fields["type"]]), [int(n) for n in fields["sizes"].split()]
         encoding = fields["encoding"]
+        segments = {k.split("_")[0] for k in notes if re.fullmatch(r"Segment\d+_LabelValue", k)}
+        names = {int(notes[f"{s}_LabelValue"]): notes.get(f"{s}_Name", s) for s in segments}
     except (KeyError, ValueError) as problem:
         raise FileError(f"{path}: NRRD header lacks or garbles {problem}; export it again") from None
-    if len(sizes) != 3:
-        raise FileError(f"{path}: expected 3 axes, got sizes {sizes}; save one volume of one number a voxel")
     if skips := [k for k in ("line skip", "lineskip", "byte skip", "byteskip") if fields.get(k, "0") != "0"]:
         raise FileError(f"{path}: NRRD field {skips[0]!r} is not read; save it again with its header attached")
-    if beside := fields.get("data file", fields.get("datafile")):
-        if not (path.parent / beside).is_file():
-            raise FileError(f"{path}: its data file {beside} is not beside it; put both in one folder")
-        body = (path.parent / beside).read_bytes()
-    values = _values(
-        path, body, encoding, kind.newbyteorder("<" if fields.get("endian", "little") == "little" else ">"), sizes
-    )
-    segments = {k.split("_")[0] for k in notes if re.fullmatch(r"Segment\d+_LabelValue", k)}
-    names = {int(notes[f"{s}_LabelValue"]): notes.get(f"{s}_Name", s) for s in segments}
-    return Stored(values, _affine(path, fields), notes.get("palpate_unit"), names)
+    if encoding not in PACKED:
+        raise FileError(f"{path}: NRRD encoding {encoding!r} is not read; save it as raw or gzip")
+    kind = kind.newbyteorder("<" if fields.get("endian", "little") == "little" else ">")
+    beside = fields.get("data file", fields.get("datafile"))
+    start = 0 if beside else end.end() if end else len(content)
+    home = voxels_beside(path, beside) if beside else path
+    values = read_voxels(path, home, start, kind, sizes, PACKED[encoding])
+    return StoredImage(values, _affine(path, fields), notes.get("palpate_unit"), names)
 
 
-def write(path: Path, stored: Stored) -> None:
+def write(path: Path, stored: StoredImage) -> None:
     """Inline, gzip; label names as 3D Slicer's segments."""
     kind = {v: k for k, v in (("float", "f4"), ("uint8", "u1"), ("int16", "i2"), ("int32", "i4"))}
     axes = " ".join("({:.17g},{:.17g},{:.17g})".format(*column) for column in stored.affine[:3, :3].T)
@@ -104,26 +103,12 @@ def _fields(header: str) -> tuple[dict[str, str], dict[str, str]]:
     return fields, notes
 
 
-def _values(path: Path, body: bytes, encoding: str, kind: np.dtype[Any], sizes: list[int]) -> AnyArray:
-    if encoding in ("gzip", "gz"):
-        try:
-            body = gzip.decompress(body)
-        except (EOFError, OSError, zlib.error) as problem:
-            raise FileError(f"{path}: compressed voxels are cut short or damaged ({problem}); copy it again") from None
-    elif encoding != "raw":
-        raise FileError(f"{path}: NRRD encoding {encoding!r} is not read; save it as raw or gzip")
-    wanted = int(np.prod(sizes)) * kind.itemsize
-    if len(body) < wanted:
-        raise FileError(f"{path}: truncated: {len(body)} bytes of voxels, {wanted} expected; copy it again")
-    return np.frombuffer(body, kind, int(np.prod(sizes))).reshape(sizes[::-1])
-
-
 def _affine(path: Path, fields: dict[str, str]) -> Float64:
     affine = np.eye(4)
     try:
         if "space directions" in fields:
-            for axis, vector in enumerate(VECTOR.findall(fields["space directions"])):
-                affine[:3, axis] = [float(v) for v in vector.split(",")]
+            vectors = VECTOR.findall(fields["space directions"])
+            affine[:3, :3] = np.reshape([float(v) for vector in vectors for v in vector.split(",")], (3, 3)).T
         elif "spacings" in fields:
             affine[:3, :3] = np.diag([float(v) for v in fields["spacings"].split()])
         if origin := VECTOR.search(fields.get("space origin", "")):

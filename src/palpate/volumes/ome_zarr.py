@@ -1,16 +1,20 @@
-"""OME-Zarr folders (NGFF 0.4 written, 0.4 and 0.5 read) through zarr, which `pip install palpate[zarr]` brings."""
+"""OME-Zarr folders through zarr: writes NGFF 0.4, reads 0.4 and 0.5. Needs `pip install palpate[zarr]`."""
 
+import math
+import os
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from palpate.arrays import AnyArray
+from palpate.bounded_read import check_claim
 from palpate.errors import FileError
-from palpate.volumes.placed import place_text, placed
-from palpate.volumes.stored import Stored, lengths
+from palpate.volumes.file_axes import StoredImage, voxel_size
+from palpate.volumes.grid_metadata import metadata_text, read_metadata_text
 
 TO_MM = {"meter": 1000.0, "centimeter": 10.0, "millimeter": 1.0, "micrometer": 0.001, "nanometer": 1e-6}
+EMPTY = 2**20  # bytes that a folder counts for at least: chunks of zeros need not be there
 CHUNK = 64
 NOTE = "palpate"  # attribute with the exact place: OME-Zarr 0.4 knows scale and shift, no rotation
 
@@ -20,17 +24,19 @@ def is_zarr(path: Path) -> bool:
     return any((path / name).is_file() for name in (".zgroup", "zarr.json"))
 
 
-def read(path: Path) -> Stored:
+def read(path: Path) -> StoredImage:
     """The finest level of the first image. Raises `FileError`."""
     zarr = _zarr()
     if not is_zarr(path):
         raise FileError(f"{path}: not an OME-Zarr folder (neither .zgroup nor zarr.json in it); check the name")
+    size = _stored_bytes(path)
     try:
         group = zarr.open_group(path, mode="r")
         attributes = dict(group.attrs)
         image = attributes.get("ome", attributes)["multiscales"][0]
         axes, level = image["axes"], image["datasets"][0]
         array = group[level["path"]]
+        check_claim(path, f"{array.shape} voxels", math.prod(array.shape) * array.dtype.itemsize, max(size, EMPTY))
         spatial = [i for i, axis in enumerate(axes) if axis.get("type", "space") == "space"]
         if len(spatial) != 3 or any(n != 1 for i, n in enumerate(array.shape) if i not in spatial):
             raise FileError(
@@ -41,20 +47,20 @@ def read(path: Path) -> Stored:
             t["type"]: np.array(t[t["type"]], dtype=np.float64)[spatial] for t in level["coordinateTransformations"]
         }
         values: AnyArray = np.asarray(array[...]).reshape([array.shape[i] for i in spatial])
-    except FileError:
+    except (FileError, MemoryError):
         raise
     except Exception as problem:  # a missing key, a missing or damaged chunk
         words = f"{type(problem).__name__}: {problem}"
         raise FileError(f"{path}: not a whole OME-Zarr image ({words}); export it again") from None
     spacing, origin = steps["scale"] * length, steps.get("translation", np.zeros(3)) * length
-    affine, unit = placed(str(attributes.get(NOTE, "")), spacing[::-1], origin[::-1])
-    return Stored(values, affine, unit)
+    affine, unit = read_metadata_text(str(attributes.get(NOTE, "")), spacing[::-1], origin[::-1])
+    return StoredImage(values, affine, unit)
 
 
-def write(path: Path, stored: Stored) -> None:
+def write(path: Path, stored: StoredImage) -> None:
     """One level, chunks of 64 voxels a side. Raises `FileError` without zarr."""
     zarr = _zarr()
-    spacing = lengths(stored.affine)[::-1]
+    spacing = voxel_size(stored.affine)[::-1]
     group = zarr.open_group(path, mode="w", zarr_format=2)
     chunks = tuple(min(CHUNK, n) for n in stored.values.shape)
     array = group.create_array("0", shape=stored.values.shape, dtype=stored.values.dtype, chunks=chunks)
@@ -69,7 +75,24 @@ def write(path: Path, stored: Stored) -> None:
             "datasets": [{"path": "0", "coordinateTransformations": [scale, shift]}],
         }
     ]
-    group.attrs[NOTE] = place_text(stored)
+    group.attrs[NOTE] = metadata_text(stored)
+
+
+def _stored_bytes(path: Path) -> int:
+    """Bytes of the files in a folder, which has to hold nothing but files and folders. Raises `FileError`."""
+    size, folders = 0, [path]
+    while folders:
+        with os.scandir(folders.pop()) as entries:
+            for entry in entries:
+                if entry.is_dir():
+                    folders.append(Path(entry.path))
+                elif entry.is_file():
+                    size += entry.stat().st_size
+                else:
+                    raise FileError(
+                        f"{path}: {entry.name} in it is a pipe or a device, not a file; copy the folder again"
+                    )
+    return size
 
 
 def _zarr() -> Any:

@@ -1,4 +1,4 @@
-"""A volume on another grid of the same directions."""
+"""Resamples a volume to another grid of the same directions."""
 
 from typing import Literal
 
@@ -16,11 +16,36 @@ INTERPOLATIONS: tuple[Interpolation, ...] = ("linear", "nearest", "median")
 
 
 def resample(volume: Volume, grid: Grid, interpolation: Interpolation = "linear") -> Volume:
-    """The volume at the voxel centres of `grid`; voxels are cells, so grids of other spacing meet at their faces.
+    """Return a volume on another grid.
 
-    "linear" interpolates along each axis and holds the outermost value up to the cell's face; "nearest" takes the cell
-    that holds the centre; "median" is "nearest" smoothed by the median of 3x3 voxels in the slice. Voxels outside the
-    volume's box are 0. Raises `GeometryError` for grids turned against each other, `DataError` for another name.
+    Voxels outside the volume's box become 0.
+
+    Parameters
+    ----------
+    volume : Volume
+        The values.
+    grid : Grid
+        The new grid, with the same direction.
+    interpolation : {"linear", "nearest", "median"}, optional
+        "nearest" takes the voxel that holds the centre. "median" smooths this by the median of 3×3 voxels in the slice.
+
+    Returns
+    -------
+    Volume
+        Values at the voxel centres of `grid`.
+
+    Raises
+    ------
+    GeometryError
+        If the directions of the two grids differ.
+    DataError
+        If the interpolation is unknown.
+
+    Examples
+    --------
+    >>> coarse = pp.Grid((4, 10, 12), (10, 6, 6), origin=(-33, -27, 9))
+    >>> pp.resample(volume, coarse).values.shape
+    (4, 10, 12)
     """
     if interpolation not in INTERPOLATIONS:
         raise DataError(f"interpolation: there is no {interpolation!r}; choose from {', '.join(INTERPOLATIONS)}")
@@ -46,13 +71,13 @@ def _positions(old: Grid, new: Grid) -> list[Float64]:
 
 def _linear(values: Float32, positions: list[Float64], grid: Grid) -> Float32:
     """One pass, slices and rows mixed before columns; nothing of the volume's size beside the answer."""
-    z, y, x = (_shares(along, n) for n, along in zip(values.shape, positions, strict=True))
+    z, y, x = (_interpolation_weights(along, n) for n, along in zip(values.shape, positions, strict=True))
     out = np.empty(grid.shape, np.float32)
-    _core.interpolate(values, z[0], z[1], z[2], y[0], y[1], y[2], x[0], x[1], x[2], out)
+    _core.volume.interpolate(values, z[0], z[1], z[2], y[0], y[1], y[2], x[0], x[1], x[2], out)
     return out
 
 
-def _shares(positions: Float64, n: int) -> tuple[Int32, Float32, Float32]:
+def _interpolation_weights(positions: Float64, n: int) -> tuple[Int32, Float32, Float32]:
     """Index below each position, share of the way to the next, and 1 inside or 0 outside."""
     held = np.clip(positions, 0, n - 1)
     low = np.minimum(held.astype(np.int32), max(n - 2, 0))

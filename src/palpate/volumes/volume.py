@@ -1,4 +1,4 @@
-"""What voxels hold: attenuation, or labels."""
+"""Volumes of attenuation, and labels."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -16,7 +16,28 @@ SHOWN = 6  # labels that a message names
 
 @dataclass(frozen=True, eq=False)
 class Volume:
-    """values: (z, y, x) float32 on `grid`, attenuation in 1/mm unless `unit` says otherwise. Raises `DataError`."""
+    """Values on a grid.
+
+    Parameters
+    ----------
+    values : array_like, (z, y, x)
+        The values; stored as float32.
+    grid : Grid
+        Where the voxels lie.
+    unit : str, optional
+        Unit of the values. The default "1/mm" is that of attenuation.
+
+    Raises
+    ------
+    DataError
+        If the shapes differ or a value is not finite.
+
+    Examples
+    --------
+    >>> grid = pp.Grid((2, 2, 2), (1, 1, 1))
+    >>> pp.Volume(np.full(grid.shape, 0.02), grid).unit
+    '1/mm'
+    """
 
     values: Float32
     grid: Grid
@@ -29,14 +50,36 @@ class Volume:
         return np.array(self.values, dtype=dtype) if copy else np.asarray(self.values, dtype=dtype)
 
     def _repr_html_(self) -> str:
-        from palpate.volumes.plots import volume_html  # only a notebook asks
+        from palpate.volumes.volume_plots import volume_html  # only a notebook asks
 
         return volume_html(self)
 
 
 @dataclass(frozen=True, eq=False)
 class Labels:
-    """values: (z, y, x) int32 on `grid`, 0 is outside; names: label value to name. Raises `DataError`."""
+    """Labels of organs on a grid.
+
+    Parameters
+    ----------
+    values : array_like, (z, y, x)
+        One integer label for each voxel; 0 is outside.
+    grid : Grid
+        Where the voxels lie.
+    names : mapping of int to str, optional
+        Name of each label.
+
+    Raises
+    ------
+    DataError
+        If the shapes differ or the labels are not integers.
+
+    Examples
+    --------
+    >>> labels.names
+    {1: 'organ', 2: 'lump'}
+    >>> labels.value_of("lump")
+    2
+    """
 
     values: Int32
     grid: Grid
@@ -54,7 +97,23 @@ class Labels:
         return np.array(self.values, dtype=dtype) if copy else np.asarray(self.values, dtype=dtype)
 
     def value_of(self, label: int | str) -> int:
-        """The number of a label given by number or name; a `DataError` names the nearest that there are."""
+        """Return the number of a label.
+
+        Parameters
+        ----------
+        label : int or str
+            Number or name.
+
+        Returns
+        -------
+        int
+            The label's number.
+
+        Raises
+        ------
+        DataError
+            If there is no such label. The message names the nearest.
+        """
         present = [int(v) for v in np.unique(self.values) if v != 0]
         for value in present:
             if label == value or str(label) == str(value) or label == self.names.get(value):

@@ -1,16 +1,16 @@
-// Projections as a loop.
-import type { State } from "./state";
+// Cine loop over the projections of a scan.
+import type { ViewState } from "./view-state";
 
 export const SPEEDS = [1, 2, 4, 6, 8, 12, 16, 24, 30]; // views a second
 
 export class Cine {
   playing = false;
-  sweeping = true; // back and forth, as the source moves; else round and round
+  sweeping = true; // back and forth, as the source moves; otherwise from the first again
   speed = 6;
-  private way = 1;
+  private direction = 1;
   private last = 0;
 
-  constructor(private readonly state: State) {}
+  constructor(private readonly state: ViewState) {}
 
   toggle(): void {
     this.playing = !this.playing;
@@ -24,14 +24,14 @@ export class Cine {
     this.state.changed();
   }
 
-  /** Shows the next view when its time has come. */
-  turn(now: number): void {
+  /** Called once a frame: shows the next view when it is due. */
+  update(now: number): void {
     if (!this.playing || now - this.last < 1000 / this.speed) return;
     this.last = Math.max(this.last + 1000 / this.speed, now - 1000); // a hidden page does not catch up
     const { side } = this.state;
-    const count = side.stored.shape[0], view = this.state.slice(side, "axial");
+    const count = side.source.shape[0], view = this.state.slice(side, "axial");
     if (count < 2) return;
-    if (this.sweeping && (view + this.way < 0 || view + this.way >= count)) this.way = -this.way;
-    this.state.toSlice(side, "axial", this.sweeping ? view + this.way : (view + 1) % count);
+    if (this.sweeping && (view + this.direction < 0 || view + this.direction >= count)) this.direction = -this.direction;
+    this.state.goToSlice(side, "axial", this.sweeping ? view + this.direction : (view + 1) % count);
   }
 }

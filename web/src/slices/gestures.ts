@@ -1,27 +1,27 @@
-// What mouse, pen and fingers do to a pane.
-import type { Vector } from "../messages";
+// Mouse, pen and touch input on a pane.
+import type { Vector } from "../protocol/server-messages";
 import type { Pane } from "./pane";
-import type { State, Tool } from "./state";
+import type { ViewState, Tool } from "./view-state";
 
-interface Spot {
+interface Position {
   x: number;
   y: number;
 }
 
 export class Gestures {
-  private readonly fingers = new Map<number, Spot>();
-  private doing: Tool | null = null;
+  private readonly fingers = new Map<number, Position>();
+  private dragMode: Tool | null = null;
   private start: Vector | null = null; // of a profile
 
-  /** Watches a pane; `maximise` is what a double click asks for. */
-  constructor(private readonly pane: Pane, private readonly state: State, maximise: () => void) {
+  /** maximize: called at a double click. */
+  constructor(private readonly pane: Pane, private readonly state: ViewState, maximize: () => void) {
     const { canvas } = pane;
     canvas.addEventListener("focus", () => {
-      this.choose();
+      this.activate();
       state.changed();
     });
     canvas.addEventListener("contextmenu", (event) => event.preventDefault());
-    canvas.addEventListener("dblclick", maximise);
+    canvas.addEventListener("dblclick", maximize);
     canvas.addEventListener("pointerdown", (event) => this.press(event));
     canvas.addEventListener("pointermove", (event) => this.move(event));
     canvas.addEventListener("pointerup", (event) => this.lift(event));
@@ -29,23 +29,23 @@ export class Gestures {
     canvas.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
   }
 
-  private spot(event: PointerEvent | WheelEvent): Spot {
+  private positionOf(event: PointerEvent | WheelEvent): Position {
     const box = this.pane.canvas.getBoundingClientRect();
     return { x: event.clientX - box.left, y: event.clientY - box.top };
   }
 
-  private choose(): void {
+  private activate(): void {
     this.state.active = this.pane.plane.name;
-    this.state.chosen = this.pane.number;
+    this.state.activeSide = this.pane.sideIndex;
   }
 
   private shift(dx: number, dy: number): void {
     const { pane } = this;
-    this.state.look(pane.side, pane.plane.name, pane.point(pane.width / 2 - dx, pane.height / 2 - dy));
+    this.state.setCenter(pane.side, pane.plane.name, pane.point(pane.width / 2 - dx, pane.height / 2 - dy));
   }
 
-  /** What is under the spot stays there. */
-  private zoom(factor: number, at: Spot): void {
+  /** Zooms about a position of the pane. */
+  private zoom(factor: number, at: Position): void {
     const under = this.pane.point(at.x, at.y);
     this.state.zoomBy(this.pane.side, this.pane.plane.name, factor);
     const [x, y] = this.pane.pixel(under);
@@ -53,17 +53,17 @@ export class Gestures {
   }
 
   private press(event: PointerEvent): void {
-    this.choose();
-    const { pane, state } = this, at = this.spot(event);
+    this.activate();
+    const { pane, state } = this, at = this.positionOf(event);
     this.fingers.set(event.pointerId, at);
     pane.canvas.setPointerCapture(event.pointerId);
     if (this.fingers.size > 1) {
-      this.doing = null; // two fingers pinch
+      this.dragMode = null; // two fingers pinch
       return;
     }
-    this.doing = event.button === 2 ? "window" : event.button === 1 || event.shiftKey ? "pan" : state.tool;
-    if (this.doing === "cross") state.cross(pane.side, pane.point(at.x, at.y));
-    if (this.doing === "profile") this.start = pane.point(at.x, at.y);
+    this.dragMode = event.button === 2 ? "window" : event.button === 1 || event.shiftKey ? "pan" : state.tool;
+    if (this.dragMode === "crosshair") state.moveCrosshair(pane.side, pane.point(at.x, at.y));
+    if (this.dragMode === "profile") this.start = pane.point(at.x, at.y);
     if (event.button === 1) event.preventDefault();
     state.changed();
   }
@@ -71,37 +71,37 @@ export class Gestures {
   private move(event: PointerEvent): void {
     const old = this.fingers.get(event.pointerId);
     if (!old) return;
-    const { pane, state } = this, at = this.spot(event);
+    const { pane, state } = this, at = this.positionOf(event);
     if (this.fingers.size === 2) this.pinch(event.pointerId, old, at);
     this.fingers.set(event.pointerId, at);
     const [dx, dy] = [at.x - old.x, at.y - old.y];
-    if (this.doing === "cross") state.cross(pane.side, pane.point(at.x, at.y));
-    else if (this.doing === "pan") this.shift(dx, dy);
-    else if (this.doing === "window") state.turnWindow(pane.side, 1.005 ** dx, -dy / 300); // right: wider; up: brighter values
-    else if (this.doing === "profile" && this.start) {
+    if (this.dragMode === "crosshair") state.moveCrosshair(pane.side, pane.point(at.x, at.y));
+    else if (this.dragMode === "pan") this.shift(dx, dy);
+    else if (this.dragMode === "window") state.adjustWindow(pane.side, 1.005 ** dx, -dy / 300); // right: wider; up: brighter values
+    else if (this.dragMode === "profile" && this.start) {
       state.profile = { start: this.start, end: pane.point(at.x, at.y) };
       state.mark = null;
       state.changed();
     }
   }
 
-  private pinch(id: number, old: Spot, now: Spot): void {
+  private pinch(id: number, old: Position, now: Position): void {
     const other = [...this.fingers].find(([key]) => key !== id)![1];
-    const apart = (a: Spot) => Math.max(20, Math.hypot(a.x - other.x, a.y - other.y));
+    const distance = (a: Position) => Math.max(20, Math.hypot(a.x - other.x, a.y - other.y));
     this.shift((now.x - old.x) / 2, (now.y - old.y) / 2);
-    this.zoom(apart(now) / apart(old), { x: (now.x + other.x) / 2, y: (now.y + other.y) / 2 });
+    this.zoom(distance(now) / distance(old), { x: (now.x + other.x) / 2, y: (now.y + other.y) / 2 });
   }
 
   private lift(event: PointerEvent): void {
     this.fingers.delete(event.pointerId);
-    this.doing = this.start = null;
+    this.dragMode = this.start = null;
   }
 
   private wheel(event: WheelEvent): void {
     event.preventDefault();
-    this.choose();
+    this.activate();
     const { pane, state } = this, { name } = pane.plane;
-    if (event.ctrlKey || event.metaKey) this.zoom(Math.exp(-event.deltaY / 300), this.spot(event));
-    else if (event.deltaY) state.toSlice(pane.side, name, state.slice(pane.side, name) + Math.sign(event.deltaY));
+    if (event.ctrlKey || event.metaKey) this.zoom(Math.exp(-event.deltaY / 300), this.positionOf(event));
+    else if (event.deltaY) state.goToSlice(pane.side, name, state.slice(pane.side, name) + Math.sign(event.deltaY));
   }
 }

@@ -1,73 +1,75 @@
-// `palpate view`: volumes as three planes, scans as a loop of projections.
-import type { Album, Image, Vector } from "../messages";
+// Entry point of the viewer page (`palpate view`): volumes as three planes, scans as a cine loop of projections.
+import type { Album, Image, Vector } from "../protocol/server-messages";
 import { Cine } from "./cine";
 import { Gestures } from "./gestures";
-import { HELP, listen, MOUSE } from "./keys";
+import { HELP, listenToKeys, MOUSE } from "./keyboard";
 import { Pane } from "./pane";
-import { element, Panel, write } from "./panel";
-import { picture, save } from "./picture";
+import { element, helpRow, write } from "../ui/controls";
+import { ControlPanel } from "./control-panel";
+import { download, exportPng } from "./export-png";
 import type { PlaneName } from "./planes";
-import { sampled, table, type Profile } from "./profile";
-import { Render } from "./render";
-import { fresh, State, type Layout } from "./state";
-import { fetchValues, Stored } from "./stored";
-import { mm, plain } from "./words";
+import { profileCsv, sampleProfile, type Profile } from "./line-profile";
+import { VolumeRendering } from "./volume-rendering";
+import { initialSide, ViewState, type Layout } from "./view-state";
+import { fetchValues, ImageSource } from "./image-source";
+import { takeToken } from "../protocol/access-token";
+import { formatMm, formatNumber } from "./number-format";
 
-const token = `token=${encodeURIComponent(new URL(location.href).searchParams.get("token") ?? "")}`;
+const token = takeToken();
 const stage = element("slices");
-let state: State, cine: Cine, controls: Panel;
+let state: ViewState, cine: Cine, controls: ControlPanel;
 let panes: Pane[] = [];
-let renders: Render[] = [];
-let stale = true;
+let renderings: VolumeRendering[] = [];
+let needsRedraw = true;
 const WORLD = "Axes of the reconstruction: z from the panel to the source; left and right of the patient are not known.";
 
-function say(text: string, bad = false): void {
+function showStatus(text: string, isError = false): void {
   write("status", text);
-  element("status").classList.toggle("bad", bad);
+  element("status").classList.toggle("bad", isError);
   element("status").hidden = !text;
 }
 
-const stores = new Map<string, Stored>();
-async function fetched(image: Image, i: number, s: number): Promise<Stored> {
+const sources = new Map<string, ImageSource>();
+async function fetchSource(image: Image, i: number, s: number): Promise<ImageSource> {
   const stack = image.stacks[s], key = `${i} ${s}`;
-  const told = (share: number) => say(`Loading ${image.title}, ${Math.round(100 * share)} %`);
-  if (!stores.has(key)) stores.set(key, new Stored(image, stack, await fetchValues(`values/${i}/${s}?${token}`, image, stack, told)));
-  return stores.get(key)!;
+  const onProgress = (share: number) => showStatus(`Loading ${image.title}, ${Math.round(100 * share)} %`);
+  if (!sources.has(key)) sources.set(key, new ImageSource(image, stack, await fetchValues(`values/${i}/${s}?${token}`, image, stack, onProgress)));
+  return sources.get(key)!;
 }
 
 async function open(): Promise<void> {
   const answer = await fetch(`album?${token}`);
   if (!answer.ok) throw new Error(await answer.text());
   const { images }: Album = await answer.json();
-  const stored: Stored[] = [];
-  for (const [i, image] of images.entries()) stored.push(await fetched(image, i, 0));
-  state = new State(images.map((image, i) => fresh(image, stored[i])), () => (stale = true));
-  for (const side of state.sides) side.cross = [...state.sides[0].cross];
+  const source: ImageSource[] = [];
+  for (const [i, image] of images.entries()) source.push(await fetchSource(image, i, 0));
+  state = new ViewState(images.map((image, i) => initialSide(image, source[i])), () => (needsRedraw = true));
+  for (const side of state.sides) side.crosshair = [...state.sides[0].crosshair];
   cine = new Cine(state);
-  controls = new Panel(state, cine, lay, (name) => void choose(name).catch(failed));
+  controls = new ControlPanel(state, cine, setLayout, (name) => void selectStack(name).catch(showError));
   wire();
   describe(images);
-  lay(state.scan || innerWidth < 760 ? "axial" : "all");
+  setLayout(state.scan || innerWidth < 760 ? "axial" : "all");
   new ResizeObserver(() => state.changed()).observe(stage);
-  say("");
-  requestAnimationFrame(turn);
+  showStatus("");
+  requestAnimationFrame(renderLoop);
 }
 
 function wire(): void {
-  listen(state, {
-    layout: lay,
+  listenToKeys(state, {
+    layout: setLayout,
     tool: (tool) => ((state.tool = tool), state.changed()),
     play: () => void (state.scan && cine.toggle()),
     speed: (by) => cine.faster(by),
-    picture: () => void keep().catch(failed),
-    help,
+    exportPng: () => void savePng().catch(showError),
+    help: showHelp,
   });
   element("reset").addEventListener("click", () => state.reset());
-  element("keep").addEventListener("click", () => void keep().catch(failed));
-  element("help-open").addEventListener("click", help);
+  element("keep").addEventListener("click", () => void savePng().catch(showError));
+  element("help-open").addEventListener("click", showHelp);
   element("table").addEventListener("click", () => {
-    const profile = sampled(state);
-    if (profile) save(new Blob([table(profile)], { type: "text/csv" }), `${plainName()}-profile.csv`);
+    const profile = sampleProfile(state);
+    if (profile) download(new Blob([profileCsv(profile)], { type: "text/csv" }), `${fileName()}-profile.csv`);
   });
 }
 
@@ -76,7 +78,7 @@ function describe(images: Image[]): void {
   document.title = `${images.map((image) => image.title).join(", ")} – palpate`;
   const size = (image: Image) => {
     const [z, y, x] = image.shape;
-    if (image.scan) return `${z} views of ${y} × ${x} pixels of ${mm(image.spacing[1])}`;
+    if (image.scan) return `${z} views of ${y} × ${x} pixels of ${formatMm(image.spacing[1])}`;
     return `${x} × ${y} × ${z} voxels of ${[2, 1, 0].map((a) => +image.spacing[a].toPrecision(3)).join(" × ")} mm`;
   };
   write("about", [...new Set(images.map(size))].join("  |  "));
@@ -84,23 +86,19 @@ function describe(images: Image[]): void {
   if (images.some((image) => !image.scan && !image.patient)) notes.push(WORLD);
   write("note", [...new Set(notes)].filter(Boolean).join(" "));
   const kind = images[0].scan ? "scan" : "volume";
-  const rows = (pairs: [string, string][]) => pairs.map(([key, what]) => {
-    const row = document.createElement("tr");
-    for (const [tag, text] of [["th", key], ["td", what]]) row.append(Object.assign(document.createElement(tag), { textContent: text }));
-    return row;
-  });
-  element("help-keys").replaceChildren(...rows(HELP.filter((h) => h[2] === "both" || h[2] === kind).map(([a, b]) => [a, b])), ...rows(MOUSE));
+  const keys = HELP.filter(([, , shownFor]) => shownFor === "both" || shownFor === kind);
+  element("help-keys").replaceChildren(...[...keys, ...MOUSE].map(([key, text]) => helpRow(key, text)));
 }
 
-/** Arranges the panes: rows of planes, columns of sides. */
-function lay(layout: Layout): void {
+/** Arranges the panes: a row for each plane, a column for each side. */
+function setLayout(layout: Layout): void {
   state.layout = layout;
   const planes: PlaneName[] = layout === "all" ? state.planes : layout === "render" ? [] : [layout];
   if (layout !== "all" && layout !== "render") state.active = layout;
   panes = planes.flatMap((name) => state.sides.map((_, i) => new Pane(state, i, name)));
-  for (const pane of panes) new Gestures(pane, state, () => state.scan || lay(state.layout === "all" ? pane.plane.name : "all"));
+  for (const pane of panes) new Gestures(pane, state, () => state.scan || setLayout(state.layout === "all" ? pane.plane.name : "all"));
   const shown: HTMLElement[] = panes.map((pane) => pane.element);
-  if (layout === "render" || (layout === "all" && state.sides.length === 1 && !state.scan)) shown.push(...rendered(layout === "render"));
+  if (layout === "render" || (layout === "all" && state.sides.length === 1 && !state.scan)) shown.push(...renderingElements(layout === "render"));
   const columns = state.sides.length > 1 ? 2 : layout === "all" && !state.scan ? 2 : 1;
   stage.dataset.columns = String(columns);
   stage.dataset.rows = String(Math.ceil(shown.length / columns));
@@ -108,90 +106,90 @@ function lay(layout: Layout): void {
   state.changed();
 }
 
-/** The renderings, or a button that asks for them: they load half a megabyte and need a graphics card. */
-function rendered(asked: boolean): HTMLElement[] {
-  if (renders.length || asked) {
-    if (!renders.length) {
-      renders = state.sides.map((side, i) => new Render(side, i));
+/** The renderings, or a button that loads them: they take half a megabyte and a graphics card. */
+function renderingElements(asked: boolean): HTMLElement[] {
+  if (renderings.length || asked) {
+    if (!renderings.length) {
+      renderings = state.sides.map((side, i) => new VolumeRendering(side, i));
       // Niivue measures its canvas, which must therefore be on the page.
       requestAnimationFrame(() => {
-        say("Loading the rendering");
-        Promise.all(renders.map((render) => render.open())).then(() => say(""), (problem) => {
-          renders = [];
-          failed(problem);
+        showStatus("Loading the rendering");
+        Promise.all(renderings.map((rendering) => rendering.open())).then(() => showStatus(""), (problem) => {
+          renderings = [];
+          showError(problem);
         });
       });
     }
-    return renders.map((render) => render.element);
+    return renderings.map((rendering) => rendering.element);
   }
   const figure = Object.assign(document.createElement("figure"), { className: "pane offer" });
   const button = Object.assign(document.createElement("button"), { textContent: "Render in 3D", title: "(4)" });
   button.addEventListener("click", () => {
-    rendered(true);
-    lay("all");
+    renderingElements(true);
+    setLayout("all");
   });
   figure.append(button);
   return [figure];
 }
 
-async function choose(name: string): Promise<void> {
+async function selectStack(name: string): Promise<void> {
   for (const [i, side] of state.sides.entries()) {
     const s = side.image.stacks.findIndex((each) => each.name === name);
-    side.stored = await fetched(side.image, i, s);
-    const first = side.stored.stack.windows[0];
+    side.source = await fetchSource(side.image, i, s);
+    const first = side.source.stack.windows[0];
     Object.assign(side, { low: first.low, high: first.high, preset: first.name });
   }
-  say("");
+  showStatus("");
   state.changed();
 }
 
-function help(): void {
+function showHelp(): void {
   element<HTMLDialogElement>("help").showModal();
 }
 
 const ENDING = /\.(nii|nii\.gz|nrrd|nhdr|mha|mhd|h5|hdf5)$/i;
-const plainName = () => state.sides.map((s) => s.image.title.replace(ENDING, "")).join("-").replace(/[^\w.-]+/g, "_");
+const fileName = () => state.sides.map((s) => s.image.title.replace(ENDING, "")).join("-").replace(/[^\w.-]+/g, "_");
 
-async function keep(): Promise<void> {
-  frame();
+async function savePng(): Promise<void> {
+  drawAll();
   const { side } = state;
-  const words = [
+  const label = [
     element("title").textContent,
-    `window ${plain(side.low)} to ${plain(side.high)} ${side.stored.stack.unit}`.trim(),
+    `window ${formatNumber(side.low)} to ${formatNumber(side.high)} ${side.source.stack.unit}`.trim(),
     element("place").textContent,
     "palpate, research software",
   ].join("  ·  ");
-  save(await picture(stage, renders.filter((r) => r.element.isConnected), words), `${plainName()}.png`);
+  download(await exportPng(stage, renderings.filter((r) => r.element.isConnected), label), `${fileName()}.png`);
 }
 
-function failed(problem: unknown): void {
+function showError(problem: unknown): void {
   const text = problem instanceof Error ? problem.message : String(problem);
-  say(text === "Failed to fetch" ? "palpate is not running: start the command again and open its new address" : text, true);
+  showStatus(text === "Failed to fetch" ? "palpate is not running: start the command again and open its new address" : text, true);
 }
 
-function frame(): void {
+function drawAll(): void {
   for (const pane of panes) {
     pane.draw();
-    pane.element.classList.toggle("active", pane.number === state.chosen && pane.plane.name === state.active && panes.length > 1);
+    pane.element.classList.toggle("active", pane.sideIndex === state.activeSide && pane.plane.name === state.active && panes.length > 1);
   }
-  for (const render of renders) render.draw();
-  controls.show(panes);
+  for (const rendering of renderings) rendering.draw();
+  controls.update(panes);
 }
 
-function turn(now: number): void {
-  requestAnimationFrame(turn);
-  cine.turn(now);
-  if (!stale) return;
-  stale = false;
-  frame();
+function renderLoop(now: number): void {
+  requestAnimationFrame(renderLoop);
+  cine.update(now);
+  if (!needsRedraw) return;
+  needsRedraw = false;
+  drawAll();
 }
 
-// What tests look at; nothing in the page uses it.
+// The page's state for tests; nothing in the page uses it.
 declare global {
   interface Window {
     viewer: {
       readonly ready: boolean;
-      readonly state: State;
+      readonly state: ViewState;
       readonly rendered: boolean;
       /** Pixel of the window at which a pane draws a position. */
       pixel(side: number, plane: PlaneName, point: Vector): [number, number];
@@ -201,20 +199,20 @@ declare global {
 }
 window.viewer = {
   get ready() {
-    return Boolean(state) && panes.length > 0 && !stale;
+    return Boolean(state) && panes.length > 0 && !needsRedraw;
   },
   get state() {
     return state;
   },
   get rendered() {
-    return renders.length > 0 && renders.every((render) => render.ready);
+    return renderings.length > 0 && renderings.every((rendering) => rendering.ready);
   },
   pixel(side, plane, point) {
-    const pane = panes.find((p) => p.number === side && p.plane.name === plane)!;
+    const pane = panes.find((p) => p.sideIndex === side && p.plane.name === plane)!;
     const box = pane.canvas.getBoundingClientRect(), [x, y] = pane.pixel(point);
     return [box.left + x, box.top + y];
   },
-  profile: () => sampled(state),
+  profile: () => sampleProfile(state),
 };
 
-open().catch(failed);
+open().catch(showError);

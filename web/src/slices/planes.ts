@@ -1,11 +1,11 @@
-// The three planes through a volume, and slabs of them.
-import type { Image } from "../messages";
-import type { Index, Stored } from "./stored";
+// The three orthogonal planes through a volume, and slabs of them.
+import type { Image } from "../protocol/server-messages";
+import type { Index, ImageSource } from "./image-source";
 
 export type PlaneName = "axial" | "coronal" | "sagittal";
 export type SlabMode = "mean" | "max";
 
-/** Axes are counted (z, y, x). up: the axis drawn down the screen grows upwards. */
+/** Axes are numbered (z, y, x). cut: normal to the plane; down, across: along the screen. up: `down` is drawn upwards. */
 export interface Plane {
   name: PlaneName;
   cut: number;
@@ -14,7 +14,7 @@ export interface Plane {
   up: boolean;
 }
 
-// As radiologists look: the patient's right on the left, front or head above.
+// Radiological convention: the patient's right on the left, anterior or superior at the top.
 export const PLANES: Record<PlaneName, Plane> = {
   axial: { name: "axial", cut: 0, down: 1, across: 2, up: false },
   coronal: { name: "coronal", cut: 1, down: 0, across: 2, up: true },
@@ -25,29 +25,29 @@ export const NAMES = Object.keys(PLANES) as PlaneName[];
 const PATIENT = [["I", "S"], ["A", "P"], ["R", "L"]]; // lowest and highest end of z, y, x
 const WORLD = [["−z", "+z"], ["−y", "+y"], ["−x", "+x"]];
 
-/** What lies at the left, right, top and bottom of the picture. */
-export function letters(image: Image, plane: Plane): [string, string, string, string] {
+/** Orientation labels at the left, right, top and bottom of the picture. */
+export function orientationLabels(image: Image, plane: Plane): [string, string, string, string] {
   if (image.scan) return ["", "", "", ""];
   const ends = image.patient ? PATIENT : WORLD;
   const [top, bottom] = plane.up ? [ends[plane.down][1], ends[plane.down][0]] : ends[plane.down];
   return [ends[plane.across][0], ends[plane.across][1], top, bottom];
 }
 
-/** What a plane is called: patients have three, a reconstruction's frame has axes. */
+/** Name of a plane: anatomical if the patient's axes are known, otherwise by its normal. */
 export function title(image: Image, plane: Plane): string {
   if (image.scan) return "Projection";
   return image.patient ? plane.name[0].toUpperCase() + plane.name.slice(1) : `${"zyx"[plane.cut]} plane`;
 }
 
-/** First and last slice of a slab of about `mm`: an odd number of slices, so that slice k is the middle one. */
-export function slab(stored: Stored, cut: number, k: number, mm: number): [number, number] {
-  const half = Math.floor(mm / 2 / stored.spacing[cut] + 1e-6);
-  return [Math.max(0, k - half), Math.min(stored.shape[cut] - 1, k + half)];
+/** First and last slice of a slab about `mm` thick: an odd number of slices, with slice k in the middle. */
+export function slab(source: ImageSource, cut: number, k: number, mm: number): [number, number] {
+  const half = Math.floor(mm / 2 / source.spacing[cut] + 1e-6);
+  return [Math.max(0, k - half), Math.min(source.shape[cut] - 1, k + half)];
 }
 
 /** Values (rows, columns) of slices first..last of a plane, their mean or their maximum; rows by growing index. */
-export function extract(stored: Stored, plane: Plane, first: number, last: number, mode: SlabMode): Float32Array<ArrayBuffer> {
-  const { shape, values } = stored;
+export function extract(source: ImageSource, plane: Plane, first: number, last: number, mode: SlabMode): Float32Array<ArrayBuffer> {
+  const { shape, values } = source;
   const strides: Index = [shape[1] * shape[2], shape[2], 1];
   const [rows, columns, count] = [shape[plane.down], shape[plane.across], last - first + 1];
   const [down, across, cut] = [strides[plane.down], strides[plane.across], strides[plane.cut]];

@@ -1,12 +1,13 @@
 """The dissertation's claims and ours, each with what the numbers say of it, whatever they turn out to be."""
 
 from collections.abc import Mapping, Sequence
+from itertools import product
 
 import numpy as np
 
-from palpate.studies.deformation.feel import peak_to_peak
-from palpate.studies.deformation.setting import MARKS, Setting
-from palpate.studies.tables import Row, where
+from palpate.report.tables import Row, distinct, where
+from palpate.studies.deformation.config import MARKS, Setting
+from palpate.studies.deformation.haptic_fidelity import peak_to_peak
 
 Tables = Mapping[str, list[Row]]
 LIMIT = 1.0  # mm, the dissertation's at 5 mm
@@ -49,21 +50,17 @@ def _below_a_millimetre(tables: Tables, setting: Setting) -> list[list[str]]:
             lines.append([claim, held, f"worst node, mm (Poisson's ratio): {_list(some, 'worst_mm')}"])
     for mark in MARKS:
         some = [r for w in ("equal", "cotangent") for r in _best(tables, "triangle", w, least=f"mark {mark:g}")]
-        worst = (
-            f"{min(r['worst_mm'] for r in some):.2f} to {max(r['worst_mm'] for r in some):.2f} mm over both "
-            "edges and all ratios"
-        )
-        lines.append(
-            [f"the same at RSC0 {mark:g} (its own contact)", verdict([r["worst_mm"] < LIMIT for r in some]), worst]
-        )
+        worst = [r["worst_mm"] for r in some]
+        words = f"{min(worst):.2f} to {max(worst):.2f} mm over both edges and all ratios"
+        lines.append([f"the same at RSC0 {mark:g} (its own contact)", verdict([w < LIMIT for w in worst]), words])
     return lines
 
 
 def _larger_pushes(tables: Tables) -> list[list[str]]:
     share = [100 * r["worst_share"] for r in _best(tables, "triangle", "equal")]
     words = (
-        f"against linear elements it must, since both are linear: {min(share):.0f} to {max(share):.0f} % of "
-        "the push at any depth"
+        f"against linear elements it must, since both are linear: {min(share):.0f} to {max(share):.0f} % of the push at any "
+        "depth"
     )
     lines = [["the relative difference at 10 mm is that at 5 mm", "holds, by construction", words]]
     some = where(tables["large"], model="springs")
@@ -78,13 +75,9 @@ def _larger_pushes(tables: Tables) -> list[list[str]]:
 
 def _adaptive(tables: Tables) -> list[str]:
     gains = []
-    for contact in ("triangle", "patch"):
-        for weights in ("equal", "cotangent"):
-            for law in ("linear", "exponential"):
-                pairs = zip(
-                    _best(tables, contact, weights, "uniform"), _best(tables, contact, weights, law), strict=True
-                )
-                gains += [u["worst_mm"] / a["worst_mm"] for u, a in pairs]
+    for contact, weights, law in product(("triangle", "patch"), ("equal", "cotangent"), ("linear", "exponential")):
+        pairs = zip(_best(tables, contact, weights, "uniform"), _best(tables, contact, weights, law), strict=True)
+        gains += [u["worst_mm"] / a["worst_mm"] for u, a in pairs]
     words = (
         f"worst error of the best uniform over that of the best adaptive law: {min(gains):.2f} to "
         f"{max(gains):.2f}, mean {np.mean(gains):.2f}"
@@ -108,13 +101,8 @@ def _meshes(tables: Tables) -> list[list[str]]:
     for mesh in ("irregular", "finer"):
         some = where(tables["meshes"], mesh=mesh, contact="triangle", weights="equal")
         words = "; ".join(f"{r['choice']} RSC0 {-r['rsc']:.3f}: {r['worst_mm']:.2f} mm" for r in some)
-        lines.append(
-            [
-                f"below 1 mm at 5 mm on the {mesh} mesh too (equal edges)",
-                verdict([r["worst_mm"] < LIMIT for r in some]),
-                words,
-            ]
-        )
+        held = verdict([r["worst_mm"] < LIMIT for r in some])
+        lines.append([f"below 1 mm at 5 mm on the {mesh} mesh too (equal edges)", held, words])
     return lines
 
 
@@ -127,23 +115,18 @@ def reached(rows: Sequence[Row], error: float) -> int | None:
 
 def _sweeps(tables: Tables) -> list[list[str]]:
     lines = []
-    for name in dict.fromkeys(r["model"] for r in tables["convergence"]):
-        sizes = list(dict.fromkeys(r["nodes"] for r in where(tables["convergence"], model=name)))
+    for name in distinct(tables["convergence"], "model"):
+        sizes = distinct(where(tables["convergence"], model=name), "nodes")
         counts = {n: reached(where(tables["convergence"], model=name, nodes=n), 0.01) for n in sizes}
         words = ", ".join(f"{n}³: {c if c is not None else 'not in 512'}" for n, c in counts.items())
-        lines.append(
-            [
-                f"{name}: sweeps converge",
-                verdict([c is not None for c in counts.values()]),
-                f"sweeps to 1 % of the push: {words}",
-            ]
-        )
+        held = verdict([c is not None for c in counts.values()])
+        lines.append([f"{name}: sweeps converge", held, f"sweeps to 1 % of the push: {words}"])
     some = tables["stability"]
     calm = [r["shaken_mm"] < 3 * r["shake_mm"] and r["after_1024_mm"] < 0.05 for r in some]
+    home, most = max(r["after_1024_mm"] for r in some), max(r["shaken_mm"] for r in some)
     words = (
-        f"nodes thrown about by 100 mm come home to {max(r['after_1024_mm'] for r in some):.1g} mm after "
-        "1024 sweeps; a tool that "
-        f"jumps by 15 mm every tick moves no node by more than {max(r['shaken_mm'] for r in some):.0f} mm"
+        f"nodes thrown about by 100 mm come home to {home:.1g} mm after 1024 sweeps; a tool that jumps by 15 mm every tick "
+        f"moves no node by more than {most:.0f} mm"
     )
     return [*lines, ["sweeps are stable, whatever the hand does", verdict(calm), words]]
 
@@ -152,45 +135,31 @@ def _frames(tables: Tables) -> list[str]:
     some = where(tables["kidneys"], model="springs")
     words = ", ".join(f"{r['resolution']} {1e3 * r['push_s_0.01']:.2g} ms" for r in some)
     held = verdict([r["push_s_0.01"] < 1 / 30 for r in some])
-    return [
-        "kidney at every resolution: 30 deformations a second (springs, to 1 %)",
-        held,
-        f"one push from rest: {words}",
-    ]
+    claim = "kidney at every resolution: 30 deformations a second (springs, to 1 %)"
+    return [claim, held, f"one push from rest: {words}"]
 
 
 def _ripple(tables: Tables) -> list[list[str]]:
     lines = []
-    for radius in dict.fromkeys(r["radius_edges"] for r in tables["ripple"]):
+    for radius in distinct(tables["ripple"], "radius_edges"):
         some = where(tables["ripple"], radius_edges=radius)
         peaks = {
-            m: peak_to_peak(np.array([r["force_n"] for r in where(some, model=m)]))
-            for m in dict.fromkeys(r["model"] for r in some)
+            m: peak_to_peak(np.array([r["force_n"] for r in where(some, model=m)])) for m in distinct(some, "model")
         }
         words = ", ".join(f"{name} {100 * peak:.2f} %" for name, peak in peaks.items())
-        held = (
-            "at most 1 %"
-            if max(peaks.values()) <= 0.01
-            else "at most 3 %"
-            if max(peaks.values()) <= 0.03
-            else "above 3 %"
-        )
+        highest = max(peaks.values())
+        held = "at most 1 %" if highest <= 0.01 else "at most 3 %" if highest <= 0.03 else "above 3 %"
         lines.append([f"stiffness ripple of a patch of {radius:g} edges ({some[0]['radius_mm']:g} mm)", held, words])
     return lines
 
 
 def _loops(tables: Tables) -> list[list[str]]:
     lines = []
-    for path in dict.fromkeys(r["path"] for r in tables["loops"]):
+    for path in distinct(tables["loops"], "path"):
         some = where(tables["loops"], path=path)
         shares = {r["model"] + ", " + r["how"]: r["net_nmm"] / r["stored_nmm"] for r in some}
         worst = min(shares, key=shares.__getitem__)
         words = f"least net work {100 * shares[worst] + 0.0:.2g} % of the most stored ({worst})"
-        lines.append(
-            [
-                f"gives no work, beyond 1 % of what was stored: {path}",
-                verdict([s >= -0.01 for s in shares.values()]),
-                words,
-            ]
-        )
+        held = verdict([s >= -0.01 for s in shares.values()])
+        lines.append([f"returns no net work (within 1 % of the stored energy): {path}", held, words])
     return lines

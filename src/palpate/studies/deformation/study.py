@@ -1,15 +1,14 @@
 """The whole study: one folder with runs, tables, figures, and one report."""
 
-from collections.abc import Callable
 from pathlib import Path
 
-from palpate.studies.deformation.page import sections
-from palpate.studies.deformation.runs import run_all
-from palpate.studies.deformation.setting import FULL, QUICK
-from palpate.studies.deformation.told import Told
-from palpate.studies.publish import publish
-from palpate.studies.stages import begun
-from palpate.studies.tables import write_tables
+from palpate.report.stages import Progress, Stages, silent
+from palpate.studies.deformation.config import FULL, QUICK
+from palpate.studies.deformation.report_inputs import ReportInputs
+from palpate.studies.deformation.report_sections import sections
+from palpate.studies.deformation.run_store import run_all
+from palpate.studies.study import Study
+from palpate.tissue.models.registry import names
 
 TITLE = "Springs, finite elements and the ladder between, measured"
 
@@ -20,21 +19,46 @@ def deformation_study(
     quick: bool = False,
     resume: bool = False,
     docs: str | Path | None = None,
-    progress: Callable[[str, float], None] = lambda what, share: None,
+    progress: Progress = silent,
 ) -> Path:
-    """Every experiment of Chen's dissertation (Delaware, 2006), chapter 3, and beyond: gives the path of report.html.
+    """Run the experiments of chapter 3 of Chen's dissertation, and more, on a cube and a kidney.
 
-    folder: made if need be; gets report.html, tables/*.csv, figures/*.png, runs/*.json. quick: small meshes, for tests.
-    resume: go on from the experiments that are there. docs: a folder that gets the page deformation.md with its
-    pictures. progress(what, share): told how far it is. Raises `FileError` when a folder cannot be written, or holds
-    another study.
+    Parameters
+    ----------
+    folder : str or Path
+        Receives report.html, and the folders tables, figures and runs.
+    quick : bool, optional
+        Use small meshes, for tests.
+    resume : bool, optional
+        Go on from the experiments that are there.
+    docs : str or Path, optional
+        A folder that receives the page deformation.md and its pictures.
+    progress : callable, optional
+        Called with what is done and the share done.
+
+    Returns
+    -------
+    Path
+        The report.
+
+    Raises
+    ------
+    FileError
+        If a folder cannot be written, or holds another study.
+
+    References
+    ----------
+    Chen, PhD dissertation, University of Delaware, 2006.
+
+    Examples
+    --------
+    >>> pp.deformation_study("deformation", quick=True)  # doctest: +SKIP
     """
     setting = QUICK if quick else FULL
-    stages = begun(folder, resume, docs)
-    tables = run_all(stages, setting, progress)
-    write_tables(stages.folder / "tables", {name: rows for name, rows in tables.items() if rows})
+    models = f", models {' '.join(names())}"
+    study = Study("deformation", TITLE, Stages(Path(folder), resume), quick, docs, models)
+    tables = run_all(study.stages, setting, progress)
     progress("report", 0.0)
-    command = f"palpate study {setting.name}"
-    report = publish(stages.folder, "deformation", TITLE, command, sections(Told(command, setting, tables)), docs)
+    report = study.publish(tables, sections(ReportInputs(setting, tables)))
     progress("report", 1.0)
     return report

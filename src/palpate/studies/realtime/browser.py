@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from palpate.server.listen import loopback_socket
-from palpate.server.serve import serving
+from palpate.report.tables import Row
+from palpate.server.loopback_server import loopback_socket
+from palpate.server.touch import serving
 from palpate.simulation.session import Session
-from palpate.studies.deformation.organs import kidney
-from palpate.studies.realtime.setting import Setting
-from palpate.studies.tables import Row
-from palpate.tissue.models import model
+from palpate.studies.deformation.kidney import kidney
+from palpate.studies.realtime.config import Setting
+from palpate.tissue.models.registry import model
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 # As Chromium draws where there is no graphics card. With --use-angle=swiftshader it would put the whole page together
@@ -40,7 +40,7 @@ WATCHER = """(() => {
   for (const move of ["pointerrawupdate", "pointermove"])
     addEventListener(move, (e) => (event = e.timeStamp), true);
   const serial = (m) => m && typeof m === "object"
-    ? (typeof m.serial === "number" ? m.serial : serial(m.tool) ?? serial(m.message)) : undefined;
+    ? (typeof m.serial === "number" ? m.serial : serial(m.command)) : undefined;
   const post = Worker.prototype.postMessage;
   Worker.prototype.postMessage = function (message, ...rest) {
     const number = serial(message);

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.studies.tables import Row, where
+from palpate.report.tables import Row, distinct, where
+from palpate.studies.tomosynthesis.config import Setting
 from palpate.studies.tomosynthesis.experiments import GAPS, SAMPLING_DOSE, Record
-from palpate.studies.tomosynthesis.setting import Setting
-from palpate.studies.tomosynthesis.tables import error_at, said, seconds_below, spread
+from palpate.studies.tomosynthesis.tables import error_at, mean_and_spread, seconds_below, spread
 
 # What is compared: name, fixed resolution, multi-resolution; each (optimiser, start).
 PAIRS = (
@@ -129,28 +129,20 @@ def claims(found: Sequence[Factor], tables: dict[str, list[Row]], setting: Setti
     said_of = []
     for pair in (PAIRS[0][0], PAIRS[3][0]):
         mine = [f for f in found if f.pair == pair]
-        times = [f.time[1:] for f in mine]
-        for claim, ratios, middle in (
-            ("M-MAP needs less computation than F-MAP", times, [f.time[0] for f in mine]),
-            ("M-MAP's images are better than F-MAP's after the same time", [f.equal_time[1:] for f in mine],
-             [f.equal_time[0] for f in mine]),
-        ):  # fmt: skip
-            numbers = ", ".join(f"{_photons(f.dose)} {m:.2f}" for f, m in zip(mine, middle, strict=True))
-            said_of.append((f"{claim} ({pair})", f"{_verdict(ratios)}: factors {numbers}"))
-    for what, column, better in (
-        ("error of the region", "nmse_region", "lower"),
-        ("contrast to noise", "cnr", "higher"),
-    ):
+        for claim, factor in (
+            ("M-MAP needs less computation than F-MAP", "time"),
+            ("M-MAP's images are better than F-MAP's after the same time", "equal_time"),
+        ):
+            ranged = [getattr(f, factor) for f in mine]
+            numbers = ", ".join(f"{_photons(f.dose)} {mean:.2f}" for f, (mean, *_) in zip(mine, ranged, strict=True))
+            said_of.append((f"{claim} ({pair})", f"{_verdict([r[1:] for r in ranged])}: factors {numbers}"))
+    for what, column, lower in (("error of the region", "nmse_region", True), ("contrast to noise", "cnr", False)):
         ratios, each_dose = [], []
         for dose in setting.doses:
             back = where(tables["baselines"], dose=dose, method="backprojection")
             multi = where(tables["convergence"], dose=dose, method="M-MAP-3", optimiser="descent", start="uniform")
-            each = [
-                (b[column] / m[column] if better == "lower" else m[column] / b[column])
-                for b in back
-                for m in multi
-                if b["seed"] == m["seed"]
-            ]
+            pairs = [(b[column], m[column]) for b in back for m in where(multi, seed=b["seed"])]
+            each = [b / m if lower else m / b for b, m in pairs]
             ratios.append((min(each), max(each)))
             each_dose.append(f"{_photons(dose)} {_ranged(each)[0]:.2f}")
         claim = f"M-MAP-3 (descent, uniform start) is better than backprojection: {what}"
@@ -160,11 +152,13 @@ def claims(found: Sequence[Factor], tables: dict[str, list[Row]], setting: Setti
 
 def winner(rows: Sequence[Row], by: str, column: str, form: str, lower: bool = True) -> tuple[str, str]:
     """Which choice of `by` is best in a column, compared scan by scan, and whether the seeds agree; and the numbers."""
-    names = list(dict.fromkeys(row[by] for row in rows))
+    names = distinct(rows, by)
     means = {name: spread(row[column] for row in rows if row[by] == name)[0] for name in names}
     order = sorted(names, key=lambda name: means[name] if lower else -means[name])
     first = order[0]
-    numbers = ", ".join(f"{_plain(name)} {said((r[column] for r in rows if r[by] == name), form)}" for name in order)
+    numbers = ", ".join(
+        f"{_plain(name)} {mean_and_spread((r[column] for r in rows if r[by] == name), form)}" for name in order
+    )
     ties = [name for name in order[1:] if not _always_better(rows, by, column, first, name, lower)]
     if not ties:
         return _plain(first), numbers

@@ -1,27 +1,26 @@
 """Pictures of the study that show numbers: curves over iterations and time, bars with the spread over the seeds."""
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from palpate.arrays import Float64
-from palpate.studies.axes import COLOURS, TRUTH, canvas, finish
-from palpate.studies.tables import Row, where
+from palpate.report.plot_axes import TRUTH, canvas, finish, legend_below
+from palpate.report.tables import Row, distinct, where
+from palpate.studies.tomosynthesis.convergence_traces import columns
 from palpate.studies.tomosynthesis.experiments import Record
-from palpate.studies.tomosynthesis.tables import best_posterior, gaps, spread
-from palpate.studies.tomosynthesis.traces import columns
+from palpate.studies.tomosynthesis.tables import best_posterior, gaps, whiskers
+from palpate.volumes.notebook_figure import COLOURS, line_style
 
 STYLES = {"descent": "-", "momentum": "--", "auto": ":"}
-OF_METHOD = dict(zip(("F-MAP", "M-MAP-2", "M-MAP-3"), COLOURS, strict=False))
+OF_METHOD = {name: line_style(i) for i, name in enumerate(("F-MAP", "M-MAP-2", "M-MAP-3"))}
 
 
 def convergence(records: Sequence[Record], doses: Sequence[int], start: str, column: str, time: bool) -> Figure:
     """A panel a dose, one seed: a column of the traces against iterations (all levels) or processor time.
 
-    column: "gap" is that of the log-posterior, above the best. The dot is where the stopping rule ended the run.
+    column: "gap" is that of the log-posterior, above the best. The large mark is where the stopping rule ended the run.
     """
     figure, panels = canvas(len(doses))
     best = best_posterior(records)
@@ -30,9 +29,9 @@ def convergence(records: Sequence[Record], doses: Sequence[int], start: str, col
             t, stop = columns(r["trace"]), r["stop"]
             x = t["cpu"] if time else np.arange(1, len(t["cpu"]) + 1)
             y = np.maximum(gaps(r, best[dose, 0]), 1e-5) if column == "gap" else t[column]
-            colour, style = OF_METHOD[r["method"]], STYLES[r["optimiser"]]
-            axes.plot(x, y, style, color=colour, lw=1.5, label=f"{r['method']}, {r['optimiser']}")
-            axes.plot(x[stop], y[stop], "o", color=colour, ms=5)
+            style = OF_METHOD[r["method"]] | {"ls": STYLES[r["optimiser"]]}
+            axes.plot(x, y, lw=1.5, label=f"{r['method']}, {r['optimiser']}", **style)
+            axes.plot(x[stop], y[stop], **style | {"ms": 8})
         finish(axes, f"{dose:,} photons", "processor time, s" if time else "iterations, all levels", _NAMES[column])
         axes.set_xscale("log")
         if column == "gap":
@@ -52,17 +51,18 @@ _NAMES = {
 
 
 def sampling(records: Sequence[Record], by: str, other: str, fixed: str) -> Figure:
-    """NMSE of the region and posterior over time for each choice, all seeds thin, the first with its dot."""
+    """NMSE of the region and posterior over time for each choice, all seeds thin, a large mark where the first ended."""
     figure, panels = canvas(2)
     best = best_posterior(records)
     for r in where(records, experiment="sampling", **{other: fixed}):
         t, stop, name = columns(r["trace"]), r["stop"], r[by]
-        names = list(dict.fromkeys(q[by] for q in where(records, experiment="sampling", **{other: fixed})))
-        colour, first = COLOURS[names.index(name)], r["seed"] == 0
+        names = distinct(where(records, experiment="sampling", **{other: fixed}), by)
+        style, first = line_style(names.index(name)), r["seed"] == 0
         for axes, y in zip(panels, (t["nmse_region"], gaps(r, best[r["dose"], r["seed"]])), strict=True):
-            axes.plot(t["cpu"], y, color=colour, lw=1.6 if first else 0.6, label=name if first else None)
+            thin = {} if first else {"marker": ""}
+            axes.plot(t["cpu"], y, lw=1.6 if first else 0.6, label=name if first else None, **style | thin)
             if first:
-                axes.plot(t["cpu"][stop], y[stop], "o", color=colour, ms=5)
+                axes.plot(t["cpu"][stop], y[stop], **style | {"ms": 8})
     for axes, column in zip(panels, ("nmse_region", "gap"), strict=True):
         finish(axes, "", "processor time, s", _NAMES[column])
         axes.set_xscale("log")
@@ -72,29 +72,21 @@ def sampling(records: Sequence[Record], by: str, other: str, fixed: str) -> Figu
 
 
 def bars(rows: Sequence[Row], by: str, doses: Sequence[int], of: Sequence[str]) -> Figure:
-    """A panel a figure of merit: groups of bars by dose, one a choice; whiskers are the deviation over the seeds."""
+    """A panel a figure of merit: groups of bars by dose, one a choice; whiskers as `whiskers` says."""
     figure, panels = canvas(len(of), 4.2)
-    names = list(dict.fromkeys(row[by] for row in rows))
+    names = distinct(rows, by)
     wide = 0.8 / len(names)
     for axes, column in zip(panels, of, strict=True):
         for i, name in enumerate(names):
             x = np.arange(len(doses)) + (i - (len(names) - 1) / 2) * wide
             some = [where(rows, dose=dose, **{by: name}) for dose in doses]
-            means, deviations = np.array([spread(r[column] for r in each) for each in some]).T
-            axes.bar(x, means, wide * 0.92, yerr=deviations, color=_colour(i), label=str(name), error_kw={"lw": 1})
+            means, *reach = np.array([whiskers(r[column] for r in each) for each in some]).T
+            colour = COLOURS[i % len(COLOURS)]
+            axes.bar(x, means, wide * 0.92, yerr=reach, color=colour, label=str(name), error_kw={"lw": 1})
         axes.set_xticks(np.arange(len(doses)), [f"{dose:,}" for dose in doses])
         finish(axes, "", "photons", _NAMES[column])
-    _legend_below(figure, panels[0], len(names))
+    legend_below(figure, panels[0])
     return figure
-
-
-def _colour(i: int) -> str:
-    return COLOURS[i % len(COLOURS)]
-
-
-def _legend_below(figure: Figure, axes: Axes, count: int) -> None:
-    handles, labels = axes.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=min(count, 7), frameon=False, fontsize=9)
 
 
 def dose_curves(rows: Sequence[Row], doses: Sequence[int]) -> Figure:
@@ -108,11 +100,11 @@ def dose_curves(rows: Sequence[Row], doses: Sequence[int]) -> Figure:
         for i, (method, strength, label) in enumerate(lines):
             more = {} if strength is None else {"strength": strength}
             each = [where(rows, dose=dose, method=method, **more) for dose in doses]
-            means, deviations = np.array([spread(r[column] for r in some) for some in each]).T
-            axes.errorbar(doses, means, deviations, color=_colour(i), marker="o", ms=4, lw=1.5, capsize=3, label=label)
+            means, *reach = np.array([whiskers(r[column] for r in some) for some in each]).T
+            axes.errorbar(doses, means, reach, lw=1.5, capsize=3, label=label, **line_style(i))
         axes.set_xscale("log")
         finish(axes, "", "photons", _NAMES[column])
-    _legend_below(figure, panels[0], len(lines))
+    legend_below(figure, panels[0])
     return figure
 
 
@@ -123,13 +115,13 @@ def over_strength(rows: Sequence[Row], doses: Sequence[int]) -> Figure:
     for axes, column in zip(panels, ("nmse_region", "ssim", "cnr"), strict=True):
         for i, dose in enumerate(doses):
             each = [where(rows, dose=dose, share=share) for share in shares]
-            means, deviations = np.array([spread(r[column] for r in some) for some in each]).T
+            means, *reach = np.array([whiskers(r[column] for r in some) for some in each]).T
             label = f"{dose:,} photons"
-            axes.errorbar(shares, means, deviations, color=_colour(i), marker="o", ms=4, lw=1.5, capsize=3, label=label)
+            axes.errorbar(shares, means, reach, lw=1.5, capsize=3, label=label, **line_style(i))
         axes.set_xscale("log")
         axes.axvline(1, color=TRUTH, lw=0.8, ls=":")
         finish(axes, "", "times the strength that the data choose", _NAMES[column])
-    _legend_below(figure, panels[0], len(doses))
+    legend_below(figure, panels[0])
     return figure
 
 
@@ -145,15 +137,15 @@ def _panels(
     for axes, dose in zip(panels, doses, strict=True):
         for i, r in enumerate(where(records, experiment="baselines", dose=dose, seed=0)):
             values = y(r)
-            line: dict[str, Any] = {"color": _colour(i), "label": r["method"], "lw": 1.5}
+            line = line_style(i) | {"label": r["method"], "lw": 1.5}
             if len(values) == 1:
-                axes.axhline(values[0], ls=":", **line)
+                axes.axhline(values[0], **line)
             else:
                 axes.plot(np.arange(1, len(values) + 1), values, **line)
         multi = next(iter(where(records, experiment="priors", dose=dose, seed=0, prior="lange")))
-        axes.axhline(multi["quality"]["nmse_region"], color=TRUTH, ls="--", lw=1.5, label="M-MAP-3")
+        axes.axhline(multi["quality"]["nmse_region"], color=TRUTH, lw=1.5, label="M-MAP-3")
         finish(axes, f"{dose:,} photons", xlabel, ylabel)
-    _legend_below(figure, panels[0], 7)
+    legend_below(figure, panels[0])
     return figure
 
 
@@ -163,7 +155,7 @@ def depth_spread(groups: Sequence[tuple[str, Sequence[tuple[str, Record]]]], z: 
     for axes, (title, records) in zip(panels, groups, strict=True):
         axes.plot(z, truth, color=TRUTH, lw=2.2, label="phantom")
         for i, (name, record) in enumerate(records):
-            axes.plot(z, record["spread"], color=_colour(i), lw=1.5, label=name)
+            axes.plot(z, record["spread"], lw=1.5, label=name, **line_style(i))
         finish(axes, title, "z, mm", "contrast, share of that in the ball's slice")
         axes.legend(frameon=False, fontsize=8)
     return figure

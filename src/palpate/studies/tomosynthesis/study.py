@@ -1,17 +1,18 @@
 """The whole study: one folder with runs, tables, figures, and one report."""
 
-from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
-from palpate.studies.publish import publish
-from palpate.studies.stages import begun
-from palpate.studies.tables import write_tables
+from palpate.errors import DataError
+from palpate.report.stages import Progress, Stages, silent
+from palpate.studies.study import Study
 from palpate.studies.tomosynthesis.conclusions import factors
-from palpate.studies.tomosynthesis.page import Page
-from palpate.studies.tomosynthesis.runs import run_all
-from palpate.studies.tomosynthesis.setting import FULL, QUICK
+from palpate.studies.tomosynthesis.config import FULL, QUICK
+from palpate.studies.tomosynthesis.report_sections import ReportSections
+from palpate.studies.tomosynthesis.run_store import run_all
 from palpate.studies.tomosynthesis.tables import make_tables
 
+MOST_SEEDS = 1000
 TITLE = "Multi-resolution MAP tomosynthesis, measured"
 
 
@@ -19,26 +20,60 @@ def tomosynthesis_study(
     folder: str | Path,
     *,
     quick: bool = False,
+    seeds: int | None = None,
     resume: bool = False,
     docs: str | Path | None = None,
-    progress: Callable[[str, float], None] = lambda what, share: None,
+    progress: Progress = silent,
 ) -> Path:
-    """Every experiment of Chen's dissertation (Delaware, 2006), chapter 2, and beyond: gives the path of report.html.
+    """Run the experiments of chapter 2 of Chen's dissertation, and more.
 
-    folder: made if need be; gets report.html, tables/*.csv, figures/*.png, volumes/*.nii.gz, runs/*.json. quick: a small
-    grid and two seeds, for tests. resume: go on from the runs that are there. docs: a folder that gets the page
-    tomosynthesis.md with its pictures. progress(what, share): told how far it is. Raises `FileError` when a folder
-    cannot be written, or holds another study.
+    Parameters
+    ----------
+    folder : str or Path
+        Receives report.html, and the folders tables, figures, volumes and runs.
+    quick : bool, optional
+        Use a small grid and two seeds, for tests.
+    seeds : int, optional
+        Scans of each dose in every comparison, in place of three (two in those that cost more). From five on the report
+        tells standard deviations.
+    resume : bool, optional
+        Go on from the runs that are there.
+    docs : str or Path, optional
+        A folder that receives the page tomosynthesis.md and its pictures.
+    progress : callable, optional
+        Called with what is done and the share done.
+
+    Returns
+    -------
+    Path
+        The report.
+
+    Raises
+    ------
+    DataError
+        If there are less than one seeds.
+    FileError
+        If a folder cannot be written, or holds another study.
+
+    References
+    ----------
+    Chen, PhD dissertation, University of Delaware, 2006.
+
+    Examples
+    --------
+    >>> pp.tomosynthesis_study("tomosynthesis", quick=True)  # doctest: +SKIP
     """
-    setting = QUICK if quick else FULL
-    stages = begun(folder, resume, docs)
-    records, judge = run_all(stages, setting, progress)
+    setting, option = (QUICK if quick else FULL), ""
+    if seeds is not None:
+        if not 1 <= seeds <= MOST_SEEDS:
+            raise DataError(f"seeds: expected 1 to {MOST_SEEDS} scans of each dose, got {seeds}")
+        setting, option = replace(setting, seeds=seeds, few=seeds), f" --seeds {seeds}"
+    study = Study("tomosynthesis", TITLE, Stages(Path(folder), resume), quick, docs, option=option)
+    records, image_quality = run_all(study.stages, setting, progress)
     tables, found = make_tables(records, setting), factors(records, setting)
     tables["factors"] = [f.row for f in found]
-    write_tables(stages.folder / "tables", tables)
-    command = "palpate study tomosynthesis" + (" --quick" if quick else "")
     progress("report", 0.0)
-    sections = Page(stages.folder, command, judge, records, tables, found).sections()
-    report = publish(stages.folder, "tomosynthesis", TITLE, command, sections, docs)
+    sections = ReportSections(study.stages.folder, image_quality, records, tables, found).sections()
+    report = study.publish(tables, sections)
     progress("report", 1.0)
     return report

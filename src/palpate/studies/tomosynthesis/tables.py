@@ -4,34 +4,23 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from palpate.reconstruction.multires import pyramid
+from palpate.reconstruction.multiresolution import pyramid
+from palpate.report.tables import Row, where
 from palpate.scans.scan import Scan
-from palpate.studies.tables import Row
+from palpate.studies.tomosynthesis.config import Setting
+from palpate.studies.tomosynthesis.convergence_traces import columns
 from palpate.studies.tomosynthesis.experiments import FAR, GAPS, Record
-from palpate.studies.tomosynthesis.setting import Setting
-from palpate.studies.tomosynthesis.traces import columns
 
-QUALITIES = ("nmse", "nmse_region", "ssim", "cnr", "depth_mm")
-ABOUT = (
-    "dose",
-    "seed",
-    "motion",
-    "method",
-    "optimiser",
-    "start",
-    "downsample",
-    "interpolation",
-    "prior",
-    "strength",
-    "share",
-)
+MEASURED = ("experiment", "trace", "stop", "quality", "starts", "spread")  # of a record, beside what the run is
+COMPARED = ("convergence", "sampling")  # experiments whose posteriors are
+ENOUGH = 5  # values of which a standard deviation is told
 
 
 def best_posterior(records: Sequence[Record]) -> dict[tuple[int, int], float]:
     """By dose and seed the lowest negative log-posterior that any run found."""
     best: dict[tuple[int, int], float] = {}
     for r in records:
-        if r["experiment"] in ("convergence", "sampling"):
+        if r["experiment"] in COMPARED:
             key = r["dose"], r["seed"]
             best[key] = min(best.get(key, np.inf), *r["trace"]["posterior"])
     return best
@@ -40,11 +29,6 @@ def best_posterior(records: Sequence[Record]) -> dict[tuple[int, int], float]:
 def gaps(record: Record, best: float) -> np.ndarray:
     """(iterates,) how far above the best its negative log-posterior is, as a share of the best."""
     return (np.asarray(record["trace"]["posterior"]) - best) / best
-
-
-def seconds_to(record: Record, best: float, gap: float) -> tuple[float, bool]:
-    """As `seconds_below`, for a posterior so much above the best."""
-    return seconds_below(record, best * (1 + gap))
 
 
 def seconds_below(record: Record, posterior: float) -> tuple[float, bool]:
@@ -64,24 +48,18 @@ def error_at(record: Record, seconds: float) -> float:
 def make_tables(records: Sequence[Record], setting: Setting) -> dict[str, list[Row]]:
     """By name, each a list of rows."""
     best = best_posterior(records)
-    tables = {"convergence": [_converged(r, best) for r in records if r["experiment"] == "convergence"]}
-    tables["sampling"] = [_converged(r, best) for r in records if r["experiment"] == "sampling"]
+    tables = {name: [_converged(r, best) for r in where(records, experiment=name)] for name in COMPARED}
     tables["levels"] = levels(setting, tables["convergence"])
     for name in ("priors", "strengths", "baselines", "doses", "motions"):
-        tables[name] = [_judged(r) for r in records if r["experiment"] == name]
+        tables[name] = [_judged(r) for r in where(records, experiment=name)]
     return tables
-
-
-def _about(record: Record) -> Row:
-    return {name: record[name] for name in ABOUT if name in record}
 
 
 def _judged(record: Record) -> Row:
     """Quality at the stopping rule (or the last iterate), and the best region NMSE of all iterates: an oracle's stop."""
     t = columns(record["trace"])
-    row: Row = (
-        _about(record) | record["quality"] | {"cpu_s": t["cpu"][record["stop"]], "iterations": record["stop"] + 1}
-    )
+    row: Row = {name: value for name, value in record.items() if name not in MEASURED} | record["quality"]
+    row |= {"cpu_s": t["cpu"][record["stop"]], "iterations": record["stop"] + 1}
     least = int(np.argmin(t["nmse_region"]))
     row |= {"best_nmse_region": t["nmse_region"][least], "best_iteration": least + 1}
     return row
@@ -95,7 +73,7 @@ def _converged(record: Record, best: dict[tuple[int, int], float]) -> Row:
         row["nmse_region_at_finest_start"] = t["nmse_region"][coarse[-1]]
     row["gap_at_stop"] = float(gaps(record, star)[stop])
     for gap in (*GAPS, FAR):
-        row[f"cpu_s_to_{gap:g}"], row[f"reached_{gap:g}"] = seconds_to(record, star, gap)
+        row[f"cpu_s_to_{gap:g}"], row[f"reached_{gap:g}"] = seconds_below(record, star * (1 + gap))
     for level in range(3):
         row[f"iterations_level_{level}"] = int(np.count_nonzero(t["level"][: stop + 1] == level))
     return row
@@ -109,18 +87,16 @@ def levels(setting: Setting, convergence: Sequence[Row]) -> list[Row]:
     every = pyramid(blank, setting.grid, 3)
     for method, count in (("F-MAP", 1), ("M-MAP-2", 2), ("M-MAP-3", 3)):
         for optimiser in ("descent", "momentum", "auto"):
-            for level in reversed(range(count)):
+            some = where(convergence, method=method, optimiser=optimiser)
+            for level in reversed(range(count)) if some else ():
                 scan, grid = every[level]
-                some = [r for r in convergence if r["method"] == method and r["optimiser"] == optimiser]
-                if not some:
-                    continue
                 row: Row = {"method": method, "optimiser": optimiser, "level": level}
                 row["voxels"] = " x ".join(map(str, grid.shape))
                 row["voxel_mm"] = " x ".join(f"{d:g}" for d in grid.spacing)
                 row["pixels"] = " x ".join(map(str, scan.shape[1:]))
                 row["pixel_mm"] = f"{scan.views.panels[0].pitch[0]:g}"
                 for dose in setting.doses:
-                    mine = [r[f"iterations_level_{level}"] for r in some if r["dose"] == dose]
+                    mine = [r[f"iterations_level_{level}"] for r in where(some, dose=dose)]
                     row[f"iterations_{dose}"] = float(np.mean(mine))
                 rows.append(row)
     return rows
@@ -132,11 +108,21 @@ def spread(values: Iterable[float]) -> tuple[float, float]:
     return float(x.mean()), float(x.std(ddof=1)) if len(x) > 1 else 0.0
 
 
-def said(values: Iterable[float], form: str = ".3f") -> str:
-    """Mean ± standard deviation as words."""
+def whiskers(values: Iterable[float]) -> tuple[float, float, float]:
+    """Mean, and how far below and above it a figure's whiskers end: at the deviation, or at the least and the most."""
+    x = np.array(list(values), np.float64)
+    mean, deviation = spread(x)
+    below, above = (deviation, deviation) if len(x) >= ENOUGH else (mean - float(x.min()), float(x.max()) - mean)
+    return mean, max(below, 0.0), max(above, 0.0)
+
+
+def mean_and_spread(values: Iterable[float], form: str = ".3f") -> str:
+    """Mean ± standard deviation as words; of fewer values than a deviation needs, mean (least to most)."""
     x = list(values)
     mean, deviation = spread(x)
-    return f"{mean:{form}} ± {deviation:{form}}" if len(x) > 1 else f"{mean:{form}}"
+    if len(x) >= ENOUGH:
+        return f"{mean:{form}} ± {deviation:{form}}"
+    return f"{mean:{form}} ({min(x):{form}} to {max(x):{form}})" if len(x) > 1 else f"{mean:{form}}"
 
 
 def summary(rows: Sequence[Row], by: Sequence[str], of: Sequence[tuple[str, str, str]]) -> list[list[str]]:
@@ -146,7 +132,10 @@ def summary(rows: Sequence[Row], by: Sequence[str], of: Sequence[tuple[str, str,
         groups.setdefault(tuple(row[name] for name in by), []).append(row)
     head = [*(b.replace("dose", "photons") for b in by), *(heading for _, heading, _ in of)]
     body = [
-        [*(f"{v:,}" if isinstance(v, int) else str(v) for v in key), *(said((r[c] for r in some), f) for c, _, f in of)]
+        [
+            *(f"{v:,}" if isinstance(v, int) else str(v) for v in key),
+            *(mean_and_spread((r[c] for r in some), f) for c, _, f in of),
+        ]
         for key, some in groups.items()
     ]
     return [head, *body]

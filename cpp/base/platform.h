@@ -1,0 +1,43 @@
+// All that the kernels ask of the operating system beyond the C++ library: huge pages, thread priority, libraries found
+// at run time, TCP sockets. Called by the folders that need them, on any thread. Linux, macOS and Windows.
+#pragma once
+#include <cstddef>
+#include <cstdint>
+#include <string>
+
+namespace palpate {
+
+void prefer_huge_pages(void* memory, size_t size); // where the system offers a choice
+int process_id();
+
+// Asks for real-time priority for the calling thread (Linux: needs root, or a limit `rtprio` of at least 1), and for
+// the finest timer. Returns whether it has the priority. Threads that it starts do not inherit it.
+bool request_realtime_priority();
+void lower_thread_priority(); // of the calling thread only, below ordinary ones
+
+// A counting semaphore. post() takes no lock and never waits, so the 1 kHz loop can wake a reader with it.
+class Semaphore {
+    void* handle;
+
+public:
+    Semaphore();
+    ~Semaphore();
+    Semaphore(const Semaphore&) = delete;
+    void post();
+    bool wait(int64_t timeout_ns); // false: nobody posted in time
+};
+
+// A library that stays loaded; nullptr and the system's reason if there is none.
+void* open_library(const std::string& path, std::string& why);
+void* find_symbol(void* library, const char* name); // nullptr: it has none
+
+// TCP sockets that do not block; < 0 is none. Times in ns from now.
+constexpr int would_block = -1;
+std::string connect_tcp(const std::string& host, int port, int64_t timeout_ns, int& socket); // "", or why it failed
+bool wait_readable(int socket, int64_t timeout_ns);
+int receive_bytes(int socket, void* into, size_t size);     // how many; 0: closed, would_block, or less: broken
+bool send_bytes(int socket, const void* from, size_t size); // all of them, or false
+void finish_sending(int socket);
+void close_socket(int socket);
+
+} // namespace palpate

@@ -1,0 +1,98 @@
+#include "bindings/module.h"
+#include "compliance/compliance_model.h"
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+
+using namespace nb::literals;
+using namespace palpate;
+
+namespace {
+
+FactoredStiffness elastic(const SparseCholesky& factor, In<int32_t, 1> free, In<int32_t, 1> vertices,
+                          In<double, 2> nodes) {
+    if (!factor.positive) throw std::invalid_argument("ComplianceModel: the stiffness is not positive definite");
+    const int count = int(free.shape(0));
+    if (nodes.shape(0) != free.shape(0) || nodes.shape(1) != 3)
+        throw std::invalid_argument("nodes: expected shape (nodes, 3)");
+    for (size_t k = 0; k < nodes.size(); k++) expect(std::isfinite(nodes.data()[k]), "nodes: not finite");
+    FactoredStiffness out{
+        &factor, factor.rounded(), {free.data(), free.data() + count}, std::vector<int>(count, -1), {}, {}, {}};
+    for (int f : out.free_index)
+        if (f < -1 || f >= factor.tree.nodes()) throw std::invalid_argument("free: a number that the factor lacks");
+    for (size_t k = 0; k < vertices.shape(0); k++) {
+        const int node = vertices(k);
+        if (node < 0 || node >= count || out.free_index[node] < 0 || out.vertex_index[node] >= 0)
+            throw std::invalid_argument("vertices: each a free node, named once");
+        out.vertex_index[node] = int(k);
+        out.vertex_node.push_back(node);
+        out.vertex_free.push_back(out.free_index[node]);
+        for (int c = 0; c < 3; c++) out.position.push_back(nodes(node, c));
+    }
+    return out;
+}
+
+std::vector<int> vertex_list(const ComplianceState& s, In<int32_t, 1> vertices) {
+    std::vector<int> out(vertices.data(), vertices.data() + vertices.shape(0));
+    for (int v : out)
+        if (v < 0 || 3 * size_t(v) >= s.field.size()) throw std::invalid_argument("vertices: one that is not there");
+    return out;
+}
+
+template <class F> void in_batches(const std::vector<int>& all, F make) {
+    for (size_t k = 0; k < all.size(); k += GreensFunctions::batch)
+        make(&all[k], int(std::min<size_t>(GreensFunctions::batch, all.size() - k)));
+}
+
+} // namespace
+
+void bind_compliance(nb::module_& m) {
+    nb::class_<ComplianceState, ModelState>(m, "ComplianceState",
+                                            "Tables that grow where they are needed, and a force.")
+        .def_ro("stale", &ComplianceState::stale, "The last answer lacked tables.")
+        .def_ro("stale_ticks", &ComplianceState::stale_ticks, "Answers that did.")
+        .def_prop_ro(
+            "bytes", [](const ComplianceState& s) { return s.greens.bytes.load(); }, "Of the tables.")
+        .def_prop_ro(
+            "made",
+            [](const ComplianceState& s) {
+                return nb::make_tuple(s.greens.blocks_computed.load(), s.greens.columns_computed.load(),
+                                      s.greens.evicted.load());
+            },
+            nb::sig("def made(self, /) -> tuple[int, int, int]"), "Nodes' blocks and columns made, and evictions.")
+        .def(
+            "make_near",
+            [](ComplianceState& s, In<int32_t, 1> vertices, double reach) {
+                expect(within(reach, 0.0, 1e9), "reach: 0 mm or more");
+                nb::gil_scoped_release free;
+                in_batches(vertex_list(s, vertices),
+                           [&](const int* v, int n) { s.greens.compute_blocks(v, n, reach); });
+            },
+            "vertices"_a.noconvert(), "reach"_a, "Blocks of these vertices with all others within `reach` mm.")
+        .def(
+            "make_columns",
+            [](ComplianceState& s, In<int32_t, 1> vertices) {
+                nb::gil_scoped_release free;
+                in_batches(vertex_list(s, vertices), [&](const int* v, int n) { s.greens.compute_columns(v, n); });
+            },
+            "vertices"_a.noconvert(), "Columns of these vertices, for displays.")
+        .def(
+            "has_columns",
+            [](const ComplianceState& s, In<int32_t, 1> vertices) {
+                bool all = true;
+                for (int v : vertex_list(s, vertices)) all = all && s.greens.columns(v);
+                return all;
+            },
+            "vertices"_a.noconvert());
+    nb::class_<ComplianceModel, TissueModel>(m, "ComplianceModel",
+                                             "Exact linear finite elements by tables of Green's functions.")
+        .def(
+            "__init__",
+            [](ComplianceModel* self, const SparseCholesky& factor, In<int32_t, 1> free, In<int32_t, 1> vertices,
+               In<double, 2> nodes,
+               size_t budget) { new (self) ComplianceModel(elastic(factor, free, vertices, nodes), budget); },
+            "factor"_a, "free"_a.noconvert(), "vertices"_a.noconvert(), "nodes"_a.noconvert(), "budget"_a,
+            nb::keep_alive<1, 2>(),
+            "factor: of the free nodes' stiffness, N/mm. free: (nodes) each node's number there, or -1. vertices: free "
+            "nodes that are touched or shown. nodes: (nodes, 3) mm. budget: bytes of tables that a state may keep.");
+}

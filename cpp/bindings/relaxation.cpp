@@ -1,0 +1,116 @@
+#include "bindings/linalg.h"
+#include "bindings/tissue.h"
+#include "relaxation/block_gauss_seidel.h"
+#include "relaxation/mass_spring.h"
+#include <nanobind/stl/optional.h>
+#include <nanobind/stl/pair.h>
+#include <nanobind/stl/string.h>
+#include <nanobind/stl/vector.h>
+
+using namespace nb::literals;
+using namespace palpate;
+
+namespace {
+
+std::vector<uint8_t> flags(const In<uint8_t, 1>& held) { return {held.data(), held.data() + held.shape(0)}; }
+
+void check_forces(const RingRelaxation& model, const ModelState& state, const In<double, 2>& force) {
+    check_owner(model, state);
+    if (force.shape(0) < size_t(static_cast<const RingRelaxationState&>(state).contacts) || force.shape(1) != 3)
+        throw std::invalid_argument("force: expected shape (contacts, 3)");
+}
+
+} // namespace
+
+void bind_relaxation(nb::module_& m) {
+    nb::class_<RingRelaxation, TissueModel>(m, "RingRelaxation")
+        .def("solve", &solve<RingRelaxation>, "state"_a, "patches"_a, "displacement"_a.noconvert(), "sweeps"_a,
+             "Forces of the tissue on the tools, (contacts, 3) N; None for contacts that cannot be held together.")
+        .def(
+            "internal_force",
+            [](const RingRelaxation& model, const ModelState& state) {
+                check_owner(model, state);
+                auto out = zeros<double>(model.nodes(), 3);
+                model.internal_force(state, out.data());
+                return out;
+            },
+            "state"_a, "(nodes, 3) N that each node needs from outside to stay where it is.")
+        .def(
+            "balance",
+            [](const RingRelaxation& model, const ModelState& state, In<double, 2> force) {
+                check_forces(model, state, force);
+                std::pair<double, double> out;
+                model.energy_and_residual(state, force.data(), &out.first, &out.second);
+                return out;
+            },
+            "state"_a, "force"_a.noconvert(), "Energy u'Ku/2 and residual r'M^-1 r/2, N mm.")
+        .def(
+            "residual",
+            [](const RingRelaxation& model, const ModelState& state, In<double, 2> force) {
+                check_forces(model, state, force);
+                auto out = zeros<double>(model.nodes(), 3);
+                model.residual(state, force.data(), out.data());
+                return out;
+            },
+            "state"_a, "force"_a.noconvert(), "(nodes, 3) N out of balance at the nodes that may move.")
+        .def(
+            "rows",
+            [](const RingRelaxation& model, const ModelState& state) {
+                check_owner(model, state);
+                const auto& row = static_cast<const RingRelaxationState&>(state).rings.ring;
+                return copied(row);
+            },
+            "state"_a, "Ring of each node, 1 at the contact.")
+        .def_ro_static("most_contacts", &RingRelaxation::most_contacts);
+    nb::class_<BlockGaussSeidel, RingRelaxation>(m, "BlockGaussSeidel",
+                                                 "3x3 blocks of a finite-element operator, relaxed ring by ring.")
+        .def(
+            "__init__",
+            [](BlockGaussSeidel* self, In<int32_t, 1> start, In<int32_t, 1> column, In<double, 3> block,
+               In<uint8_t, 1> held, double relaxation, std::optional<In<double, 2>> shape,
+               std::optional<In<double, 2>> load) {
+                expect(start.size() == held.size() + 1, "held: one for each node");
+                const size_t nodes = held.shape(0), size = 3 * nodes * ModeDeflation::count;
+                if (shape.has_value() != load.has_value() || (shape && (shape->size() != size || load->size() != size)))
+                    throw std::invalid_argument("modes: expected shape and load of (3 nodes, 12), or none");
+                new (self)
+                    BlockGaussSeidel(block_csr(start, column, block), flags(held), relaxation,
+                                     shape ? ModeDeflation(shape->data(), load->data(), int(nodes)) : ModeDeflation());
+            },
+            "start"_a.noconvert(), "column"_a.noconvert(), "block"_a.noconvert(), "held"_a.noconvert(), "relaxation"_a,
+            "shape"_a = nb::none(), "load"_a = nb::none())
+        .def_ro_static("modes", &ModeDeflation::count);
+    nb::class_<MassSpring, RingRelaxation>(m, "MassSpring", "Home and edge springs, relaxed ring by ring.")
+        .def(
+            "__init__",
+            [](MassSpring* self, In<int32_t, 1> start, In<int32_t, 1> column, In<double, 1> stiffness,
+               In<double, 2> position, In<uint8_t, 1> held, const std::string& law, double parameter, bool by_distance,
+               double edge, double relaxation, bool imposed) {
+                const size_t nodes = held.size();
+                expect(start.size() == nodes + 1 && position.shape(0) == nodes && position.shape(1) == 3 &&
+                           stiffness.size() == column.size(),
+                       "springs: expected positions (n, 3), held (n,), and a stiffness of each edge");
+                SpringLaw::Kind kind = law == "uniform"  ? SpringLaw::Kind::uniform
+                                       : law == "linear" ? SpringLaw::Kind::linear
+                                                         : SpringLaw::Kind::exponential;
+                new (self) MassSpring(sparsity_pattern(start, column), stiffness.data(), position.data(), flags(held),
+                                      {kind, parameter, by_distance, edge}, relaxation, imposed);
+            },
+            "start"_a.noconvert(), "column"_a.noconvert(), "stiffness"_a.noconvert(), "position"_a.noconvert(),
+            "held"_a.noconvert(), "law"_a, "parameter"_a, "by_distance"_a, "edge"_a, "relaxation"_a, "imposed"_a)
+        .def(
+            "home",
+            [](const MassSpring& model, const ModelState& state) {
+                check_owner(model, state);
+                const auto& home = static_cast<const RingRelaxationState&>(state).home_spring;
+                return copied(home);
+            },
+            "state"_a, "Home spring of each node, N/mm.")
+        .def(
+            "contraction",
+            [](const MassSpring& model, const ModelState& state) {
+                check_owner(model, state);
+                return model.eigenvalue_bound(state);
+            },
+            "state"_a, "1 - rho: least eigenvalue bound of diag(K)^-1 K.");
+}

@@ -1,0 +1,298 @@
+#include "bindings/tissue.h"
+#include "realtime/timer_jitter.h"
+#include "simulation/pointer.h"
+#include "simulation/realtime_loop.h"
+#include "simulation/replay.h"
+#include <algorithm>
+#include <nanobind/stl/array.h>
+#include <nanobind/stl/string.h>
+#include <nanobind/stl/vector.h>
+
+using namespace nb::literals;
+using namespace palpate;
+
+namespace {
+
+using Vector = std::array<double, 3>;
+
+Vector vector(const double v[3]) { return {v[0], v[1], v[2]}; }
+
+struct Driven { // the loop and the surface it looks at
+    const ContactSurface& surface;
+    RealtimeLoop loop;
+    Driven(const TissueModel& model, const ContactSurface& surface, In<int32_t, 1> shown,
+           const SimulationSettings& settings)
+        : surface(checked(model, surface, shown, settings)),
+          loop(model, surface, settings, {shown.data(), shown.data() + shown.shape(0)}) {
+        if (int at = crowded(settings.tools.radius); at >= 0)
+            throw std::invalid_argument("a contact of radius " + std::to_string(settings.tools.radius) +
+                                        " mm covers more than " + std::to_string(ContactPatch::capacity) +
+                                        " nodes, for example about node " + std::to_string(at));
+    }
+    static const ContactSurface& checked(const TissueModel& model, const ContactSurface& surface,
+                                         const In<int32_t, 1>& shown, const SimulationSettings& settings) {
+        check_surface(model, surface);
+        expect(surface.triangles() > 0, "surface: it is empty");
+        for (size_t k = 0; k < shown.size(); k++)
+            expect(shown(k) >= 0 && shown(k) < model.nodes(), "shown: a node that is not there");
+        check_count(settings.sweeps);
+        check_radius(settings.tools.radius);
+        return surface;
+    }
+    int crowded(double radius) const { // a node whose patch would be too big, or -1
+        auto scratch = surface.scratch();
+        ContactPatch patch;
+        for (int t = 0; t < surface.triangles(); t++)
+            for (int c = 0; c < 3; c++) {
+                int v = surface.corner[3 * t + c];
+                SurfacePoint at;
+                at.triangle = t;
+                at.weight[c] = 1;
+                std::copy_n(&surface.position[3 * v], 3, at.point);
+                if (surface.patch(at, radius, scratch, patch) == ContactSurface::PatchStatus::too_many_nodes)
+                    return surface.node[v];
+            }
+        return -1;
+    }
+};
+
+CommandKind kind(int number) {
+    if (number < 0 || number > int(CommandKind::free)) throw std::invalid_argument("kind: 0 to 3");
+    return CommandKind(number);
+}
+
+std::vector<Command> commands(In<uint8_t, 1> kinds, In<double, 2> points, In<double, 2> displacements) {
+    std::vector<Command> all(kinds.shape(0));
+    if (points.shape(0) != all.size() || displacements.shape(0) != all.size() || points.shape(1) != 3 ||
+        displacements.shape(1) != 3)
+        throw std::invalid_argument("kinds (n,), points (n, 3), displacements (n, 3)");
+    for (size_t i = 0; i < all.size(); i++) {
+        all[i].kind = kind(kinds(i));
+        for (int k = 0; k < 3; k++) {
+            all[i].point[k] = points(i, k);
+            all[i].displacement[k] = displacements(i, k);
+        }
+    }
+    return all;
+}
+
+std::vector<uint8_t> tool_numbers(In<uint8_t, 1> tools, size_t count) {
+    if (tools.shape(0) != count) throw std::invalid_argument("tools: one for each command");
+    for (size_t i = 0; i < count; i++)
+        if (tools(i) >= most_tools) throw std::invalid_argument("tools: less than " + std::to_string(most_tools));
+    return {tools.data(), tools.data() + count};
+}
+
+nb::tuple drain(Driven& driven) {
+    std::vector<CommandEvent> command_events;
+    std::vector<StateDigest> digests;
+    std::vector<TableEvent> table_events;
+    driven.loop.digests.drain(digests); // first: then all events before the last digest are in what is drained
+    driven.loop.table_events.drain(table_events);
+    driven.loop.command_events.drain(command_events);
+    std::vector<int64_t> ticks, digest_ticks;
+    std::vector<uint64_t> values;
+    std::vector<uint8_t> tools, kinds, missing_tables;
+    std::vector<int64_t> switch_ticks;
+    std::vector<double> points, displacements;
+    for (const auto& [tick, tool, command] : command_events) {
+        ticks.push_back(tick);
+        tools.push_back(uint8_t(tool));
+        kinds.push_back(uint8_t(command.kind));
+        points.insert(points.end(), command.point, command.point + 3);
+        displacements.insert(displacements.end(), command.displacement, command.displacement + 3);
+    }
+    for (const auto& digest : digests) {
+        digest_ticks.push_back(digest.ticks);
+        values.push_back(digest.value);
+    }
+    for (const auto& change : table_events) {
+        switch_ticks.push_back(change.tick);
+        missing_tables.push_back(uint8_t(change.missing_tables));
+    }
+    return nb::make_tuple(copied(ticks), copied(tools), copied(kinds), rows(points), rows(displacements),
+                          copied(digest_ticks), copied(values), copied(switch_ticks), copied(missing_tables));
+}
+
+nb::list drain_changes(Driven& driven) { // (tick, model)
+    std::vector<ModelEvent> changes;
+    driven.loop.model_events.drain(changes);
+    nb::list out;
+    for (const auto& [tick, model] : changes) out.append(nb::make_tuple(tick, nb::find(model)));
+    return out;
+}
+
+Owned<double, 3> step(Driven& driven, Device& device, int64_t ticks) {
+    expect(within<int64_t>(ticks, 0, 10'000'000), "ticks: 0 to 10000000");
+    auto forces = zeros<double>(ticks, most_tools, 3);
+    nb::gil_scoped_release release;
+    driven.loop.step(device, ticks, forces.data());
+    return forces;
+}
+
+std::vector<int> contacts(const Frame& f) { return {f.contact, f.contact + most_tools}; }
+std::vector<Vector> vectors(const double* v) { // of each tool
+    std::vector<Vector> out;
+    for (int t = 0; t < most_tools; t++) out.push_back(vector(v + 3 * t));
+    return out;
+}
+
+void bind_devices(nb::module_& m) {
+    m.attr("MAX_TOOLS") = int(most_tools);
+    nb::enum_<CommandKind>(m, "CommandKind", nb::is_arithmetic(), "What a tool is asked to do.")
+        .value("away", CommandKind::away, "Let go.")
+        .value("hold", CommandKind::hold, "Hold the tissue at a point of its surface and displace it.")
+        .value("needle", CommandKind::needle, "Enter at a point of the surface.")
+        .value("free", CommandKind::free, "Go to a point in space; contact follows from that.");
+    nb::enum_<ContactState>(m, "ContactState", nb::is_arithmetic(), "What a tool's proxy is doing.")
+        .value("idle", ContactState::idle, "No command.")
+        .value("closed", ContactState::closed, "In contact: the tissue follows it.")
+        .value("refused", ContactState::refused, "Cannot hold here; until it is let go.")
+        .value("open", ContactState::open, "Follows the tissue without a force: in space, or about to hold.");
+    nb::class_<Device>(m, "Device", "The other end of the loop.");
+    nb::class_<Pointer, Device>(m, "Pointer", "Commands from another thread; the newest wins.")
+        .def(nb::init<>())
+        .def(
+            "send",
+            [](Pointer& pointer, int tool, int number, Vector point, Vector displacement, int64_t serial) {
+                if (tool < 0 || tool >= most_tools) throw std::invalid_argument("tool: 0 to 3");
+                Command command{kind(number), {point[0], point[1], point[2]}, {}};
+                for (int k = 0; k < 3; k++) command.displacement[k] = displacement[k];
+                pointer.send(tool, command, serial);
+            },
+            "tool"_a, "kind"_a, "point"_a, "displacement"_a, "serial"_a = 0, "From one thread only; mm.");
+    nb::class_<Replay, Device>(m, "Replay", "Commands of a record, each obeyed from its tick on.")
+        .def(
+            "__init__",
+            [](Replay* self, In<int64_t, 1> ticks, In<uint8_t, 1> tools, In<uint8_t, 1> kinds, In<double, 2> points,
+               In<double, 2> displacements, In<int64_t, 1> switches, In<uint8_t, 1> missing_tables) {
+                if (missing_tables.shape(0) != switches.shape(0))
+                    throw std::invalid_argument("lacking: one for each switch");
+                std::vector<TableEvent> all;
+                for (size_t i = 0; i < switches.shape(0); i++) all.push_back({switches(i), missing_tables(i)});
+                new (self) Replay({ticks.data(), ticks.data() + ticks.shape(0)}, tool_numbers(tools, ticks.shape(0)),
+                                  commands(kinds, points, displacements), std::move(all));
+            },
+            "ticks"_a, "tools"_a, "kinds"_a, "points"_a, "displacements"_a, "switches"_a, "lacking"_a);
+}
+
+void bind_frame(nb::module_& m) {
+    nb::class_<Frame>(m, "Frame", "What a display needs of one tick, tool by tool; mm, N.")
+        .def_ro("tick", &Frame::tick)
+        .def_ro("late", &Frame::late)
+        .def_ro("faults", &Frame::faults)
+        .def_ro("serial", &Frame::serial)
+        .def_ro("seconds", &Frame::seconds)
+        .def_ro("busy", &Frame::busy)
+        .def_ro("work", &Frame::work)
+        .def_prop_ro("contact", &contacts)
+        .def_prop_ro("point", [](const Frame& f) { return vectors(f.point); })
+        .def_prop_ro("displacement", [](const Frame& f) { return vectors(f.displacement); })
+        .def_prop_ro("force", [](const Frame& f) { return vectors(f.force); })
+        .def_prop_ro("model_force", [](const Frame& f) { return vectors(f.model_force); })
+        .def_prop_ro("device_force", [](const Frame& f) { return vectors(f.device_force); })
+        .def_prop_ro("tip", [](const Frame& f) { return vectors(f.tip); })
+        .def_prop_ro("axis", [](const Frame& f) { return vectors(f.axis); })
+        .def_prop_ro("insertion",
+                     [](const Frame& f) { return std::vector<double>(f.insertion, f.insertion + most_tools); })
+        .def_prop_ro("shown", [](const Frame& f) { return rows(f.shown); }, nb::rv_policy::automatic);
+}
+
+#define PALPATE_TOOL_SETTING(name, field)                                                                              \
+    .def_prop_rw(                                                                                                      \
+        name, [](const SimulationSettings& s) { return s.tools.field; },                                               \
+        [](SimulationSettings& s, double value) { s.tools.field = value; })
+
+} // namespace
+
+void bind_simulation(nb::module_& m) {
+    bind_devices(m);
+    bind_frame(m);
+    nb::class_<SimulationSettings>(m, "SimulationSettings", "What a tick does besides the model; mm, N, a tick.")
+        .def(nb::init<>())
+        .def_rw("sweeps", &SimulationSettings::sweeps)
+        .def_rw("limit", &SimulationSettings::limit)
+        .def_rw("ramp", &SimulationSettings::ramp) PALPATE_TOOL_SETTING("radius", radius)
+            PALPATE_TOOL_SETTING("friction", friction) PALPATE_TOOL_SETTING("approach", motion.approach)
+                PALPATE_TOOL_SETTING("reach", motion.reach) PALPATE_TOOL_SETTING("puncture", needle.puncture)
+                    PALPATE_TOOL_SETTING("cutting", needle.cutting)
+                        PALPATE_TOOL_SETTING("shaft_friction", needle.friction);
+    nb::class_<Driven>(m, "RealtimeLoop",
+                       "A model, a surface and a tool: by the clock (start, stop) or in lockstep (step).")
+        .def(nb::init<const TissueModel&, const ContactSurface&, In<int32_t, 1>, const SimulationSettings&>(),
+             "model"_a, "surface"_a, "shown"_a, "settings"_a, nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>())
+        .def(
+            "start", [](Driven& d, Device& device) { d.loop.start(device); }, "device"_a, nb::keep_alive<1, 2>())
+        .def(
+            "stop", [](Driven& d) { d.loop.stop(); }, nb::call_guard<nb::gil_scoped_release>())
+        .def_prop_ro("running", [](const Driven& d) { return d.loop.running(); })
+        .def("step", &step, "device"_a, "ticks"_a, "(ticks, tools, 3) N")
+        .def(
+            "look_ahead",
+            [](Driven& d) {
+                expect(!d.loop.running(), "look_ahead: the loop runs");
+                d.loop.look_ahead();
+            },
+            "What the loop does between ticks by the clock: nothing that is feedback. Not while it runs.")
+        .def(
+            "change",
+            [](Driven& d, const TissueModel& model, int sweeps) {
+                expect(model.nodes() == d.loop.current().nodes(), "model: of another mesh");
+                check_count(sweeps);
+                return d.loop.change(model, sweeps);
+            },
+            "model"_a, "sweeps"_a, nb::keep_alive<1, 2>(), nb::call_guard<nb::gil_scoped_release>(),
+            "Another model of the same tissue from the next tick on; False while one is on its way.")
+        .def(
+            "free_retired", [](Driven& d) { d.loop.free_retired(); }, nb::call_guard<nb::gil_scoped_release>())
+        .def("changes", &drain_changes,
+             nb::sig("def changes(self) -> list[tuple[int, palpate._core.tissue.TissueModel]]"),
+             "Ticks that first ran another model, and it, since the last call.")
+        .def(
+            "wait_frame",
+            [](Driven& d, int64_t serial, int64_t tick, double seconds) {
+                expect(within(seconds, 0.0, 60.0), "seconds: 0 to 60");
+                return d.loop.wait_frame(serial, tick, seconds);
+            },
+            "serial"_a, "tick"_a, "seconds"_a, nb::call_guard<nb::gil_scoped_release>(),
+            "Waits for an unread frame that obeys another command than `serial`, or is of `tick` or later.")
+        .def(
+            "frame", [](Driven& d) { return d.loop.frames.latest(); }, "The newest frame; from one thread only.")
+        .def(
+            "displacement",
+            [](Driven& d) {
+                expect(!d.loop.running(), "displacement: the loop runs");
+                std::vector<double> u(3 * size_t(d.loop.current().nodes()));
+                d.loop.current().displacement(u.data());
+                return rows(u);
+            },
+            "(N, 3) mm; not while it runs")
+        .def(
+            "tallies",
+            [](const Driven& d) {
+                auto column = [](const LatencyHistogram& tally) { return copied(tally.counts()); };
+                return nb::make_tuple(column(d.loop.tick_time), column(d.loop.processor_time),
+                                      column(d.loop.wake_latency));
+            },
+            nb::sig("def tallies(self) -> tuple[typing.Any, ...]"),
+            "By the clock, counts in steps of 10 us, the last of all that was longer: a tick's time, its processor "
+            "time, and how late it began.")
+        .def("drain", &drain, nb::sig("def drain(self) -> tuple[typing.Any, ...]"),
+             "Commands obeyed, digests and switches of tables since the last call.")
+        .def("dropped", [](const Driven& d) {
+            return d.loop.command_events.dropped() + d.loop.digests.dropped() + d.loop.table_events.dropped() +
+                   d.loop.model_events.dropped();
+        });
+    m.def(
+        "sweep_seconds",
+        [](const TissueModel& model, const ContactSurface& surface, double radius) {
+            check_surface(model, surface);
+            check_radius(radius);
+            return sweep_seconds(model, surface, radius);
+        },
+        "model"_a, "surface"_a, "radius"_a, "Seconds that one sweep of the model takes on this machine, at best.");
+    m.def("realtime_priority", &realtime_priority_allowed,
+          "Whether the system lets the loop's thread run before ordinary ones.");
+    m.attr("RATE") = int(RealtimeLoop::rate);
+    m.attr("DIGEST_TICKS") = int(RealtimeLoop::digest_ticks);
+}

@@ -1,0 +1,106 @@
+#include "bindings/statistics.h"
+#include "bindings/arrays.h"
+#include "statistics/transmission_likelihood.h"
+#include <nanobind/stl/array.h>
+#include <nanobind/stl/optional.h>
+#include <nanobind/stl/pair.h>
+
+using namespace nb::literals;
+using namespace palpate;
+
+namespace {
+
+Owned<float, 3> like(const In<float, 3>& a) { return uninitialized<float>(a.shape(0), a.shape(1), a.shape(2)); }
+
+Noise noise_of(int number) {
+    expect(number == int(Noise::poisson) || number == int(Noise::gaussian), "noise: 0 or 1");
+    return Noise(number);
+}
+
+Measurements pixels(const In<float, 3>& y, const In<float, 3>& b, const In<float, 3>& r) {
+    return {y.data(), b.data(), r.data(), int64_t(y.size())};
+}
+
+Owned<float, 3> slope_or_curvature(In<float, 3> y, In<float, 3> b, In<float, 3> r, In<float, 3> l, int noise,
+                                   int kind) {
+    same_size(y, b, r, l);
+    expect(kind >= -1 && kind <= int(Curvature::maximum), "kind: 0 to 2");
+    const Noise law = noise_of(noise);
+    auto out = like(y);
+    nb::gil_scoped_release release;
+    if (kind < 0)
+        transmission_slope(pixels(y, b, r), l.data(), law, out.data());
+    else
+        transmission_curvature(pixels(y, b, r), l.data(), law, Curvature(kind), out.data());
+    return out;
+}
+
+void bind_likelihood(nb::module_& m) {
+    m.def(
+        "transmission_value",
+        [](In<float, 3> y, In<float, 3> b, In<float, 3> r, In<float, 3> l, int noise) {
+            same_size(y, b, r, l);
+            nb::gil_scoped_release release;
+            return transmission_value(pixels(y, b, r), l.data(), noise_of(noise));
+        },
+        "counts"_a.noconvert(), "incident"_a.noconvert(), "background"_a.noconvert(), "l"_a.noconvert(), "noise"_a);
+    m.def(
+        "transmission_slope",
+        [](In<float, 3> y, In<float, 3> b, In<float, 3> r, In<float, 3> l, int noise) {
+            return slope_or_curvature(y, b, r, l, noise, -1);
+        },
+        "counts"_a.noconvert(), "incident"_a.noconvert(), "background"_a.noconvert(), "l"_a.noconvert(), "noise"_a);
+    m.def("transmission_curvature", &slope_or_curvature, "counts"_a.noconvert(), "incident"_a.noconvert(),
+          "background"_a.noconvert(), "l"_a.noconvert(), "noise"_a, "kind"_a);
+    m.def(
+        "transmission_value_and_slope",
+        [](In<float, 3> y, In<float, 3> b, In<float, 3> r, In<float, 3> l, int noise, Array<float, 3> slope) {
+            same_size(y, b, r, l, slope);
+            nb::gil_scoped_release release;
+            return transmission_value_and_slope(pixels(y, b, r), l.data(), noise_of(noise), slope.data());
+        },
+        "counts"_a.noconvert(), "incident"_a.noconvert(), "background"_a.noconvert(), "l"_a.noconvert(), "noise"_a,
+        "slope"_a.noconvert());
+    m.def(
+        "least_squares_value",
+        [](In<float, 3> weight, In<float, 3> p, In<float, 3> l) {
+            same_size(weight, p, l);
+            nb::gil_scoped_release release;
+            return least_squares_value(weight.data(), p.data(), l.data(), int64_t(l.size()));
+        },
+        "weights"_a.noconvert(), "line_integrals"_a.noconvert(), "l"_a.noconvert());
+}
+
+void bind_prior(nb::module_& m) {
+    nb::class_<PriorKernel>(m, "PriorKernel", "Potential and neighbours of a prior, as the kernels take them.")
+        .def(nb::init<int>(), "potential"_a)
+        .def(nb::init<int, double, int, std::optional<In<float, 2>>>(), "potential"_a, "exponent"_a, "neighbours"_a,
+             "table"_a.noconvert() = nb::none());
+    nb::implicitly_convertible<int, PriorKernel>();
+    m.attr("TABLE_STEPS") = int(PotentialTable::steps);
+    m.attr("TABLE_OCTAVES") = int(PotentialTable::octaves); // below 1, and as many above
+    m.def(
+        "prior_value",
+        [](In<float, 3> f, Spacing spacing, const PriorKernel& potential, double edge) {
+            nb::gil_scoped_release release;
+            return prior_value(neighbourhood_of(f, spacing, potential, edge), f.data());
+        },
+        "f"_a.noconvert(), "spacing"_a, "potential"_a, "edge"_a);
+    m.def(
+        "prior_surrogate",
+        [](In<float, 3> f, Spacing spacing, const PriorKernel& potential, double edge) {
+            auto answer = std::make_pair(like(f), like(f));
+            nb::gil_scoped_release release;
+            prior_surrogate(neighbourhood_of(f, spacing, potential, edge), f.data(), answer.first.data(),
+                            answer.second.data());
+            return answer;
+        },
+        "f"_a.noconvert(), "spacing"_a, "potential"_a, "edge"_a);
+}
+
+} // namespace
+
+void bind_statistics(nb::module_& m) {
+    bind_likelihood(m);
+    bind_prior(m);
+}

@@ -1,0 +1,288 @@
+#include "compliance/compliance_model.h"
+#include "linalg/small_dense.h"
+#include <algorithm>
+#include <cmath>
+
+namespace palpate {
+namespace {
+
+constexpr int capacity = ContactPatch::capacity;
+// Of the difference between the stiffness in use and the exact one, this part is left after a tick; but a tick changes
+// the force by at most this part of it, since steps of some per cent can be felt.
+constexpr double decay = 0.95, largest_step = 0.015;
+
+constexpr int most = 3 * TissueModel::max_patches;
+enum StateLayout { // of ComplianceState::values
+    prescribed_at = 0,
+    observed_at = 1,
+    force_at = 2,
+    displacement_at = force_at + most,
+    stiffness_at = displacement_at + most,
+    offset_at = stiffness_at + most * most,
+    known_at = offset_at + most * most,
+    size = known_at + 1
+};
+
+// out = a^-1, a 3x3 or larger; overwrites a. False: the contacts are linearly dependent.
+bool invert(double* a, int n, double* out) {
+    if (n == 3) {
+        const double c[9] = {a[4] * a[8] - a[5] * a[7], a[2] * a[7] - a[1] * a[8], a[1] * a[5] - a[2] * a[4],
+                             a[5] * a[6] - a[3] * a[8], a[0] * a[8] - a[2] * a[6], a[2] * a[3] - a[0] * a[5],
+                             a[3] * a[7] - a[4] * a[6], a[1] * a[6] - a[0] * a[7], a[0] * a[4] - a[1] * a[3]};
+        const double determinant = a[0] * c[0] + a[1] * c[3] + a[2] * c[6];
+        for (int k = 0; k < 9; k++) out[k] = c[k] / determinant;
+        return true;
+    }
+    factor_independent(a, n, 1e-6); // a = L L'
+    for (int k = 0; k < n; k++)
+        if (!(a[k * n + k] > 0)) return false;
+    for (int k = 0; k < n; k++) {
+        double column[most] = {};
+        column[k] = 1;
+        solve_positive(a, n, column);
+        for (int r = 0; r < n; r++) out[r * n + k] = column[r];
+    }
+    return true;
+}
+
+double norm_of_product(const double* a, int n, const double* d) { // |a d|
+    double sum = 0;
+    for (int k = 0; k < n; k++) {
+        double x = 0;
+        for (int c = 0; c < n; c++) x += a[k * n + c] * d[c];
+        sum += x * x;
+    }
+    return std::sqrt(sum);
+}
+
+double norm(const double* a, int n) {
+    double sum = 0;
+    for (int k = 0; k < n; k++) sum += a[k] * a[k];
+    return std::sqrt(sum);
+}
+
+} // namespace
+
+ComplianceState::ComplianceState(const FactoredStiffness& stiffness, size_t budget)
+    : values(size, 0.0), greens(stiffness, budget), weight(TissueModel::max_patches * capacity),
+      field(3 * size_t(stiffness.vertices())) {
+    u.assign(3 * size_t(stiffness.nodes()), 0);
+}
+ComplianceState::~ComplianceState() = default;
+
+ComplianceModel::ComplianceModel(FactoredStiffness s, size_t budget) : stiffness(std::move(s)), budget(budget) {}
+
+std::unique_ptr<ModelState> ComplianceModel::make_state() const {
+    auto state = std::make_unique<ComplianceState>(stiffness, budget);
+    state->owner = this;
+    return state;
+}
+
+bool ComplianceModel::relax(ModelState& state, const ContactPatch* patches, int prescribed, int observed,
+                            double* displacement, int, double* force) const {
+    auto& s = static_cast<ComplianceState&>(state);
+    s.snapshot.serial++;
+    bool good = true;
+    if (prescribed > 0) {
+        if (!set_patches(s, patches, prescribed + observed)) return false;
+        resize_contacts(s, prescribed);
+        s.values[observed_at] = observed;
+        if (s.tables != TablePolicy::unavailable) s.blocks.fetch(s.greens);
+        if (s.blocks.missing > 0 && s.tables == TablePolicy::on_demand) compute_missing(s);
+        s.stale = s.blocks.missing > 0 || s.tables == TablePolicy::unavailable;
+        s.stale_ticks += s.stale;
+        good = update_stiffness(s, prescribed, displacement);
+        if (good) apply_stiffness(s, prescribed, displacement, force);
+        observe(s, prescribed, observed, displacement, force);
+    } else {
+        release(s);
+        std::fill_n(displacement, 3 * observed, 0.0);
+        std::fill_n(force, 3 * observed, 0.0);
+    }
+    if (s.tables == TablePolicy::background) {
+        s.snapshots.write_slot().copy(s.snapshot);
+        s.snapshots.publish();
+    }
+    return good;
+}
+
+// Takes over the patches and the blocks that they share with those before; false if they have too many nodes together.
+bool ComplianceModel::set_patches(ComplianceState& s, const ContactPatch* patches, int count) const {
+    PatchVertices vertices;
+    if (!vertices.gather(stiffness, patches, count)) return false;
+    for (int p = 0; p < count; p++) std::fill_n(&s.weight[p * capacity], vertices.count, 0.0);
+    for (int k = 0; k < vertices.entries; k++) {
+        const int p = vertices.source[k] / capacity;
+        s.weight[p * capacity + vertices.index[k]] = patches[p].weight[vertices.source[k] % capacity];
+    }
+    if (s.blocks.covers(vertices.vertex, vertices.count)) return true;
+    if (!s.spare_blocks.covers(vertices.vertex, vertices.count))
+        s.spare_blocks.carry_over(s.blocks, vertices.vertex, vertices.count);
+    std::swap(s.blocks, s.spare_blocks);
+    return true;
+}
+
+// New contacts come last: the stiffness of those before stays in use. If one goes, the stiffness is dropped.
+void ComplianceModel::resize_contacts(ComplianceState& s, int prescribed) const {
+    const int was = 3 * int(s.values[prescribed_at]), n = 3 * prescribed;
+    if (was == n) return;
+    double before[size];
+    std::copy_n(s.values.begin(), size, before);
+    std::fill(s.values.begin(), s.values.end(), 0.0);
+    s.values[prescribed_at] = prescribed;
+    if (was > n || was == 0) return;
+    s.values[known_at] = before[known_at];
+    for (int i = 0; i < was; i++)
+        for (int j = 0; j < was; j++)
+            for (int at : {int(stiffness_at), int(offset_at)}) s.values[at + n * i + j] = before[at + was * i + j];
+}
+
+void ComplianceModel::release(ComplianceState& s) const {
+    std::fill_n(s.values.begin(), size, 0.0);
+    s.snapshot.count = 0;
+    s.stale = s.blending = false;
+}
+
+// In lockstep: computes the blocks that are missing.
+void ComplianceModel::compute_missing(ComplianceState& s) const {
+    const std::vector<int> vertices(s.blocks.vertex.begin(), s.blocks.vertex.begin() + s.blocks.count);
+    double reach = 0;
+    for (int v : vertices)
+        for (int w : vertices) reach = std::max(reach, stiffness.distance(v, w));
+    s.greens.mark_used(vertices.data(), int(vertices.size()));
+    std::vector<int> missing;
+    for (int v : vertices)
+        if (!s.greens.has_blocks(v, reach)) missing.push_back(v);
+    constexpr size_t batch = GreensFunctions::batch;
+    for (size_t k = 0; k < missing.size(); k += batch)
+        s.greens.compute_blocks(&missing[k], int(std::min(batch, missing.size() - k)), 1.25 * reach);
+    s.blocks.fetch(s.greens);
+}
+
+// The exact stiffness plus what is left of its difference to the last one; if blocks are missing, the last one.
+bool ComplianceModel::update_stiffness(ComplianceState& s, int prescribed, const double* displacement) const {
+    double* values = s.values.data();
+    double *in_use = values + stiffness_at, *offset = values + offset_at;
+    if (s.stale) {
+        values[known_at] = -1;
+        s.blending = true;
+        return true;
+    }
+    const int n = 3 * prescribed;
+    double C[most * most], exact[most * most], part[9];
+    for (int a = 0; a < prescribed; a++)
+        for (int b = 0; b <= a; b++) {
+            const double *v = &s.weight[a * capacity], *w = &s.weight[b * capacity];
+            a == b ? s.blocks.compliance(v, part) : s.blocks.compliance(v, w, part);
+            for (int k = 0; k < 9; k++) C[(3 * a + k / 3) * n + 3 * b + k % 3] = part[k];
+        }
+    if (!invert(C, n, exact)) return false;
+    if (values[known_at] < 0)
+        for (int k = 0; k < n * n; k++) offset[k] = in_use[k] - exact[k];
+    const double difference = norm_of_product(offset, n, displacement);
+    const double step = largest_step * norm_of_product(exact, n, displacement);
+    const double left = difference * (1 - decay) > step ? 1 - step / difference : decay;
+    const bool negligible = norm(offset, n * n) < 1e-8 * norm(exact, n * n);
+    for (int k = 0; k < n * n; k++) {
+        offset[k] = negligible ? 0 : left * offset[k];
+        in_use[k] = exact[k] + offset[k];
+    }
+    values[known_at] = 1;
+    s.blending = norm(offset, n * n) > 0.02 * norm(exact, n * n);
+    return true;
+}
+
+void ComplianceModel::apply_stiffness(ComplianceState& s, int prescribed, const double* displacement,
+                                      double* force) const {
+    double* values = s.values.data();
+    const int n = 3 * prescribed;
+    for (int k = 0; k < n; k++) {
+        force[k] = 0;
+        for (int c = 0; c < n; c++) force[k] -= values[stiffness_at + n * k + c] * displacement[c];
+        values[force_at + k] = force[k];
+        values[displacement_at + k] = displacement[k];
+    }
+    s.snapshot.count = s.blocks.count;
+    std::copy_n(s.blocks.vertex.data(), s.blocks.count, s.snapshot.vertex);
+    for (int i = 0; i < s.blocks.count; i++) {
+        double sum = 0, load[3] = {0, 0, 0};
+        for (int a = 0; a < prescribed; a++) {
+            const double w = s.weight[a * capacity + i];
+            sum += w;
+            for (int k = 0; k < 3; k++) load[k] -= w * force[3 * a + k];
+        }
+        s.snapshot.weight[i] = sum / prescribed;
+        std::copy_n(load, 3, &s.snapshot.load[3 * i]);
+    }
+}
+
+// The displacement of observed patches: their compliance with the prescribed ones times the forces. If blocks are
+// missing, the last displacement.
+void ComplianceModel::observe(ComplianceState& s, int prescribed, int observed, double* displacement,
+                              double* force) const {
+    double* values = s.values.data();
+    for (int o = prescribed; o < prescribed + observed; o++) {
+        double* mean = values + displacement_at + 3 * o;
+        if (!s.stale) {
+            std::fill_n(mean, 3, 0.0);
+            for (int a = 0; a < prescribed; a++) {
+                double part[9];
+                s.blocks.compliance(&s.weight[o * capacity], &s.weight[a * capacity], part);
+                for (int k = 0; k < 9; k++) mean[k / 3] -= part[k] * force[3 * a + k % 3];
+            }
+        }
+        std::copy_n(mean, 3, displacement + 3 * o);
+        std::fill_n(force + 3 * o, 3, 0.0);
+    }
+}
+
+// A vertex that enters a patch brings some twenty tables that are in no cache: reads them between ticks.
+void ComplianceModel::prefetch(ModelState& state, const ContactPatch* patches, int count) const {
+    auto& s = static_cast<ComplianceState&>(state);
+    PatchVertices vertices;
+    if (!vertices.gather(stiffness, patches, count) || s.blocks.covers(vertices.vertex, vertices.count)) return;
+    if (!s.spare_blocks.covers(vertices.vertex, vertices.count))
+        s.spare_blocks.carry_over(s.blocks, vertices.vertex, vertices.count);
+    s.spare_blocks.fetch(s.greens);
+}
+
+void ComplianceModel::displayed_displacement(ModelState& state, const int* nodes, int count, float* out) const {
+    auto& s = static_cast<ComplianceState&>(state);
+    const ContactSnapshot& at = s.snapshot;
+    const float* field = s.field.data();
+    if (s.tables == TablePolicy::background && s.precompute)
+        field = s.precompute->newest_field();
+    else if (at.count == 0)
+        std::fill(s.field.begin(), s.field.end(), 0.0f);
+    else if (!s.greens.superpose(at.vertex, at.count, at.load, s.field.data()))
+        s.greens.solve(at.vertex, at.count, at.load, s.field.data());
+    for (int i = 0; i < count; i++) {
+        const int v = stiffness.vertex_index[nodes[i]];
+        for (int k = 0; k < 3; k++) out[3 * i + k] = v < 0 ? 0 : field[3 * size_t(v) + k];
+    }
+}
+
+void ComplianceModel::displacement(ModelState& state, double* out) const {
+    const ContactSnapshot& at = static_cast<ComplianceState&>(state).snapshot;
+    std::vector<double> x(3 * size_t(stiffness.factor->tree.nodes()), 0);
+    for (int k = 0; k < at.count; k++)
+        for (int c = 0; c < 3; c++) x[3 * size_t(stiffness.vertex_free[at.vertex[k]]) + c] = at.load[3 * k + c];
+    stiffness.factor->solve(x.data(), 1);
+    for (int i = 0; i < nodes(); i++)
+        for (int c = 0; c < 3; c++)
+            out[3 * size_t(i) + c] = stiffness.free_index[i] < 0 ? 0 : x[3 * size_t(stiffness.free_index[i]) + c];
+}
+
+void ComplianceModel::begin_realtime(ModelState& state) const {
+    auto& s = static_cast<ComplianceState&>(state);
+    s.precompute = std::make_unique<PrecomputeThread>(stiffness, s.greens, s.snapshots);
+    s.tables = TablePolicy::background;
+}
+
+void ComplianceModel::end_realtime(ModelState& state) const {
+    auto& s = static_cast<ComplianceState&>(state);
+    s.tables = TablePolicy::on_demand;
+    s.precompute.reset();
+}
+
+} // namespace palpate

@@ -1,0 +1,57 @@
+#pragma once
+// Linear FEM by cached Green's functions. Simulation calls it through TissueModel, in the loop's thread; the tables are
+// computed by PrecomputeThread. Method: D. L. James & D. K. Pai, ArtDefo, SIGGRAPH 1999.
+#include "compliance/patch_blocks.h"
+#include "compliance/precompute_thread.h"
+
+namespace palpate {
+
+// The contact stiffness S = C^-1 of the patches, C_ab = sum w_ai w_bj G_ij, comes from blocks between their nodes. If
+// some are not computed yet, the last stiffness serves; once they are, the difference fades out over some ticks.
+struct ComplianceState : ModelState {
+    ComplianceState(const FactoredStiffness& stiffness, size_t budget);
+    ~ComplianceState() override;
+    std::vector<double>& state_vector() override { return values; } // u is not used: a tick solves for its patches only
+
+    // Prescribed and observed contacts (2); forces, displacements (3 per patch each); the stiffness in use, its
+    // difference to the exact one (3 prescribed by 3 prescribed, each); 1: the difference is known, -1: it is not.
+    std::vector<double> values;
+    GreensFunctions greens;
+    TripleBuffer<ContactSnapshot> snapshots; // written by ticks
+    ContactSnapshot snapshot;
+    int64_t stale_ticks = 0;
+    PatchBlocks blocks, spare_blocks; // of the patches; of those before, or of those expected next
+    std::vector<double> weight;       // (patches, capacity) of each patch's vertices, in the order of `blocks`
+    std::vector<float> field;         // (vertices, 3) mm, last displayed
+    std::unique_ptr<PrecomputeThread> precompute;
+};
+
+// Exact for every mesh size: a tick costs the square of the patch's number of nodes, whatever the mesh's. The body has
+// no inertia, so without contact it is at rest.
+class ComplianceModel : public TissueModel {
+public:
+    ComplianceModel(FactoredStiffness stiffness, size_t budget); // bytes of tables per state
+    int nodes() const override { return stiffness.nodes(); }
+    std::unique_ptr<ModelState> make_state() const override;
+    bool relax(ModelState& state, const ContactPatch* patches, int prescribed, int observed, double* displacement,
+               int iterations, double* force) const override;
+    void displayed_displacement(ModelState& state, const int* nodes, int count, float* out) const override;
+    void displacement(ModelState& state, double* out) const override;
+    void prefetch(ModelState& state, const ContactPatch* patches, int count) const override;
+    void begin_realtime(ModelState& state) const override;
+    void end_realtime(ModelState& state) const override;
+
+    const FactoredStiffness stiffness;
+
+private:
+    const size_t budget;
+    void resize_contacts(ComplianceState& s, int prescribed) const;
+    void release(ComplianceState& s) const;
+    bool set_patches(ComplianceState& s, const ContactPatch* patches, int count) const;
+    void compute_missing(ComplianceState& s) const;
+    bool update_stiffness(ComplianceState& s, int prescribed, const double* displacement) const;
+    void apply_stiffness(ComplianceState& s, int prescribed, const double* displacement, double* force) const;
+    void observe(ComplianceState& s, int prescribed, int observed, double* displacement, double* force) const;
+};
+
+} // namespace palpate

@@ -1,0 +1,170 @@
+#include "compliance/precompute_thread.h"
+#include "base/platform.h"
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+
+namespace palpate {
+namespace {
+
+using clock = std::chrono::steady_clock;
+constexpr auto display_period = std::chrono::milliseconds(33);
+constexpr auto idle_wait = std::chrono::microseconds(200);
+constexpr int horizon = 200;          // ticks that the path is predicted for
+constexpr double slow_speed = 0.01;   // mm per tick: below it columns are computed
+constexpr double reach_margin = 1.25; // reach of the blocks over the patch's width, which varies over the surface
+
+} // namespace
+
+PrecomputeThread::PrecomputeThread(const FactoredStiffness& stiffness, GreensFunctions& greens,
+                                   TripleBuffer<ContactSnapshot>& snapshots)
+    : stiffness(stiffness), greens(greens), snapshots(snapshots),
+      fields(std::vector<float>(3 * size_t(stiffness.vertices()), 0.0f)) {
+    thread = std::thread([this] { run(); });
+}
+
+PrecomputeThread::~PrecomputeThread() {
+    stopping = true;
+    thread.join();
+}
+
+void ContactSnapshot::copy(const ContactSnapshot& other) {
+    serial = other.serial, count = other.count;
+    std::copy_n(other.vertex, count, vertex);
+    std::copy_n(other.weight, count, weight);
+    std::copy_n(other.load, 3 * count, load);
+}
+
+void PrecomputeThread::run() {
+    lower_thread_priority(); // below the loop's
+    auto next_field = clock::now();
+    while (!stopping.load(std::memory_order_relaxed)) {
+        read_snapshot();
+        if (clock::now() >= next_field && snapshot.serial != field_serial) {
+            publish_field();
+            next_field = clock::now() + display_period;
+        }
+        if (snapshot.count > 0) {
+            predict_path();
+            if (compute_wanted_blocks()) continue;
+            if (speed() < slow_speed && compute_columns()) continue;
+        }
+        if (reach > 0 && compute_nearest_blocks()) continue;
+        std::this_thread::sleep_for(idle_wait);
+    }
+}
+
+double PrecomputeThread::speed() const {
+    return std::sqrt(velocity[0] * velocity[0] + velocity[1] * velocity[1] + velocity[2] * velocity[2]);
+}
+
+// Takes the newest snapshot: the patch's centre, width and velocity.
+void PrecomputeThread::read_snapshot() {
+    if (!snapshots.has_new()) return;
+    const bool in_contact = snapshot.count > 0;
+    snapshot.copy(snapshots.latest());
+    if (snapshot.count == 0) {
+        std::fill_n(velocity, 3, 0.0);
+        return;
+    }
+    double now[3] = {0, 0, 0};
+    for (int k = 0; k < snapshot.count; k++)
+        for (int c = 0; c < 3; c++)
+            now[c] += snapshot.weight[k] * stiffness.position[3 * size_t(snapshot.vertex[k]) + c];
+    patch_width = 0;
+    for (int i = 0; i < snapshot.count; i++)
+        for (int j = 0; j < i; j++)
+            patch_width = std::max(patch_width, stiffness.distance(snapshot.vertex[i], snapshot.vertex[j]));
+    if (reach_margin * patch_width > reach) reach = reach_margin * reach_margin * patch_width, all_computed = false;
+    const int64_t ticks = snapshot.serial - velocity_serial;
+    if (!in_contact || ticks >= 5) {
+        for (int c = 0; c < 3; c++) {
+            velocity[c] = in_contact ? 0.5 * velocity[c] + 0.5 * (now[c] - centre[c]) / double(ticks) : 0;
+            centre[c] = now[c];
+        }
+        velocity_serial = snapshot.serial;
+    }
+}
+
+// Vertices that the patch may reach, sorted by cost: their distance times 1 in the direction of motion, 2 across it and
+// 3 against it, since the tool may turn. For a tool at rest, those within the patch's width.
+void PrecomputeThread::predict_path() {
+    predicted.clear();
+    candidates.clear();
+    const double tool_speed = speed(), scale = tool_speed > 0 ? 1 / tool_speed : 0;
+    for (int v = 0; v < stiffness.vertices(); v++) {
+        double along = 0, square = 0;
+        for (int c = 0; c < 3; c++) {
+            const double d = stiffness.position[3 * size_t(v) + c] - centre[c];
+            along += d * velocity[c] * scale;
+            square += d * d;
+        }
+        const double cost = 2 * std::sqrt(square) - along;
+        if (cost <= tool_speed * horizon + 2 * patch_width) candidates.push_back({cost, v});
+    }
+    std::sort(candidates.begin(), candidates.end());
+    for (const auto& [cost, v] : candidates) predicted.push_back(v);
+}
+
+// Blocks of the first vertices that have none: the patch's own, then those on the predicted path.
+bool PrecomputeThread::compute_wanted_blocks() {
+    wanted.assign(snapshot.vertex, snapshot.vertex + snapshot.count);
+    wanted.insert(wanted.end(), predicted.begin(), predicted.end());
+    int missing[GreensFunctions::batch], count = 0;
+    for (int v : wanted) {
+        if (greens.has_blocks(v, reach_margin * patch_width) ||
+            std::find(missing, missing + count, v) < missing + count)
+            continue;
+        missing[count++] = v;
+        if (count == GreensFunctions::batch) break;
+    }
+    if (count == 0) return false;
+    greens.mark_used(wanted.data(), int(wanted.size()));
+    greens.compute_blocks(missing, count, reach);
+    return true;
+}
+
+bool PrecomputeThread::compute_columns() {
+    int missing[2], count = 0;
+    for (int k = 0; k < snapshot.count && count < 2; k++)
+        if (!greens.columns(snapshot.vertex[k])) missing[count++] = snapshot.vertex[k];
+    if (count == 0 || greens.columns_exceed_budget(snapshot.count)) return false;
+    greens.mark_used(snapshot.vertex, snapshot.count);
+    greens.compute_columns(missing, count);
+    return true;
+}
+
+// Blocks of the vertices nearest to the patch, or to where it last was.
+bool PrecomputeThread::compute_nearest_blocks() {
+    if (all_computed || !greens.has_room()) return false;
+    candidates.clear();
+    for (int v = 0; v < stiffness.vertices(); v++) {
+        if (greens.has_blocks(v, reach)) continue;
+        double square = 0;
+        for (int c = 0; c < 3; c++) {
+            const double d = stiffness.position[3 * size_t(v) + c] - centre[c];
+            square += d * d;
+        }
+        candidates.push_back({square, v});
+    }
+    all_computed = candidates.empty();
+    if (all_computed) return false;
+    const int count = int(std::min<size_t>(GreensFunctions::batch, candidates.size()));
+    std::partial_sort(candidates.begin(), candidates.begin() + count, candidates.end());
+    int missing[GreensFunctions::batch];
+    for (int k = 0; k < count; k++) missing[k] = candidates[k].second;
+    greens.compute_blocks(missing, count, reach);
+    return true;
+}
+
+void PrecomputeThread::publish_field() {
+    float* out = fields.write_slot().data();
+    if (snapshot.count == 0)
+        std::fill_n(out, 3 * size_t(stiffness.vertices()), 0.0f);
+    else if (!greens.superpose(snapshot.vertex, snapshot.count, snapshot.load, out))
+        greens.solve(snapshot.vertex, snapshot.count, snapshot.load, out);
+    fields.publish();
+    field_serial = snapshot.serial;
+}
+
+} // namespace palpate

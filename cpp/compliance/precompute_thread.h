@@ -1,0 +1,55 @@
+#pragma once
+// The background thread of a ComplianceState. It fills GreensFunctions ahead of the tool; the loop's thread sends it
+// snapshots and reads its display field, both through triple buffers.
+#include "compliance/greens_functions.h"
+#include "realtime/triple_buffer.h"
+#include "tissue/contact_patch.h"
+#include <thread>
+
+namespace palpate {
+
+// The contact as the last tick left it.
+struct ContactSnapshot {
+    int64_t serial = 0; // ticks answered; 0: none yet
+    int count = 0;      // 0: no contact
+    int vertex[ContactPatch::capacity];
+    double weight[ContactPatch::capacity];   // mean over the patches, sum 1
+    double load[3 * ContactPatch::capacity]; // on the tissue, N
+    void copy(const ContactSnapshot& other); // copies only the entries in use
+};
+
+// Computes, in this order: the patch's own blocks, blocks along its predicted path, columns for the display while the
+// tool is slow, blocks of the nearest other vertices. Publishes a display field about 30 times a second.
+class PrecomputeThread {
+public:
+    PrecomputeThread(const FactoredStiffness& stiffness, GreensFunctions& greens,
+                     TripleBuffer<ContactSnapshot>& snapshots);
+    ~PrecomputeThread();
+    const float* newest_field() { return fields.latest().data(); } // (vertices, 3) mm; for one thread
+
+private:
+    const FactoredStiffness& stiffness;
+    GreensFunctions& greens;
+    TripleBuffer<ContactSnapshot>& snapshots;
+    TripleBuffer<std::vector<float>> fields;
+    ContactSnapshot snapshot;
+    double centre[3] = {0, 0, 0}, velocity[3] = {0, 0, 0}; // mm, mm per tick
+    double patch_width = 0;                                // mm
+    double reach = 0;                                      // mm, of the blocks computed
+    int64_t velocity_serial = 0, field_serial = 0;         // of the snapshots last used
+    bool all_computed = false;                             // every vertex has its blocks
+    std::vector<int> predicted, wanted;
+    std::vector<std::pair<double, int>> candidates; // cost, vertex
+    std::atomic<bool> stopping{false};
+    std::thread thread;
+    void run();
+    void read_snapshot();
+    void predict_path();
+    bool compute_wanted_blocks();
+    bool compute_columns();
+    bool compute_nearest_blocks();
+    void publish_field();
+    double speed() const;
+};
+
+} // namespace palpate

@@ -1,0 +1,11 @@
+// Forward projection of parallel and oblique views, tile by tile. Called by project(); in parallel over tiles.
+#pragma once
+#include "projection/scan_geometry.h"
+
+namespace palpate {
+
+// Writes image[k] of each view k that has one. On a parallel panel these are the measured pixels, scaled by the rays'
+// path; on an oblique panel the fine image, not scaled.
+void project_tiles(const ScanGeometry& geometry, const float* f, const std::vector<float*>& images);
+
+} // namespace palpate

@@ -1,0 +1,199 @@
+#include "simulation/simulation.h"
+#include "base/vec3.h"
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+
+namespace palpate {
+namespace {
+
+constexpr double rest_tolerance = 1e-6; // mm, largest displacement of a tissue that counts as at rest
+
+} // namespace
+
+Simulation::Simulation(const TissueModel& model, const ContactSurface& surface, const SimulationSettings& settings)
+    : settings(settings), surface(surface), now{&model, model.make_state(), settings.sweeps},
+      scratch(surface.scratch()) {}
+
+void Simulation::tick(const Commands& commands) {
+    const bool known = !now.state->stale;
+    for (int t = 0; t < most_tools; t++) {
+        bool others = !at_rest;
+        for (int o = 0; o < most_tools; o++) others = others || (o != t && proxy[o].state == ContactState::closed);
+        const bool was_closed = proxy[t].state == ContactState::closed;
+        update_proxy(proxy[t], commands.tool[t], surface, settings.tools, others && !was_closed, known, scratch);
+        if (!was_closed && proxy[t].state == ContactState::closed) proxy[t].contact_tick = ticks;
+    }
+    gather_contacts();
+    if (closed > 0 || !at_rest) {
+        while (!solve_contacts()) { // the contact that came last cannot be held with the others
+            proxy[tool_of[closed - 1]].state = ContactState::refused;
+            gather_contacts();
+        }
+        estimate_energy_slopes();
+        observe_energy();
+        check_answers();
+    } else {
+        for (int c = 0; c < open; c++) std::fill_n(proxy[tool_of[c]].displacement, 3, 0.0);
+        observe_energy();
+    }
+    write_feedback();
+    ticks++;
+}
+
+// A held tool approaches its command over several ticks, so that the present command predicts the next tick; a tool in
+// space is where its command is, so that its motion is extrapolated.
+void Simulation::look_ahead(const Commands& commands) {
+    int count = 0;
+    bool any = false;
+    for (int t = 0; t < most_tools; t++) {
+        const Command &now = commands.tool[t], &then = previous_commands.tool[t];
+        if (proxy[t].state != ContactState::closed && proxy[t].state != ContactState::open) continue;
+        Command next = now;
+        if (now.kind == CommandKind::free && then.kind == CommandKind::free)
+            for (int k = 0; k < 3; k++) next.point[k] += now.point[k] - then.point[k];
+        predicted[t] = proxy[t];
+        update_proxy(predicted[t], next, surface, settings.tools, false, !this->now.state->stale, scratch);
+        if (predicted[t].state != ContactState::closed && predicted[t].state != ContactState::open) continue;
+        any = any || predicted[t].state == ContactState::closed;
+        patch[count++].copy(predicted[t].patch);
+    }
+    previous_commands = commands;
+    if (!any) return;
+    now.model->prefetch(*now.state, patch, count);
+    if (next.model) next.model->prefetch(*next.state, patch, count);
+}
+
+void Simulation::gather_contacts() {
+    closed = open = 0;
+    for (int t = 0; t < most_tools; t++) {
+        if (proxy[t].state != ContactState::closed) continue;
+        int at = closed++;
+        for (; at > 0 && proxy[tool_of[at - 1]].contact_tick > proxy[t].contact_tick; at--)
+            tool_of[at] = tool_of[at - 1];
+        tool_of[at] = t;
+    }
+    for (int t = 0; t < most_tools; t++)
+        if (proxy[t].state == ContactState::open) tool_of[closed + open++] = t;
+    for (int c = 0; c < closed + open; c++) {
+        const ToolProxy& p = proxy[tool_of[c]];
+        patch[c].copy(p.patch);
+        std::copy_n(p.displacement, 3, displaced + 3 * c);
+        std::fill_n(force + 3 * c, 3, 0.0);
+    }
+}
+
+bool Simulation::solve_contacts() {
+    if (!now.model->relax(*now.state, patch, closed, open, displaced, now.sweeps, force)) {
+        if (closed > 1) return false;
+        if (closed == 1) proxy[tool_of[0]].state = ContactState::refused; // not even alone
+        gather_contacts();
+        std::fill_n(force, 3 * most_tools, 0.0);
+    }
+    missing_tables = now.state->stale;
+    if (next.model) blend_models();
+    for (int t = 0; t < most_tools; t++) std::fill_n(proxy[t].force, 3, 0.0);
+    for (int c = 0; c < closed + open; c++) {
+        ToolProxy& p = proxy[tool_of[c]];
+        std::copy_n(force + 3 * c, 3, p.force);
+        if (c < closed && p.kind == CommandKind::free) separate_if_pulled(p);
+        if (c >= closed) std::copy_n(displaced + 3 * c, 3, p.displacement);
+    }
+    return true;
+}
+
+// A tool in space does not adhere: its contact opens where the tissue would pull it.
+void Simulation::separate_if_pulled(ToolProxy& p) const {
+    double out[3];
+    surface.normal(p.at, out);
+    if (dot(p.force, out) >= 0) return;
+    p.state = ContactState::open;
+    std::fill_n(p.force, 3, 0.0);
+    std::fill_n(p.slope, 3, 0.0);
+}
+
+// The new model runs beside the present one: first its force is unused, then its share grows from 0 to 1.
+void Simulation::blend_models() {
+    double same[3 * most_tools];
+    std::copy_n(displaced, 3 * most_tools, same);
+    const bool good = next.model->relax(*next.state, patch, closed, open, same, next.sweeps, next_force);
+    missing_tables |= next.state->stale << 1;
+    since++;
+    const double share = std::clamp(double(since - settle) / blend, 0.0, 1.0);
+    if (good)
+        for (int k = 0; k < 3 * closed; k++) force[k] += share * (next_force[k] - force[k]);
+    if (since < settle + blend) return;
+    old = std::move(now);
+    now = std::move(next);
+    next = ActiveModel();
+}
+
+void Simulation::check_answers() {
+    double sum = 0, most = 0;
+    for (int k = 0; k < 3 * closed; k++) sum += force[k];
+    for (const ActiveModel* active : {&now, &next})
+        if (active->state)
+            for (double x : active->state->state_vector()) {
+                sum += x;
+                most = std::max(most, std::abs(x));
+            }
+    const bool finite = std::isfinite(sum);
+    if (!finite) {
+        faults++;
+        for (ToolProxy& p : proxy) {
+            p.clear_forces();
+            if (p.state != ContactState::idle) p.state = ContactState::refused; // until the tool is taken away
+        }
+        energy = 0;
+    }
+    at_rest = !finite || (closed == 0 && most < rest_tolerance);
+    if (!at_rest) return;
+    now.state->reset();
+    if (next.state) next.state->reset();
+    energy = 0;
+}
+
+void Simulation::write_feedback() {
+    for (int t = 0; t < most_tools; t++) {
+        Feedback& f = feedback[t];
+        const ToolProxy& p = proxy[t];
+        double wanted[3];
+        p.total_force(wanted);
+        const double size = length(wanted), way = length(p.displacement);
+        const double allowed = std::min({size, settings.limit, length(f.force) + settings.ramp});
+        f.touching = p.state == ContactState::closed;
+        for (int k = 0; k < 3; k++) f.force[k] = f.touching && size > 0 ? wanted[k] * (allowed / size) : 0;
+        std::copy_n(p.tip, 3, f.at);
+        std::copy_n(p.at.point, 3, f.anchor);
+        std::fill_n(f.normal, 3, 0.0);
+        if (f.touching && p.kind == CommandKind::free) surface.normal(p.at, f.normal);
+        f.stiffness = f.touching && way > 1e-3 ? length(p.force) / way : 0;
+    }
+}
+
+void Simulation::follow_clock(bool on) {
+    for (ActiveModel* active : {&now, &next})
+        if (active->model)
+            on ? active->model->begin_realtime(*active->state) : active->model->end_realtime(*active->state);
+}
+
+void Simulation::set_missing_tables(int wanted) {
+    now.state->tables = wanted & 1 ? TablePolicy::unavailable : TablePolicy::on_demand;
+    if (next.state) next.state->tables = wanted & 2 ? TablePolicy::unavailable : TablePolicy::on_demand;
+}
+
+uint64_t Simulation::digest() const {
+    uint64_t hash = 0x9e3779b97f4a7c15;
+    auto mix = [&](double value) {
+        uint64_t bits;
+        std::memcpy(&bits, &value, sizeof bits);
+        hash = (hash ^ bits) * 0xff51afd7ed558ccd;
+        hash ^= hash >> 32;
+    };
+    for (double x : now.state->state_vector()) mix(x);
+    for (const Feedback& f : feedback)
+        for (double x : f.force) mix(x);
+    return hash;
+}
+
+} // namespace palpate

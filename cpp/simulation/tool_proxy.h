@@ -1,0 +1,93 @@
+#pragma once
+// The proxy of a tool: where its contact really is, while the device may ask for more (the god-object of C. B. Zilles &
+// J. K. Salisbury, Proc. IROS 1995). Updated by Simulation once a tick, on the loop's thread.
+#include "base/vec3.h"
+#include "simulation/device.h"
+#include "tissue/contact_surface.h"
+#include <type_traits>
+
+namespace palpate {
+
+// How fast a proxy follows its command. A pointer sends some 60 commands a second and the loop runs 1000 ticks: between
+// commands the proxy moves on smoothly, so that the force has no steps. It counts ticks, never the clock, so that a
+// recording replays exactly.
+struct ToolMotion {
+    double approach = 0.08; // part of the remaining distance covered a tick: 63 % after 12 ms
+    double reach = 1.0;     // mm a tick at most, along the surface and in displacement: 1 m/s
+};
+
+// Needle insertion in the three parts of A. M. Okamura, C. Simone & M. D. O'Leary, IEEE Trans. Biomed. Eng. 51 (2004)
+// 1707: the tissue's stiffness until puncture, then cutting at the tip and friction along the shaft.
+struct NeedleForces {
+    double puncture = 0.6;  // N, at which the surface is pierced
+    double cutting = 0.3;   // N, at the tip
+    double friction = 0.02; // N for each mm of shaft in the tissue
+};
+
+struct ToolSettings {      // of all tools
+    double radius = 5;     // of the contact, mm
+    double friction = 0.3; // Coulomb coefficient of tools in space
+    ToolMotion motion;
+    NeedleForces needle;
+};
+
+enum class ContactState : uint8_t {
+    idle,    // no command
+    closed,  // in contact: the tissue under the tool is displaced with it
+    refused, // cannot be held here (fixed nodes, a command that is no number); until the tool is taken away
+    open     // follows the tissue without a force: a tool in space, or one about to close
+};
+
+struct ToolProxy {
+    ContactState state = ContactState::idle;
+    CommandKind kind = CommandKind::away;
+    SurfacePoint at; // the contact, on the surface at rest
+    ContactPatch patch;
+    double displacement[3] = {0, 0, 0}; // mm, of the patch's weighted mean
+    double force[3] = {0, 0, 0};        // N, of the tissue on the tool: the model's last answer
+    double tip[3] = {0, 0, 0};          // mm, of the tool, in space
+    int64_t contact_tick = 0;           // at which the contact closed
+
+    double slope[3] = {0, 0, 0};      // N, increase of the tissue's energy for each mm that the contact slides
+    double drag[3] = {0, 0, 0};       // over |force|: load on a sliding tool that pays for that increase
+    double damping[3] = {0, 0, 0};    // over |force|: load of the passivity controller
+    double slide_path[3] = {0, 0, 0}; // mm, recent sliding, exponentially weighted
+    double slide_length = 0;          // mm, length of that path
+
+    // Of a tool in space.
+    bool seen_outside = false;                // it has been outside the tissue, so that it may touch it
+    double filtered_slope[3] = {0, 0, 0};     // N, `slope` low-pass filtered
+    double first_displacement[3] = {0, 0, 0}; // mm, of the tissue when it was touched
+    double compliance_sums[2] = {0, 0};       // mm N and N^2, over the first ticks of the contact
+    double compliance = 0;                    // mm/N, displacement over force: how far it slides for an excess force
+    int learning_ticks = 0;                   // ticks until the compliance is known
+
+    // Of a needle.
+    bool pierced = false;
+    double way[3] = {0, 0, 0};  // mm, its tip from where it entered
+    double axis[3] = {0, 0, 0}; // once it has pierced the surface
+    double insertion = 0;       // mm of it inside the tissue
+
+    void total_force(double out[3]) const { // N, on the tool
+        const double size = length(force);
+        for (int k = 0; k < 3; k++) out[k] = force[k] + size * (drag[k] + damping[k]);
+    }
+    void clear_drag() {
+        slide_length = 0;
+        for (int k = 0; k < 3; k++) drag[k] = slide_path[k] = 0;
+    }
+    void clear_forces() {
+        for (int k = 0; k < 3; k++) force[k] = slope[k] = damping[k] = 0;
+        clear_drag();
+    }
+};
+
+// The loop copies proxies to look ahead: nothing in them may allocate.
+static_assert(std::is_trivially_copyable_v<ToolProxy>);
+
+// One tick of one tool: closes the contact, follows the command, slides, pierces, or opens. others: whether another
+// tool holds the tissue. known: whether the model's last answer had all its tables.
+void update_proxy(ToolProxy& proxy, const Command& command, const ContactSurface& surface, const ToolSettings& settings,
+                  bool others, bool known, SurfaceScratch& scratch);
+
+} // namespace palpate

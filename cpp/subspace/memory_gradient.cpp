@@ -1,0 +1,129 @@
+#include "subspace/memory_gradient.h"
+#include "base/cpu_dispatch.h"
+#include "base/thread_pool.h"
+#include <algorithm>
+#include <vector>
+
+namespace palpate {
+namespace {
+
+constexpr int64_t block = 4096; // elements a partial sum: few enough for float lanes
+constexpr int lanes = 8;
+
+// Partial sums of each block or row, added up in order.
+template <int count, class Part> void summed(int64_t parts, double* total, const Part& part) {
+    std::vector<double> sums(parts * count);
+    parallel(parts, [&](int64_t begin, int64_t end, int) {
+        for (int64_t k = begin; k < end; k++) part(k, &sums[k * count]);
+    });
+    std::fill_n(total, count, 0.0);
+    for (int64_t k = 0; k < parts; k++)
+        for (int i = 0; i < count; i++) total[i] += sums[k * count + i];
+}
+
+template <int count> PALPATE_INLINE void add_up(const float (&lane)[count][lanes], double weight, double* sums) {
+    for (int i = 0; i < count; i++) {
+        double sum = 0;
+        for (int k = 0; k < lanes; k++) sum += lane[i][k];
+        sums[i] += weight * sum;
+    }
+}
+
+// A row of f, previous and u.
+struct Row {
+    const float *f, *previous, *u;
+    Row at(int64_t i) const { return {f + i, previous + i, u + i}; }
+};
+
+// One step of the neighbourhood for a whole row: b is the neighbouring row, already shifted.
+template <Potential potential>
+PALPATE_INLINE void bend_row(const Row& a, const Row& b, int64_t count, const PotentialParameters& law, double weight,
+                             double* sums) {
+    float lane[3][lanes] = {};
+    int64_t x = 0;
+    for (; x + lanes <= count; x += lanes)
+        for (int k = 0; k < lanes; k++) {
+            const float t = a.f[x + k] - b.f[x + k], bend = potential_curvature<potential>(law, t);
+            const float du = a.u[x + k] - b.u[x + k], dp = t - (a.previous[x + k] - b.previous[x + k]);
+            const float bu = bend * du;
+            lane[0][k] += bu * du;
+            lane[1][k] += bu * dp;
+            lane[2][k] += bend * dp * dp;
+        }
+    for (; x < count; x++) {
+        const float t = a.f[x] - b.f[x], bend = potential_curvature<potential>(law, t);
+        const float du = a.u[x] - b.u[x], dp = t - (a.previous[x] - b.previous[x]);
+        lane[0][0] += bend * du * du;
+        lane[1][0] += bend * du * dp;
+        lane[2][0] += bend * dp * dp;
+    }
+    add_up(lane, weight, sums);
+}
+
+PALPATE_KERNEL void bend_step(const PotentialParameters& law, const Row& a, const Row& b, int64_t count, double weight,
+                              double* sums) {
+    PALPATE_RETURN_FOR_POTENTIAL(law.potential, bend_row, a, b, count, law, weight, sums);
+}
+
+PALPATE_KERNEL void bend_pixels(const float* __restrict curvature, const float* __restrict l,
+                                const float* __restrict previous, const float* __restrict q, int64_t size,
+                                double* sums) {
+    float lane[3][lanes] = {};
+    int64_t i = 0;
+    for (; i + lanes <= size; i += lanes)
+        for (int k = 0; k < lanes; k++) {
+            const float c = curvature[i + k], dq = q[i + k], ds = l[i + k] - previous[i + k];
+            lane[0][k] += c * dq * dq;
+            lane[1][k] += c * dq * ds;
+            lane[2][k] += c * ds * ds;
+        }
+    for (; i < size; i++) {
+        const float c = curvature[i], dq = q[i], ds = l[i] - previous[i];
+        lane[0][0] += c * dq * dq;
+        lane[1][0] += c * dq * ds;
+        lane[2][0] += c * ds * ds;
+    }
+    add_up(lane, 1, sums);
+}
+
+PALPATE_KERNEL void advance_block(const float* __restrict f, const float* __restrict previous, float w0, float w1,
+                                  int64_t begin, int64_t end, float* __restrict u) {
+    for (int64_t i = begin; i < end; i++) u[i] = std::max(0.0f, f[i] + (w0 * u[i] + w1 * (f[i] - previous[i])));
+}
+
+int64_t blocks(int64_t size) { return (size + block - 1) / block; }
+
+} // namespace
+
+void prior_curvatures(const Neighbourhood& n, const float* f, const float* previous, const float* u,
+                      double curvatures[3]) {
+    summed<3>(n.nz * n.ny, curvatures, [&](int64_t index, double* sums) {
+        const int64_t z = index / n.ny, y = index % n.ny;
+        const Row row = Row{f, previous, u}.at(index * n.nx);
+        for (int64_t dz = 0; dz <= 1; dz++)
+            for (int64_t dy = -1; dy <= 1; dy++)
+                for (int64_t dx = -1; dx <= 1; dx++) { // the 13 steps that lead forward
+                    if (dz * 9 + dy * 3 + dx <= 0) continue;
+                    if (z + dz >= n.nz || y + dy < 0 || y + dy >= n.ny) continue;
+                    const int64_t first = dx < 0 ? 1 : 0, there = (dz * n.ny + dy) * n.nx + first + dx;
+                    const float weight = n.weight[dz + 1][dy + 1][dx + 1];
+                    if (weight != 0) bend_step(n.law, row.at(first), row.at(there), n.nx - (dx != 0), weight, sums);
+                }
+    });
+}
+
+void data_curvatures(const float* curvature, const float* l, const float* previous, const float* q, int64_t size,
+                     double curvatures[3]) {
+    summed<3>(blocks(size), curvatures, [&](int64_t k, double* sums) {
+        const int64_t i = k * block;
+        bend_pixels(curvature + i, l + i, previous + i, q + i, std::min(block, size - i), sums);
+    });
+}
+
+void advance(const float* f, const float* previous, const double w[2], int64_t size, float* u) {
+    parallel(size, [&](int64_t begin, int64_t end, int) {
+        advance_block(f, previous, float(w[0]), float(w[1]), begin, end, u);
+    });
+}
+
+} // namespace palpate

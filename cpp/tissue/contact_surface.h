@@ -1,0 +1,73 @@
+#pragma once
+// The surface of a mesh at rest: closest points and contact patches. Made once per mesh; the loop's thread queries it.
+#include "tissue/contact_patch.h"
+#include <cstdint>
+#include <vector>
+
+namespace palpate {
+
+// A point of the surface: its triangle, its barycentric weights, its position (mm) and its distance from the query
+// (mm).
+struct SurfacePoint {
+    int triangle = -1;
+    double weight[3] = {0, 0, 0};
+    double point[3] = {0, 0, 0};
+    double distance = 0;
+};
+
+// Working memory of patch(); one per thread, allocated once.
+struct SurfaceScratch {
+    std::vector<uint32_t> visited; // (vertices) the generation that last visited each vertex
+    std::vector<int> queue;
+    uint32_t generation = 0;
+};
+
+// The boundary of a mesh at rest. Its vertices are numbered from 0; `node` holds their numbers in the mesh. Does not
+// change after construction, so any number of threads may query it. Closest points: C. Ericson, Real-Time Collision
+// Detection (2005), section 5.1.5, over a tree of axis-aligned boxes.
+class ContactSurface {
+public:
+    // nodes: (count, 3) mm; triangles: (faces, 3) node numbers, outward normals; fixed: (count) 1 for a node that
+    // cannot move.
+    ContactSurface(const double* nodes, int count, const int32_t* triangles, int faces, const uint8_t* fixed);
+
+    int vertices() const { return int(node.size()); }
+    int triangles() const { return int(corner.size() / 3); }
+    SurfaceScratch scratch() const;
+
+    // The surface point closest to `point` (mm). Allocates nothing.
+    SurfacePoint closest(const double point[3]) const;
+
+    // Outward unit normal: the vertex normals, interpolated over the triangle.
+    void normal(const SurfacePoint& at, double out[3]) const;
+
+    enum class PatchStatus { good, all_fixed, too_many_nodes };
+    // The smooth patch of `radius` mm around a surface point: weights a_i (1 - d^2/radius^2)^2, a_i the vertex's area,
+    // 0 for fixed nodes, divided by their sum. d^2 is the squared distance times 2 / (1 + n.n_i), n the contact's
+    // normal and n_i the vertex's: on a plane the distance itself, on a sphere the stereographic one, and infinite on
+    // the far side of a thin wall. Only vertices connected to the contact by edges inside the patch are in it. If no
+    // vertex is inside, the patch is the triangle with the barycentric weights. all_fixed: no node of the patch can
+    // move. too_many_nodes: more than ContactPatch::capacity. Allocates nothing.
+    PatchStatus patch(const SurfacePoint& at, double radius, SurfaceScratch& scratch, ContactPatch& patch) const;
+
+    std::vector<double> position;      // (vertices, 3) mm, at rest
+    std::vector<double> normals;       // (vertices, 3) outward unit normals
+    std::vector<double> area;          // (vertices) mm^2, a third of the adjacent triangles
+    std::vector<int> node;             // (vertices) number in the mesh
+    std::vector<uint8_t> fixed;        // (vertices) 1: cannot move
+    std::vector<int> corner;           // (triangles, 3) vertices
+    std::vector<int> start, neighbour; // edge neighbours of vertex i: neighbour[start[i] .. start[i + 1]]
+
+private:
+    struct Box {
+        double low[3], high[3];
+        int first,
+            count; // leaf: triangles leaf_order[first .. first + count]; else count = 0 and first = the right child
+    };
+    std::vector<Box> tree;
+    std::vector<int> leaf_order;
+    int build_tree(int first, int count);
+    void build_adjacency();
+};
+
+} // namespace palpate

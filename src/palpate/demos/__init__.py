@@ -1,0 +1,1 @@
+"""The demos: from X-ray counts to an organ, on data that ships with the package."""

@@ -1,0 +1,1 @@
+"""Force-feedback devices, found at run time and driven by the core."""

@@ -1,0 +1,154 @@
+"""Ctrl-C: it ends a command at once, after the file that is being written, or by KeyboardInterrupt that is never lost."""
+
+import _thread
+import contextlib
+import math
+import os
+import signal
+import socket
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from types import FrameType
+
+STOPPED = 130  # what a shell expects of a program that Ctrl-C ended
+AGAIN = 0.02  # s, after which a KeyboardInterrupt that Python dropped is raised again
+PATIENCE = 1.0  # s that a call outside Python may go on after Ctrl-C, and threads after the last word
+
+
+def end_at_once() -> None:
+    """From now on Ctrl-C ends the process: while modules are loaded there is nothing to keep."""
+
+    def end(number: int, frame: FrameType | None) -> None:
+        os.write(2, b"palpate: stopped\n")
+        os._exit(STOPPED)
+
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # not where the shell has it ignored
+        signal.signal(signal.SIGINT, end)
+
+
+@contextlib.contextmanager
+def raised() -> Iterator[Callable[[], bool]]:
+    """During the block Ctrl-C raises KeyboardInterrupt in the main thread, until one has come through.
+
+    Gives a function that says whether one was raised: some libraries turn it into an exception of their own.
+
+    Python drops what a destructor or a callback of a library lets out, and goes on. It shows it to a hook, though. While
+    a module is loaded nothing is raised, and while a call outside Python is busy nothing can be: the process ends if
+    that lasts longer than `PATIENCE`.
+    """
+    handled = [-math.inf]  # when, in s
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        if _importing(frame) and _after(AGAIN, _interrupt_main):
+            return  # extension modules that are being made drop exceptions, or abort
+        handled[0] = time.monotonic()
+        signal.default_int_handler(number, frame)
+
+    before, told = signal.getsignal(signal.SIGINT), sys.unraisablehook
+
+    def again(dropped: "sys.UnraisableHookArgs") -> None:
+        if issubclass(dropped.exc_type, KeyboardInterrupt):
+            _after(AGAIN, _interrupt_main)  # here it would be dropped once more
+        else:
+            told(dropped)
+
+    def was_raised() -> bool:
+        return math.isfinite(handled[0])
+
+    if before is signal.SIG_IGN or threading.current_thread() is not threading.main_thread():
+        yield was_raised
+        return
+    with _watched(interrupt, handled):
+        try:
+            sys.unraisablehook = again
+            signal.signal(signal.SIGINT, interrupt)
+            yield was_raised
+        finally:
+            signal.signal(signal.SIGINT, before)
+            sys.unraisablehook = told
+
+
+def end_soon() -> None:
+    """Ends the process after `PATIENCE`, should threads that still work keep it from its own end."""
+    _after(PATIENCE, os._exit, STOPPED)
+
+
+@contextlib.contextmanager
+def _watched(interrupt: Callable[[int, FrameType | None], None], handled: list[float]) -> Iterator[None]:
+    """During the block a thread ends the process if `interrupt` does not run soon after a signal for it has come.
+
+    Python writes a byte to a socket as soon as a signal comes, even within a call that is not Python's.
+    """
+    told, tells = socket.socketpair()
+    tells.setblocking(False)
+
+    def watch() -> None:
+        while number := told.recv(1):
+            came = time.monotonic()
+            while number[0] == signal.SIGINT and signal.getsignal(signal.SIGINT) is interrupt:
+                if handled[0] > came - PATIENCE:  # this thread may be late
+                    break
+                if time.monotonic() > came + PATIENCE:
+                    os.write(2, b"palpate: stopped within a long step; files under their final names are whole\n")
+                    os._exit(STOPPED)
+                time.sleep(AGAIN)
+
+    before = signal.set_wakeup_fd(tells.fileno(), warn_on_full_buffer=False)
+    _after(0, watch)
+    try:
+        yield
+    finally:
+        signal.set_wakeup_fd(before)
+        tells.close()
+
+
+@contextlib.contextmanager
+def waiting() -> Iterator[None]:
+    """During the block Ctrl-C waits for its end; a second one does not."""
+    if threading.current_thread() is not threading.main_thread():  # only there do signals arrive
+        yield
+        return
+    came = False
+
+    def wait(number: int, frame: FrameType | None) -> None:
+        nonlocal came
+        if came:
+            raise KeyboardInterrupt
+        came = True
+
+    before = signal.signal(signal.SIGINT, wait)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.SIG_DFL if before is None else before)
+    if came:
+        signal.raise_signal(signal.SIGINT)
+
+
+def _importing(frame: FrameType | None) -> bool:
+    """Whether a module is being loaded in this frame or below it."""
+    while frame is not None:
+        if frame.f_code.co_filename == "<frozen importlib._bootstrap>":
+            return True
+        frame = frame.f_back
+    return False
+
+
+def _after(seconds: float, call: Callable[..., None], *values: int) -> bool:
+    """Calls it after so many seconds, from a thread that keeps nothing alive. False: the system gives no more threads."""
+    timer = threading.Timer(seconds, call, values)
+    timer.daemon = True
+    try:
+        timer.start()
+    except RuntimeError:
+        return False
+    return True
+
+
+def _interrupt_main() -> None:
+    if sys.platform == "win32":
+        _thread.interrupt_main()
+    else:  # also out of a system call
+        signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)

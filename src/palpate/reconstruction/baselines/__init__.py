@@ -1,0 +1,1 @@
+"""Methods without a prior: backprojection, FBP, SART, SIRT; and total variation."""

@@ -1,0 +1,55 @@
+"""The minimisation problem of one resolution level, as an optimizer of a user's own gets it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+from palpate import _core
+from palpate.arrays import AnyArray, Float32
+from palpate.reconstruction.models.likelihood import Curvature, Likelihood
+from palpate.reconstruction.models.mrf_prior import Prior
+from palpate.reconstruction.projector import Projector
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Φ(f) = likelihood(A f) + β R(f), to be minimised over f >= 0, (z, y, x) 1/mm.
+
+    beta: strength of the prior on this level, 0 for maximum likelihood. curvature: the kind that the user asked for.
+    """
+
+    A: Projector
+    likelihood: Likelihood
+    prior: Prior
+    beta: float
+    curvature: Curvature
+
+    def objective(self, f: Float32) -> float:
+        """Φ(f)."""
+        return self.likelihood.value(self.A(f)) + self.penalty(f)
+
+    def penalty(self, f: Float32) -> float:
+        """β R(f)."""
+        return self.beta * self.prior.value(f, self.A.grid) if self.beta > 0 else 0.0
+
+    @property
+    def law(self) -> tuple[_core.statistics.PriorKernel, float]:
+        """The prior's, as the kernels take it; some law where there is no prior."""
+        return (self.prior if self.beta > 0 else Prior("quadratic")).law
+
+    def gradient(self, f: Float32) -> Float32:
+        """∇Φ(f), (z, y, x)."""
+        slope = self.A.T(self.likelihood.slope(self.A(f)))
+        return slope + self.beta * self.prior.surrogate(f, self.A.grid)[0] if self.beta > 0 else slope
+
+
+class Optimizer(Protocol):
+    """What `register_optimizer` asks of a class; see there."""
+
+    def __init__(self, problem: Problem, values: Float32, state: Mapping[str, AnyArray]) -> None: ...
+
+    def update(self) -> tuple[Float32, float]:
+        """The next iterate (z, y, x) 1/mm, and Φ there."""
+
+    def state(self) -> Mapping[str, AnyArray]:
+        """All that `update` needs besides the iterate to go on to the bit."""

@@ -1,0 +1,244 @@
+"""Checks a scan before anything is reconstructed from it."""
+
+import numpy as np
+
+from palpate.arrays import Float32, Float64
+from palpate.errors import GeometryError
+from palpate.reconstruction.alternatives import alternatives, other_values
+from palpate.reconstruction.coarse_fit import ITERATIONS, OFFSET, Fit, fit_object
+from palpate.reconstruction.default_grid import covering_grid
+from palpate.reconstruction.multiresolution import coarser_scan
+from palpate.reconstruction.projector import Projector
+from palpate.scans.consistency import CentreOfMass, centre_of_mass, outline, whole_views
+from palpate.scans.finding import Finding
+from palpate.scans.grid_placement import check_grid
+from palpate.scans.intensity_correction import line_integrals
+from palpate.scans.plausibility import check_counts, check_geometry
+from palpate.scans.scan import Scan
+from palpate.scans.views import Views
+from palpate.volumes.grid import Grid
+
+ATTENUATION = (0.005, 0.1)  # 1/mm, of soft tissue and bone at the energies of diagnosis
+DEPTH = 0.15  # of the distance of the focal spots: how thick an object is taken to be where no grid says it
+SUSPECT = 0.02  # misfit above which a scan is compared with its alternatives
+HOPELESS = 0.15  # misfit that is an alarm even if no alternative is better
+BETTER = 0.4  # times the misfit: an alternative that fits so well is named
+LEAST = 0.003  # of the contrast: smaller misfits are all the same
+FIRST_LOOK, SECOND_LOOK = 12, 7  # iterations in which all alternatives are tried; how many are then fitted to the end
+FREE_OFFSET = 0.4  # of the line integrals: an open beam off by half as much again
+FEWEST_VIEWS = 4  # with fewer, one cannot be told from the others
+OFF_CENTRE = 1.0, 4.0  # pixels, and times the others' median: a view whose centre of mass lies elsewhere
+MOST_WHOLE = 0.8  # share of the views that must show the whole object, for its extent to be known
+TOLERATED = 0.5  # pixels by which the object may seem to reach beyond the grid
+SMEARED = 3.0  # times thinner than it is: how far few angles smear a dense object along its depth
+MARGIN = 0.15  # of the field and of the grid's depth: how far the fitted object may reach beyond them
+MEDIUM, COARSE = 60_000, 2600  # pixels of a panel, at most: for moments and for fits
+MOST_VOXELS = (72, 72, 24)  # along x, y, z
+MOST_VIEWS = 24  # of a longer scan, some are taken
+
+
+def check_scan(
+    scan: Scan, grid: Grid | None = None, *, attenuation: tuple[float, float] = ATTENUATION
+) -> list[Finding]:
+    """Look for mistakes in the geometry, the counts and the grid of a scan.
+
+    Lengths, angles and counts are judged by themselves. Then a coarse object is fitted to all views. If it leaves much of
+    them unexplained, the scan is compared with what it would be without one of the mistakes that are often made.
+
+    Parameters
+    ----------
+    scan : Scan
+        The projections.
+    grid : Grid, optional
+        Voxels that are to be reconstructed. With them the check sees more, because it knows how deep the object is.
+    attenuation : tuple of float, optional
+        Least and largest attenuation of the dense part of the object, 1/mm.
+
+    Returns
+    -------
+    list of Finding
+        What is wrong, the most likely cause first; empty if nothing is. Some mistakes cannot be seen in the data, see
+        `docs/scan-check.md`.
+
+    Raises
+    ------
+    AttributeError
+        If `scan` is not a scan.
+
+    References
+    ----------
+    Clackdoyle & Desbat, Phys. Med. Biol. 58:8437, 2013. Aichert et al., IEEE TMI 34:2205, 2015.
+
+    Examples
+    --------
+    >>> pp.check_scan(scan, grid)
+    []
+    >>> wrong = pp.Scan(scan.counts, 100, scan.views)
+    >>> [found.cause for found in pp.check_scan(wrong, grid)]
+    ['incident']
+    """
+    found = check_geometry(scan.views) + check_counts(scan)
+    if found:
+        return found
+    medium, binned = _at_most(scan, MEDIUM)
+    l = line_integrals(medium).astype(np.float64)
+    whole = whole_views(medium, l)
+    if grid is not None:
+        found += check_grid(medium.views, grid, {int(k): l[k] for k in np.flatnonzero(whole)})
+    if any(f.cause == "grid origin order" for f in found):
+        return found
+    coarse, pixels = _at_most(medium, COARSE)
+    some = np.unique(np.linspace(0, len(scan.views) - 1, min(MOST_VIEWS, len(scan.views))).astype(int)).tolist()
+    coarse = coarse[some]
+    fit = _fit(coarse, grid)
+    if fit is None:
+        return found
+    centre = centre_of_mass(medium, l, whole)
+    odd = _off_centre(centre, binned)
+    if odd is not None:
+        return [odd, *found]
+    if fit.misfit > SUSPECT:
+        better = _better(coarse, grid, fit, some, binned * pixels)
+        found = better + found
+        if not better and fit.misfit > HOPELESS:
+            words = f"{fit.misfit:.0%} of the views' contrast fits no object: check angles, panel and the order of the files"
+            found.append(Finding("unknown", words))
+    if grid is not None and centre is not None and whole.mean() > MOST_WHOLE and not found:
+        found += _check_extent(outline(medium, l, centre), grid, max(medium.views.panels[0].pitch))
+    return found + _check_attenuation(fit, attenuation) + _left_handed(scan.views)
+
+
+def _at_most(scan: Scan, most: int) -> tuple[Scan, int]:
+    """The scan with pixels so large that a panel has few of them, and how many of the old ones they are wide."""
+    times = 1
+    while scan.shape[1] * scan.shape[2] > most:
+        scan, times = coarser_scan(scan), 2 * times
+    return scan, times
+
+
+def _better(scan: Scan, grid: Grid | None, fit: Fit, numbers: list[int], pixels: int) -> list[Finding]:
+    """The causes without which the scan would fit far better, best first."""
+    best: dict[str, tuple[float, Finding]] = {}
+
+    def judge(misfit: float, cause: str, words: str) -> None:
+        if misfit + LEAST < min(BETTER * (fit.misfit + LEAST), best[cause][0] + LEAST if cause in best else np.inf):
+            seen = f"unexplained: {fit.misfit:.1%} of the views' contrast, otherwise {misfit:.1%}"
+            best[cause] = misfit, Finding(cause, f"{words} ({seen})")
+
+    tries = [
+        (_fit(other.scan, grid, iterations=FIRST_LOOK), other) for other in [*alternatives(scan), *other_values(scan)]
+    ]
+    seen = [(first.misfit, other) for first, other in tries if first is not None]
+    for _, other in sorted(seen, key=lambda pair: pair[0])[:SECOND_LOOK]:
+        tried = _fit(other.scan, grid)
+        if tried is not None:
+            judge(tried.misfit, other.cause, other.words)
+    free = _fit(scan, grid, offset=np.inf)
+    if free is not None and abs(free.offset) > FREE_OFFSET:
+        times = np.exp(free.offset)
+        judge(free.misfit, "incident", f"the views agree better if incident is {times:.2g} times too large")
+    k = int(fit.left.argmax())
+    rest = [v for v in range(len(numbers)) if v != k]
+    others = _fit(scan[rest], grid) if len(rest) >= FEWEST_VIEWS else None
+    if others is not None:
+        expected = Projector(scan.views[k], others.grid)(others.values)[0]
+        offset = pixels * _offset(fit.measured[k], expected, fit.weight[k])
+        if offset.any():
+            judge(others.misfit, "view shifted", _shifted(numbers[k], offset).message)
+    # A flipped axis and a sweep the other way may differ by a mirror image alone: then the panel's axes say which it is.
+    likely = "axis flipped" if _left_handed(scan.views) else "view order"
+    ranked = sorted(best.values(), key=lambda pair: (round(pair[0] / LEAST), pair[1].cause != likely))
+    return [finding for misfit, finding in ranked if misfit + LEAST < 2 * (ranked[0][0] + LEAST)]
+
+
+def _off_centre(centre: CentreOfMass | None, pixels: int) -> Finding | None:
+    """A view whose centre of mass lies elsewhere than all others say."""
+    if centre is None or centre.whole.sum() < FEWEST_VIEWS:
+        return None
+    far = np.where(centre.whole, np.linalg.norm(centre.offsets, axis=1), 0)
+    k, (least, times) = int(far.argmax()), OFF_CENTRE
+    rest = np.delete(far, k).max()
+    return _shifted(k, pixels * centre.offsets[k]) if far[k] > max(least, times * rest) else None
+
+
+def _left_handed(views: Views) -> list[Finding]:
+    """A panel whose rows and columns are those of an image seen from behind: right for some, and no data can tell."""
+    turned = [(s - p.origin) @ p.normal < 0 for s, p in zip(views.source, views.panels, strict=True)]
+    if not any(turned):
+        return []
+    words = (
+        "seen from the tube, column_axis and row_axis are those of an image from behind the panel; if it is none, the "
+    )
+    return [Finding("mirrored panel", words + "volume is mirrored, which no data can tell", alarm=False)]
+
+
+def _shifted(view: int, offset: Float64) -> Finding:
+    rows, columns = offset
+    return Finding(
+        "view shifted",
+        f"view {view} alone does not fit the others: it lies about {rows:+.1f} rows and {columns:+.1f} columns off; "
+        f"check its panel, its angle and its file",
+    )
+
+
+def _offset(measured: Float32, expected: Float32, weight: Float32, most: int = 8) -> Float64:
+    """(rows, columns) by which a measured image lies further on than the expected one, whole pixels."""
+    known, inner = weight > 0, (slice(most, -most), slice(most, -most))
+    best = (np.inf, np.zeros(2))
+    for r in range(-most, most + 1):
+        for c in range(-most, most + 1):
+            there = known[inner] & np.roll(known, (r, c), (0, 1))[inner]
+            error = (measured[inner] - np.roll(expected, (r, c), (0, 1))[inner])[there] ** 2
+            if there.any() and error.mean() < best[0]:
+                best = float(error.mean()), np.array([r, c], dtype=np.float64)
+    return best[1]
+
+
+def _check_extent(outline: Float64, grid: Grid, pixel: float) -> list[Finding]:
+    """Whether the object, which all views show, lies in the grid; its depth is too blurred to be judged."""
+    beyond = [
+        f"{name} {low:.4g} to {high:.4g} mm, the grid {first:.4g} to {last:.4g} mm"
+        for name, (low, high), (first, last) in zip("xy", outline.T, grid.bounds.T[:2], strict=True)
+        if max(first - low, high - last) > TOLERATED * pixel
+    ]
+    if not beyond:
+        return []
+    words = f"the views put the object at {' and '.join(beyond)}: check the origins of the grid and of the panel"
+    return [Finding("object outside the grid", words)]
+
+
+def _check_attenuation(fit: Fit, allowed: tuple[float, float]) -> list[Finding]:
+    """Whether the dense part of the fitted object attenuates as tissue does."""
+    inner = fit.values[fit.values > 0.5 * np.quantile(fit.values, 0.99)]
+    dense = float(np.median(inner)) if inner.size else 0.0
+    least, most = allowed
+    if least / SMEARED <= dense <= most:
+        return []
+    words = f"the dense part of the object attenuates {dense:.3g} / mm, tissue {least:g} to {most:g}"
+    return [Finding("attenuation", f"{words}: check the pixel pitch, the distances and the units")]
+
+
+def _fit(scan: Scan, grid: Grid | None, offset: float = OFFSET, iterations: int = ITERATIONS) -> Fit | None:
+    try:
+        return fit_object(scan, _field(scan.views, grid), offset, iterations)
+    except GeometryError:
+        return None
+
+
+def _field(views: Views, grid: Grid | None) -> Grid:
+    """Coarse voxels over all that the views see, as deep as the grid and a little more."""
+    middles = [p.points((np.array(p.shape) - 1) / 2)[0] for p in views.panels]
+    depth = DEPTH * float(np.median(np.linalg.norm(views.source - middles, axis=1)))
+    if grid is not None:
+        depth = float(np.ptp(grid.bounds[:, 2]))
+    seen = covering_grid(views, depth)
+    low, high = seen.bounds
+    if grid is not None:
+        level = all(abs(abs(p.normal[2]) - 1) < 1e-6 for p in views.panels)
+        low[2] = low[2] if level else grid.bounds[0, 2] - MARGIN * depth
+        high[2] = grid.bounds[1, 2] + MARGIN * depth
+    beside = MARGIN * (high - low)[:2]
+    low[:2], high[:2] = low[:2] - beside, high[:2] + beside
+    shape = np.clip(np.ceil((high - low) / seen.spacing[::-1]), 1, MOST_VOXELS).astype(int)
+    step = (high - low) / shape
+    return Grid(shape[::-1], step[::-1], origin=low + step / 2)

@@ -1,0 +1,1 @@
+"""Reports and figures: HTML pages, tables, plots."""

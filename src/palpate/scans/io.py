@@ -1,0 +1,180 @@
+"""Reads and writes scans as HDF5 files; docs/formats.md documents their layout."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from palpate.arrays import AnyArray
+from palpate.bounded_read import existing_file
+from palpate.errors import DataError, FileError, GeometryError
+from palpate.plugins import read_by_plugin
+from palpate.scans.dicom_projections import holds_projections, is_dicom_stack
+from palpate.scans.importers import import_scan
+from palpate.scans.scan import Scan
+from palpate.scans.views import Panel, Views
+from palpate.volumes.hdf5_guard import check_heap, read_dataset
+from palpate.volumes.hdf5_output import replacing_hdf5
+
+FORMAT, VERSION = "palpate scan", 1
+PANEL = {"pitch": "mm", "origin": "mm", "row_axis": "1", "column_axis": "1"}  # each (1 or views, 2 or 3)
+WAY_OUT = "write it with `palpate scan import` or palpate.write_scan"
+
+
+def write_scan(path: str | Path, scan: Scan) -> None:
+    """Write a scan as HDF5. Data that are equal along an axis are stored once.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    scan : Scan
+        What to write.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be written. It is written completely or not at all.
+
+    Examples
+    --------
+    >>> pp.write_scan("scan.h5", scan)
+    """
+    with replacing_hdf5(path) as file:
+        file.attrs.update({"format": FORMAT, "version": VERSION})
+        _dataset(file, "counts", scan.counts, "photons")
+        _dataset(file, "incident", drop_constant_axes(scan.incident), "photons")
+        _dataset(file, "background", drop_constant_axes(scan.background), "photons")
+        _dataset(file, "mask", drop_constant_axes(scan.mask), "1", "True where the pixel was measured")
+        _dataset(file, "views/source", scan.views.source, "mm", "focal spot (x, y, z) of each view")
+        if not np.array_equal(scan.views.direction, np.eye(3)):
+            _dataset(
+                file, "views/direction", scan.views.direction, "1", "columns: the world's axes in patient space, LPS"
+            )
+        for name, unit in PANEL.items():
+            values = np.array([getattr(panel, name) for panel in scan.views.panels])
+            _dataset(file, f"views/panel/{name}", drop_constant_axes(values, axes=(0,)), unit)
+
+
+def read_scan(path: str | Path) -> Scan:
+    """Read a scan from palpate's HDF5 file or from DICOM projections.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file, or a folder with one DICOM file for each view.
+
+    Returns
+    -------
+    Scan
+        The projections and their geometry.
+
+    Raises
+    ------
+    FileError
+        If the file is missing or cannot be read.
+    DataError, GeometryError
+        If its contents are not valid; the message names the file.
+
+    Examples
+    --------
+    >>> pp.write_scan("scan.h5", scan)
+    >>> pp.read_scan("scan.h5").shape
+    (5, 40, 48)
+    """
+    if (read := read_by_plugin(Path(path), Scan)) is not None:
+        return read
+    if is_dicom_stack(Path(path)):
+        return import_scan(path)
+    path = existing_file(path)
+    if not h5py.is_hdf5(path):
+        raise FileError(f"{path}: not an HDF5 file; {WAY_OUT}")
+    check_heap(path)
+    try:
+        with h5py.File(path, "r") as file:
+            return _scan(path, file)
+    except (DataError, GeometryError) as problem:
+        raise type(problem)(f"{path}: {problem}") from None
+    except (FileError, MemoryError):
+        raise
+    except Exception as problem:  # h5py raises almost anything on a damaged file
+        raise FileError(f"{path}: truncated or damaged HDF5 file ({problem}); copy it again, or {WAY_OUT}") from None
+
+
+def is_scan(path: str | Path) -> bool:
+    """Return whether `read_scan` can read a file: an HDF5 name, or DICOM projections.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+
+    Returns
+    -------
+    bool
+        True for a scan.
+
+    Raises
+    ------
+    FileError
+        If a DICOM file is damaged.
+
+    Examples
+    --------
+    >>> pp.is_scan("scan.h5")
+    True
+    """
+    return Path(path).suffix.lower() in (".h5", ".hdf5") or holds_projections(Path(path))
+
+
+def drop_constant_axes(values: AnyArray, axes: Sequence[int] = (0, 1, 2)) -> AnyArray:
+    """`values` with each axis along which nothing changes cut to length 1: it broadcasts back to the same array."""
+    for axis in axes:
+        first = values.take([0], axis=axis)
+        if values.strides[axis] == 0 or (values == first).all():
+            values = first
+    return values
+
+
+def _scan(path: Path, file: Any) -> Scan:
+    if file.attrs.get("format") != FORMAT:
+        raise FileError(f"{path}: an HDF5 file, but its attribute 'format' is not {FORMAT!r}; {WAY_OUT}")
+    if int(file.attrs.get("version", 0)) != VERSION:
+        raise FileError(
+            f"{path}: layout version {file.attrs.get('version')}, this palpate reads {VERSION}; update palpate"
+        )
+
+    def read(name: str) -> AnyArray:
+        values = read_dataset(path, file, name, WAY_OUT)
+        if values.dtype.kind == "V":
+            raise DataError(f"/{name}: expected real numbers, got {values.dtype}; convert them first")
+        return values
+
+    counts = read("counts")
+    if counts.ndim != 3:
+        raise DataError(f"/counts: expected shape (views, rows, columns), got {counts.shape}")
+    source, panel = read("views/source"), {name: read(f"views/panel/{name}") for name in PANEL}
+    for name, values in panel.items():
+        if values.ndim != 2 or len(values) not in (1, len(source)):
+            raise DataError(
+                f"/views/panel/{name}: expected one line, or {len(source)} (one a view), got {values.shape}"
+            )
+    moving = max(len(values) for values in panel.values())
+    panels = [
+        Panel(counts.shape[1:], **{name: values[k if len(values) > 1 else 0] for name, values in panel.items()})
+        for k in range(moving)
+    ]
+    direction = read("views/direction") if "views/direction" in file else None
+    views = Views(source, panels[0] if moving == 1 else panels, direction)
+    return Scan(counts, read("incident"), views, read("background"), read("mask").astype(bool))
+
+
+def _dataset(file: Any, name: str, values: AnyArray, unit: str, meaning: str = "") -> None:
+    large = values.size > 4096
+    how = {"chunks": (1, *values.shape[1:]), "compression": 4, "shuffle": True} if large else {}
+    dataset = file.create_dataset(name, data=values, **how)
+    dataset.attrs["units"] = unit
+    if meaning:
+        dataset.attrs["meaning"] = meaning

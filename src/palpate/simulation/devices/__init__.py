@@ -1,1 +1,0 @@
-"""What the loop needs of a device: a position in, a force out."""

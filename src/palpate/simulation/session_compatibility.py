@@ -1,0 +1,79 @@
+"""Checks that a session fits a record: tissue by a hash, model by name, settings one by one."""
+
+import hashlib
+from typing import Any
+
+import numpy as np
+import scipy.linalg  # noqa: F401 (loads SciPy's BLAS, which is to be named)
+from threadpoolctl import threadpool_info
+
+from palpate import _core
+from palpate.errors import DataError, FileError
+from palpate.simulation.recording import Record
+from palpate.tissue.models.registry import name_of
+from palpate.tissue.models.tissue_model import TissueModel
+from palpate.tissue.tissue import SpringLaw, Tissue
+
+_SETTINGS = (
+    "sweeps", "radius", "limit", "ramp", "approach", "reach", "friction", "puncture", "cutting", "shaft_friction",
+)  # fmt: skip
+
+
+def settings_of(model: TissueModel, settings: Any) -> dict[str, float]:
+    """What a tick does besides the model's equations, by name. settings: the core's."""
+    return {**{name: float(getattr(settings, name)) for name in _SETTINGS}, **model.settings}
+
+
+def arithmetic() -> str:
+    """Whose rounding a session has: the instruction set of the core and, of each BLAS, for which processors it is."""
+    blas = {each["architecture"] for each in threadpool_info() if each["user_api"] == "blas" and "architecture" in each}
+    return ", ".join([_core.base.instruction_set(), *sorted(blas)])
+
+
+def check_record(record: Record, model: TissueModel, settings: Any) -> None:
+    """Raises `DataError` if `record` was not made with this tissue, model and (the core's) settings."""
+    if record.tissue != fingerprint(model):
+        raise DataError(
+            f"record: made on tissue {record.tissue}, not {fingerprint(model)}; open the tissue it was recorded with"
+        )
+    if record.model != name_of(model):
+        raise DataError(
+            f"record: made with model {record.model!r}, not {name_of(model)!r}; make the session of that model"
+        )
+    for name, value in settings_of(model, settings).items():
+        if record.settings.get(name) != value:
+            raise DataError(f"record: made with {name} = {record.settings.get(name)}, not {value:g}; use the record's")
+
+
+def fingerprint(model: TissueModel) -> str:
+    """A hash of what the model was made of: mesh, elastic constants, held nodes, spring law."""
+    return _hash(model.tissue, getattr(model, "law", None))
+
+
+def same_tissue(model: TissueModel, first: TissueModel) -> bool:
+    """Whether `model` has the tissue and the spring law of `first`, so that a session may change to it."""
+    law, usual = getattr(model, "law", None), getattr(first, "law", None) or first.tissue.springs or SpringLaw()
+    return law in (None, usual) and _hash(model.tissue, None) == _hash(first.tissue, None)
+
+
+def _hash(tissue: Tissue, law: SpringLaw | None) -> str:
+    mesh, hash_ = tissue.mesh, hashlib.sha256()
+    for part in (mesh.nodes, mesh.tets, mesh.region, tissue.young, tissue.poisson, tissue.fixed):
+        array = np.ascontiguousarray(part)
+        hash_.update(f"{array.dtype}{array.shape}".encode() + array.tobytes())
+    hash_.update(repr(law).encode())
+    return hash_.hexdigest()[:32]
+
+
+def recorded_settings(record: Record) -> dict[str, Any]:
+    """Keywords that make a `Session` like the recorded one."""
+    try:
+        numbers: dict[str, Any] = {name: record.settings[name] for name in ("radius", "limit", "friction")}
+        return {**numbers, "sweeps": int(record.settings["sweeps"])}
+    except KeyError as missing:
+        raise FileError(f"record: it does not say {missing}; record the session again") from None
+
+
+def model_settings(record: Record) -> dict[str, float]:
+    """Keywords that make the recorded model from its tissue."""
+    return {name: value for name, value in record.settings.items() if name not in _SETTINGS}

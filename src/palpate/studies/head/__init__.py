@@ -1,0 +1,1 @@
+"""The head study: every view left out once."""

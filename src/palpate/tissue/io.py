@@ -1,0 +1,122 @@
+"""Reads and writes a tissue as one .vtu file, which ParaView and meshio open."""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from shlex import quote
+from typing import Any
+
+import numpy as np
+
+from palpate.atomic_write import replacing
+from palpate.bounded_read import parse_json
+from palpate.errors import DataError, FileError, MaterialError
+from palpate.meshes.io import read_stored, repaired, write_mesh
+from palpate.tissue.spring_fit_report import FitReport
+from palpate.tissue.tissue import SpringLaw, Tissue
+
+_TEXT = "palpate"  # field of bytes: JSON in UTF-8
+
+
+def write_tissue(path: str | Path, tissue: Tissue) -> None:
+    """Write a tissue to a .vtu file, completely or not at all.
+
+    Tetrahedra carry region, young (kPa) and poisson. Nodes carry fixed and, after a fit, the error of the springs in mm.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    tissue : Tissue
+        The tissue.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be written.
+
+    Examples
+    --------
+    >>> pp.write_tissue("tissue.vtu", tissue)
+    """
+    if Path(path).suffix.lower() != ".vtu":
+        raise FileError(f"{path}: tissue is written as .vtu; name it so")
+    nodal: dict[str, Any] = {"fixed": tissue.held.astype(np.uint8)}
+    if tissue.report is not None:
+        nodal["error"] = tissue.report.error_map
+    text = {
+        "format": 1,
+        "element": tissue.element,
+        "springs": None if tissue.springs is None else asdict(tissue.springs),
+        "report": None if tissue.report is None else tissue.report.plain(),
+    }
+    with replacing(path) as temporary:
+        write_mesh(temporary, tissue.mesh, nodal, {"young": tissue.young, "poisson": tissue.poisson})
+        _add_text(temporary, json.dumps(text))
+
+
+def read_tissue(path: str | Path) -> Tissue:
+    """Read a tissue that `write_tissue` wrote.
+
+    Parameters
+    ----------
+    path : str or Path
+        A .vtu file.
+
+    Returns
+    -------
+    Tissue
+        The tissue, with its springs and report.
+
+    Raises
+    ------
+    FileError
+        If the file is missing or is another kind of file.
+    MeshError, MaterialError
+        If its contents are not valid.
+
+    Examples
+    --------
+    >>> pp.write_tissue("tissue.vtu", tissue)
+    >>> pp.read_tissue("tissue.vtu").element
+    'P1'
+    """
+    path = Path(path)
+    if path.suffix.lower() != ".vtu":
+        raise FileError(
+            f"{path}: tissue is kept as .vtu; make it so: palpate fit {quote(str(path))} --young 5 -o tissue.vtu"
+        )
+    stored = read_stored(path)
+    mesh = repaired(path, stored)
+    fields = {name: values[0] for name, values in stored.cell_data.items()}
+    missing = [n for n in ("young", "poisson") if n not in fields] + ["fixed"] * ("fixed" not in stored.point_data)
+    if missing or _TEXT not in stored.field_data:
+        raise FileError(
+            f"{path}: is a mesh without {', '.join([*missing, 'springs'])}; make tissue of it: "
+            f"palpate fit {quote(str(path))} --young 5 --poisson 0.45 --rest-on 0,0,-1 -o tissue.vtu"
+        )
+    try:
+        text = parse_json(bytes(np.asarray(stored.field_data[_TEXT], dtype=np.uint8)))
+        springs = None if text["springs"] is None else SpringLaw(**text["springs"])
+        report = None if text["report"] is None else FitReport.from_plain(text["report"], stored.point_data["error"])
+        held = np.asarray(stored.point_data["fixed"]).astype(bool)
+        return Tissue(
+            mesh, fields["young"], fields["poisson"], held, element=text["element"], springs=springs, report=report
+        )
+    except (MaterialError, DataError) as problem:
+        raise type(problem)(f"{path}: {problem}") from None
+    except (KeyError, TypeError, ValueError, AttributeError) as problem:
+        raise FileError(f"{path}: its field {_TEXT!r} is damaged ({problem!r}); fit the mesh again") from None
+
+
+def _add_text(path: Path, text: str) -> None:
+    """Puts a byte array where VTK keeps what belongs to the whole grid; meshio reads such fields but writes none."""
+    data = text.encode()
+    values = " ".join(str(b) for b in data)
+    array = f'<DataArray type="UInt8" Name="{_TEXT}" NumberOfTuples="{len(data)}" format="ascii">{values}</DataArray>'
+    whole = path.read_text()
+    if "<FieldData>" in whole:
+        whole = whole.replace("<FieldData>", f"<FieldData>{array}", 1)
+    else:
+        whole = whole.replace("<UnstructuredGrid>", f"<UnstructuredGrid><FieldData>{array}</FieldData>", 1)
+    path.write_text(whole)

@@ -1,0 +1,1 @@
+"""Tissue models: each answers pushes in real time."""

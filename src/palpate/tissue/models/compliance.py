@@ -1,0 +1,122 @@
+"""Model `compliance`: linear finite elements by cached Green's functions."""
+
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import bsr_array, csr_array
+from scipy.sparse.linalg import LinearOperator, eigsh
+
+from palpate import _core
+from palpate.arrays import Float64, Int32
+from palpate.errors import DataError, MaterialError
+from palpate.meshes.display_surfaces import displayed_nodes
+from palpate.tissue.contact_patches import Contacts
+from palpate.tissue.error_bound import relative
+from palpate.tissue.models.tissue_model import TissueModel
+from palpate.tissue.reference.linear_elasticity import FiniteElements
+from palpate.tissue.sparse_factor import Factors
+from palpate.tissue.tissue import Tissue
+
+
+class ComplianceModel(TissueModel):
+    """Linear P1 finite elements, whatever the tissue's `element`: K is factored once, then columns of K⁻¹ are made.
+
+    memory: MB of tables that a state may keep; the least recently used go first. A push solves in double precision, as
+    `finite_elements` does. The real-time loop takes the force from 3×3 blocks of K⁻¹ between the nodes of the patch, in
+    single precision (they err by some 1e-5); by the clock, a thread makes them where the hand is going, and where it is
+    late the last stiffness serves until they come, then fades into the exact one.
+
+    Raises `MaterialError` if the stiffness is not positive definite, `DataError` on a memory that is not positive.
+    """
+
+    native: "_core.compliance.ComplianceModel"
+    slides = True
+
+    def __init__(self, tissue: Tissue, memory: float = 256.0) -> None:
+        if not (np.isfinite(memory) and memory > 0):
+            raise DataError(f"memory: {memory} MB; give how much the tables may take, such as 256")
+        self.elements = FiniteElements(tissue, "P1")
+        self.factors = self.elements.factors
+        self.factors.require_positive()
+        self._free = np.full(len(tissue.mesh.nodes), -1, dtype=np.int32)
+        self._free[~tissue.held] = np.arange(np.count_nonzero(~tissue.held))
+        shown = displayed_nodes(tissue.mesh)
+        self.vertices: Int32 = shown[~tissue.held[shown]]
+        native = _core.compliance.ComplianceModel(
+            self.factors.native, self._free, self.vertices, tissue.mesh.nodes, int(memory * 2**20)
+        )
+        super().__init__(tissue, native)
+
+    def solve(
+        self, found: Contacts, state: "_core.tissue.ModelState", tolerance: float, most_sweeps: int
+    ) -> tuple[Float64, float, int]:
+        """Directly: the patches' compliance C = WᵀK⁻¹W, the forces by it, then their field, whose error is certified."""
+        nodes, load = self.loads(found)
+        force = found.forces(self.compliance(found)).ravel()
+        whole = np.zeros((len(self.places), 3))
+        whole[nodes] = (load @ force).reshape(-1, 3)
+        u = self.factors.solve(whole.ravel())
+        state.u[:] = 0
+        state.u[~self.tissue.held] = u.reshape(-1, 3)
+        return -force.reshape(-1, 3), self._certified_error(u, whole.ravel()), 0
+
+    def compliance(self, found: Contacts) -> Float64:
+        """(3m, 3m) mm/N, symmetric: the mean displacements of the m patches under unit forces spread over them."""
+        nodes, load = self.loads(found)
+        C = load.T @ self.factors.native.partial_solve(nodes, load, nodes)
+        return np.asarray((C + C.T) / 2)
+
+    def loads(self, found: Contacts) -> tuple[Int32, Float64]:
+        """Free numbers of the (n,) nodes that the patches touch, and (3n, 3m) their loads under unit forces."""
+        W = found.weights(len(self.tissue.mesh.nodes))
+        touched = np.flatnonzero(W.any(axis=1))
+        return self._free[touched], np.asarray(np.kron(W[touched], np.eye(3)), dtype=np.float64)
+
+    @property
+    def places(self) -> Float64:
+        """(free nodes, 3) mm."""
+        return self.tissue.mesh.nodes[~self.tissue.held]
+
+    def _certified_error(self, u: Float64, load: Float64) -> float:
+        """As `RingModel.certified_error`: ‖r‖_{M⁻¹}/√λ over what is left of ‖u‖_K, what rounds in r included."""
+        if not load.any():
+            return 0.0
+        K = self._stiffness
+        terms = int(np.diff(K.indptr).max()) + 2
+        absolute = csr_array((np.abs(K.data), K.indices, K.indptr), shape=K.shape)
+        rounding = terms * 2.0**-53 * (absolute @ np.abs(u) + np.abs(load))
+        residual = (np.abs(load - K @ u) + rounding).reshape(-1, 3)
+        # M⁻¹ ≤ 1/(least eigenvalue of its block), so signs do not matter.
+        square = float((residual**2).sum(axis=1) @ (1 / self._diagonal[1]))
+        distance, length = float(np.sqrt(square / self._least)), float(np.sqrt(max(float(u @ load), 0.0)))
+        return relative(distance, length)
+
+    @cached_property
+    def _stiffness(self) -> csr_array:
+        free = self.elements.free
+        return csr_array(self.elements.K[free][:, free])
+
+    @cached_property
+    def _diagonal(self) -> tuple[Float64, Float64]:
+        """(n, 3, 3) diagonal blocks M of K and (n,) their least eigenvalues."""
+        blocks = bsr_array(self._stiffness, blocksize=(3, 3))
+        rows = np.repeat(np.arange(len(blocks.indptr) - 1), np.diff(blocks.indptr))
+        diagonal = np.asarray(blocks.data[rows == blocks.indices])
+        return diagonal, np.linalg.eigvalsh(diagonal)[:, 0]
+
+    @cached_property
+    def _least(self) -> float:
+        """λ such that K − λM is positive definite, shown by a factorisation with all pivots positive."""
+        K, (blocks, floor) = self._stiffness, self._diagonal
+        n = len(blocks)
+        M = csr_array(bsr_array((blocks, np.arange(n), np.arange(n + 1)), shape=K.shape))
+        inverse = LinearOperator(K.shape, matvec=self.factors.solve, dtype=np.float64)
+        start = np.random.default_rng(0).standard_normal(K.shape[0])
+        shift = 0.9 * float(eigsh(K, 1, M=M, sigma=0, OPinv=inverse, v0=start, tol=1e-2, return_eigenvectors=False)[0])
+        for _ in range(20):
+            factors = Factors(K - shift * M, self.places)
+            proven = shift - factors.slack / float(floor.min())
+            if factors.positive and proven > 0.5 * shift:
+                return proven
+            shift *= 0.7
+        raise MaterialError("the stiffness is all but singular: no error can be certified; hold more nodes")

@@ -1,0 +1,95 @@
+"""Model `multigrid`: conjugate gradients on P1 finite elements, preconditioned by a multigrid V-cycle."""
+
+from functools import cached_property
+
+import numpy as np
+
+from palpate import _core
+from palpate.arrays import Float64
+from palpate.errors import MaterialError
+from palpate.tissue.contact_patches import Contacts
+from palpate.tissue.error_bound import MOST_NODES, Certificate, relative
+from palpate.tissue.models.block_gauss_seidel import ordered_by_node
+from palpate.tissue.models.tissue_model import IterativeModel
+from palpate.tissue.reference.linear_elasticity import lame
+from palpate.tissue.tissue import Tissue
+
+
+class MultigridModel(IterativeModel):
+    """Linear P1 finite elements, whatever the tissue's `element`, by conjugate gradients with a multigrid preconditioner.
+
+    cell: edge of the finest lattice's cells in mean edges of the mesh. smoothing: sweeps of block over-relaxation on
+    each level on the way down, and in reverse on the way up. relaxation: their ω. In a tick a sweep is an iteration.
+
+    The error of an answer is certified, by factors of the stiffness, up to `MOST_NODES` nodes that may move
+    (`certified`); beyond, it is an estimate from the preconditioner and the least eigenvalue of the preconditioned
+    stiffness as Lanczos steps see it, halved for safety, but proven by nothing.
+    """
+
+    native: "_core.multigrid.MultigridModel"
+    batch, growth = 3, 2
+
+    def __init__(self, tissue: Tissue, cell: float = 1.9, smoothing: int = 3, relaxation: float = 1.4) -> None:
+        if not (np.isfinite(cell) and cell >= 1):
+            raise MaterialError(f"cell: {cell} mean edges; give 1 or more (2 is quick, 1.9 surer)")
+        if not 1 <= smoothing <= 100 or smoothing != int(smoothing):
+            raise MaterialError(f"smoothing: {smoothing} sweeps; give a whole number from 1 to 100")
+        if not 0 < relaxation < 2:
+            raise MaterialError(f"relaxation: {relaxation} diverges; give a number between 0 and 2")
+        if (tissue.poisson >= 0.5).any():
+            raise MaterialError("poisson: 0.5 locks linear tetrahedra altogether; give this model at most 0.49")
+        lam, mu = lame(tissue.young, tissue.poisson)
+        nodes, tets = np.ascontiguousarray(tissue.mesh.nodes), np.ascontiguousarray(tissue.mesh.tets, dtype=np.int32)
+        held, sizes = tissue.held.view(np.uint8), (cell * tissue.edge, int(smoothing), float(relaxation))
+        native = _core.multigrid.MultigridModel(nodes, tets, lam, mu, held, *sizes)
+        super().__init__(tissue, native, {"cell": cell, "smoothing": smoothing, "relaxation": relaxation})
+        self.certified = int((~tissue.held).sum()) <= MOST_NODES
+
+    def certified_error(self, state: "_core.tissue.ModelState", force: Float64, found: Contacts) -> float:
+        """Bound on ‖u − u*‖_K/‖u*‖_K for the state that answers `found` with `force` (m, 3) N on the tools."""
+        u: Float64 = np.array(state.u)
+        inner = self.native.internal_force(u)
+        residual = -(inner + found.weights(len(u)) @ force)
+        residual[self.tissue.held] = 0
+        if not residual.any():
+            return 0.0
+        energy = float(np.sqrt(max(float(np.vdot(u, inner)), 0.0)))
+        return relative(self._distance(residual, u), energy)
+
+    def _distance(self, residual: Float64, u: Float64) -> float:
+        if self.certified:
+            return self._certificate.distance(residual, u)
+        squared = float(np.vdot(residual, self.native.precondition(residual)))
+        return float(np.sqrt(max(squared, 0.0) / (0.5 * self._least)))
+
+    @cached_property
+    def _certificate(self) -> Certificate:
+        return Certificate(ordered_by_node(self.tissue), self.tissue.held, self.tissue.mesh.nodes)
+
+    @cached_property
+    def _least(self) -> float:
+        """The least eigenvalue of B K, from above, by 30 steps of conjugate gradients (their Lanczos matrix)."""
+        u = np.zeros_like(self.tissue.mesh.nodes)
+        r = np.random.default_rng(0).standard_normal(u.shape)
+        r[self.tissue.held] = 0
+        alphas: list[float] = []
+        betas: list[float] = []
+        p, before = np.zeros_like(u), 0.0
+        for _ in range(30):
+            z = self.native.precondition(r)
+            now = float(np.vdot(r, z))
+            if not now > 0:
+                break
+            if before:
+                betas.append(now / before)
+            p = z + (betas[-1] if betas else 0.0) * p
+            Kp = self.native.internal_force(p)
+            Kp[self.tissue.held] = 0
+            alphas.append(now / float(np.vdot(p, Kp)))
+            r = r - alphas[-1] * Kp
+            before = now
+        a, b = np.array(alphas), np.array(betas[: len(alphas) - 1])
+        diagonal = 1 / a
+        diagonal[1:] += b / a[:-1]
+        off = np.sqrt(b) / a[:-1]
+        return float(np.linalg.eigvalsh(np.diag(diagonal) + np.diag(off, 1) + np.diag(off, -1))[0])

@@ -1,0 +1,73 @@
+"""Model `neo-hookean`: hyperelasticity at finite strain on linear tetrahedra."""
+
+import numpy as np
+
+from palpate import _core
+from palpate.arrays import Float64
+from palpate.errors import DataError, MaterialError
+from palpate.tissue.contact_patches import Contacts
+from palpate.tissue.models.tissue_model import TissueModel, too_many_contacts
+from palpate.tissue.reference.linear_elasticity import FiniteElements, lame
+from palpate.tissue.tissue import Tissue
+
+_BATCH = 20  # steps between checks of a tool that does not reach its target
+_GIVEN_UP = 400
+
+
+class NeoHookeanModel(TissueModel):
+    """Compressible neo-Hookean tissue, W = μ/2 (tr FᵀF − 3) − μ ln J + λ/2 (ln J)², on linear (P1) elements.
+
+    For small pushes it is linear elasticity with the tissue's E and ν. The energy's minimum under the contacts is found
+    by limited-memory BFGS steps from the factored stiffness at rest; no step turns an element inside out, and a push
+    that no mesh could follow ends where the elements are flat (`push` then raises `DataError`).
+
+    An answer's `error` is an estimate, no bound: the residual in the energy norm that the descent has learnt of the
+    tangent, over u in the norm of the tangent itself.
+    """
+
+    native: "_core.hyperelastic.HyperelasticModel"
+
+    def __init__(self, tissue: Tissue) -> None:
+        if (tissue.poisson >= 0.5).any():
+            raise MaterialError(
+                f"poisson: 0.5 at tet {int(np.argmax(tissue.poisson))}; this energy is for compressible tissue: give "
+                f"0.45, or up to 0.49 (linear elements are too stiff beyond)"
+            )
+        rest = FiniteElements(tissue, "P1")
+        rest.factors.require_positive()
+        lam, mu = lame(tissue.young, tissue.poisson)
+        elements = _core.hyperelastic.NeoHookean(tissue.mesh.nodes, tissue.mesh.tets, lam, mu)
+        moving = np.flatnonzero(~tissue.held).astype(np.int32)
+        super().__init__(tissue, _core.hyperelastic.HyperelasticModel(elements, rest.factors.native, moving))
+
+    def solve(
+        self, found: Contacts, state: "_core.tissue.ModelState", tolerance: float, most_sweeps: int
+    ) -> tuple[Float64, float, int]:
+        """Steps of descent until the estimated error is below `tolerance`."""
+        done, aim, before = 0, tolerance, np.inf
+        most = min(most_sweeps, _GIVEN_UP)
+        while True:
+            batch = min(_BATCH, most - done)
+            solved = self.native.solve(state, found.patches, found.displacement, batch, aim)
+            if solved is None:
+                raise too_many_contacts(found)
+            force, steps = solved
+            done += steps
+            residual, size, gap = self.native.balance(state)
+            error = float(np.sqrt(max(residual, 0.0) / size)) if size > 0 else 0.0
+            if gap == 0 and (error <= tolerance or done >= most):
+                return force, error, done
+            if gap > 0 and (done >= most or (steps == 0 and gap >= before)):
+                raise self._too_deep(gap, found)
+            if gap == 0 and steps == 0:
+                if aim < 1e-3 * tolerance:  # only rounding errors remain
+                    return force, error, done
+                aim *= 0.5
+            before = gap
+
+    def _too_deep(self, gap: float, found: Contacts) -> DataError:
+        deep = float(np.linalg.norm(found.displacement, axis=1).max())
+        return DataError(
+            f"displacements: a tool that should go {deep:.3g} mm is stuck {gap:.3g} mm before, where elements of edge "
+            f"{self.tissue.edge:.3g} mm are nearly flat; give a smaller push, a larger radius or a finer mesh"
+        )

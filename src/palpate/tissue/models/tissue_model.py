@@ -1,0 +1,110 @@
+"""Base class of all tissue models: checks a push, finds its patches, and returns the answer."""
+
+from abc import ABC, abstractmethod
+
+import numpy as np
+
+from palpate import _core
+from palpate.arrays import ArrayLike, Float64
+from palpate.errors import DataError
+from palpate.tissue.contact_patches import Answer, Contacts, contacts
+from palpate.tissue.tissue import Tissue
+
+
+class TissueModel(ABC):
+    """A tissue that answers pushes. Immutable and thread-safe; what changes is the state that `start` gives.
+
+    native: the C++ model that the real-time loop runs. settings: the numbers that a record must repeat, by name; each
+    is a keyword of the class, too.
+    """
+
+    slides = False  # whether contacts of finite friction can be answered
+
+    def __init__(
+        self, tissue: Tissue, native: "_core.tissue.TissueModel", settings: dict[str, float] | None = None
+    ) -> None:
+        self.tissue = tissue
+        self.native = native
+        self.settings = settings or {}
+
+    def start(self) -> "_core.tissue.ModelState":
+        """A state at rest, to hand to `push(warm=)`."""
+        return self.native.make_state()
+
+    @abstractmethod
+    def solve(
+        self, found: Contacts, state: "_core.tissue.ModelState", tolerance: float, most_sweeps: int
+    ) -> tuple[Float64, float, int]:
+        """Moves `state` until the error is below `tolerance`: (m, 3) N on the tools, the error's bound, the sweeps.
+
+        Raises `DataError` for contacts that this model cannot answer.
+        """
+
+    def push(
+        self,
+        points: ArrayLike,
+        displacements: ArrayLike,
+        radii: ArrayLike,
+        normals: ArrayLike | None = None,
+        friction: float = np.inf,
+        tolerance: float = 1e-3,
+        warm: "_core.tissue.ModelState | None" = None,
+        most_sweeps: int = 20_000,
+    ) -> Answer:
+        """Pushes m contacts at once, until the certified error is below `tolerance`.
+
+        points: (m, 3) mm, rest positions on the surface. displacements: (m, 3) mm. radii: (m,) mm. One contact keeps
+        (3,), (3,), scalar. friction: inf is glue; with a finite one (Coulomb's) contacts slide and open, for the models
+        that `slides` says. normals: (m, 3) outwards, for that; None: the surface's. warm: a state from `start` or an earlier
+        answer, which this push moves on. The answer says its certified error, which exceeds the tolerance only if
+        `most_sweeps` sweeps (or iterations) were not enough. Raises `DataError` or `MaterialError` for contacts that
+        cannot be.
+        """
+        if not 0 < tolerance < 1:
+            raise DataError(f"tolerance: {tolerance}; give a relative error between 0 and 1, such as 1e-3")
+        found = contacts(self.tissue, points, displacements, radii, normals, friction)
+        if found.normals is not None and not self.slides:
+            raise DataError(
+                f"friction: {friction:g}: this model's contacts are glued; leave it at inf, or take the model "
+                f"`compliance` or `finite_elements`"
+            )
+        state = self.start() if warm is None else warm
+        force, error, done = self.solve(found, state, tolerance, most_sweeps)
+        return found.answer(self.tissue, force, state.u.copy(), error, done, state)
+
+
+class IterativeModel(TissueModel):
+    """A model solved by sweeps in growing batches. batch: the least. growth: what part of those done comes next."""
+
+    native: "_core.relaxation.RingRelaxation | _core.multigrid.MultigridModel"
+    batch, growth = 4, 4
+
+    @abstractmethod
+    def certified_error(self, state: "_core.tissue.ModelState", force: Float64, found: Contacts) -> float:
+        """Bound on ‖u − u*‖_K/‖u*‖_K for the state that answers `found` with `force` (m, 3) N on the tools."""
+
+    def solve(
+        self, found: Contacts, state: "_core.tissue.ModelState", tolerance: float, most_sweeps: int
+    ) -> tuple[Float64, float, int]:
+        """Each batch from the least energy over what is known, followed by a look at the certified error."""
+        if not found.displacement.any():
+            state.u[:] = 0  # the exact solution
+        done, batch = 0, self.batch if found.displacement.any() else 0
+        while True:
+            force = self.native.solve(state, found.patches, found.displacement, batch)
+            if force is None:
+                raise too_many_contacts(found)
+            done += batch
+            error = self.certified_error(state, force, found)
+            if error <= tolerance or done >= most_sweeps:
+                return force, error, done
+            batch = min(max(self.batch, done // self.growth), most_sweeps - done)
+
+
+def too_many_contacts(found: Contacts) -> DataError:
+    """The error for too many or linearly dependent contacts."""
+    return DataError(
+        f"{len(found.patches)} contacts with {sum(len(p.nodes) for p in found.patches)} nodes; at most "
+        f"{_core.relaxation.RingRelaxation.most_contacts} contacts and {_core.tissue.ContactPatch.capacity} nodes; "
+        "give smaller radii"
+    )

@@ -1,0 +1,157 @@
+"""Reference for small strain: linear elasticity by finite elements with direct solves."""
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import skfem
+from scipy.sparse import csr_array
+from skfem.helpers import ddot, sym_grad, trace
+
+from palpate.arrays import ArrayLike, Float64, Int32
+from palpate.errors import MaterialError
+from palpate.meshes.tet_mesh import TetMesh
+from palpate.tissue.contact_patches import Answer, Contacts, contacts
+from palpate.tissue.sparse_factor import Factors
+from palpate.tissue.tissue import KPA, Tissue
+
+_SHAPES = {"P1": skfem.ElementTetP1, "P2": skfem.ElementTetP2, "mixed": skfem.ElementTetP2}
+
+
+@skfem.BilinearForm  # type: ignore[untyped-decorator]
+def _elastic(u: Any, v: Any, w: Any) -> Any:
+    """σ(u):ε(v) with σ = 2μ ε + λ tr(ε) I."""
+    e = sym_grad(u)
+    return 2 * w.mu * ddot(e, sym_grad(v)) + w.lam * trace(e) * trace(sym_grad(v))
+
+
+def lame(young: ArrayLike, poisson: ArrayLike) -> tuple[Float64, Float64]:
+    """Lamé's (λ, μ) in N/mm² from Young's modulus in kPa and Poisson's ratio."""
+    E, nu = np.asarray(young, dtype=np.float64) * KPA, np.asarray(poisson, dtype=np.float64)
+    return E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
+
+
+def basis(mesh: TetMesh, element: str = "P1") -> Any:
+    """scikit-fem's basis of vector functions on a mesh: linear for "P1", else quadratic."""
+    tets = skfem.MeshTet(
+        np.ascontiguousarray(mesh.nodes.T), np.ascontiguousarray(mesh.tets.T.astype(np.int64)), sort_t=False
+    )
+    return skfem.Basis(tets, skfem.ElementVector(_SHAPES[element]()), intorder=1 if element == "P1" else 2)
+
+
+def stiffness(space: Any, young: Float64, poisson: Float64) -> csr_array:
+    """K of linear elasticity on scikit-fem's basis `space`, N/mm. young: (M,) kPa. poisson: (M,).
+
+    Raises `MaterialError` for ν = 0.5, which needs a pressure.
+    """
+    if (poisson >= 0.5).any():
+        raise MaterialError(
+            f"poisson: 0.5 at tet {int(np.argmax(poisson))} can be solved with pressure as an unknown only: "
+            f'pp.finite_elements(tissue, "mixed"); give this model 0.45, or up to 0.49'
+        )
+    return assembled(space, *lame(young, poisson))
+
+
+def assembled(space: Any, lam: Float64, mu: Float64) -> csr_array:
+    """K for Lamé's (M,) constants in N/mm²."""
+    points = space.dx.shape[1]
+    K = _elastic.assemble(space, lam=np.tile(lam[:, None], points), mu=np.tile(mu[:, None], points))
+    return csr_array(K)
+
+
+class FiniteElements:
+    """The elastic equilibrium of a tissue, factored once; `push` answers like a model, exactly.
+
+    element: "P1" or "P2"; None: the tissue's own ("mixed" is `MixedElements`). The prescribed quantity is the patch's
+    weighted mean displacement Wᵀu = d, the force its multiplier. With quadratic elements the same traction (the
+    patch's weight density, linear on each triangle) acts through their basis.
+    """
+
+    def __init__(self, tissue: Tissue, element: str | None = None) -> None:
+        self.tissue = tissue
+        self.element = tissue.element if element is None else element
+        self.space = basis(tissue.mesh, self.element)
+        self.K = self._stiffness()
+        self.nodal: Int32 = self.space.nodal_dofs.T  # (N, 3) unknowns of each node
+        self.free = np.setdiff1d(np.arange(self.K.shape[0]), self._held_unknowns())
+
+    def _stiffness(self) -> csr_array:
+        return stiffness(self.space, self.tissue.young, self.tissue.poisson)
+
+    @cached_property
+    def factors(self) -> Factors:
+        """Of the stiffness among the unknowns that are not held."""
+        return Factors(self.K[self.free][:, self.free], self.space.doflocs[:, self.free[::3]].T)
+
+    def solve(self, load: Float64) -> Float64:
+        """(unknowns, k) displacements under (unknowns, k) loads, held unknowns 0."""
+        u = np.zeros_like(load)
+        u[self.free] = self.factors.solve(load[self.free])
+        return u
+
+    def loads(self, found: Contacts) -> Float64:
+        """(unknowns, 3m): column 3c+k is a unit force along axis k spread over patch c."""
+        W = found.weights(len(self.tissue.mesh.nodes))
+        out = np.zeros((self.K.shape[0], 3 * W.shape[1]))
+        if self.element == "P1":
+            for k in range(3):
+                out[self.nodal[:, k], k::3] = W
+            return out
+        density = np.zeros_like(W)
+        density[self._areas[0]] = W[self._areas[0]] / self._areas[1][:, None]
+        for k in range(3):
+            out[: self.space.N, k::3] = self._surface_mass[k] @ density
+        return out
+
+    def push(
+        self,
+        points: ArrayLike,
+        displacements: ArrayLike,
+        radii: ArrayLike,
+        normals: ArrayLike | None = None,
+        friction: float = np.inf,
+        tolerance: float = 1e-3,
+        warm: Any = None,
+    ) -> Answer:
+        """The exact answer of linear finite elements to m contacts; arguments as for every model's `push`."""
+        found = contacts(self.tissue, points, displacements, radii, normals, friction)
+        W = self.loads(found)
+        columns = self.solve(W)
+        C = W.T @ columns
+        force = found.forces((C + C.T) / 2).ravel()
+        u = columns @ force
+        residual = self.K[self.free] @ u - W[self.free] @ force
+        error = float(np.linalg.norm(residual) / max(float(np.linalg.norm(W[self.free] @ force)), 1e-300))
+        return found.answer(self.tissue, -force.reshape(-1, 3), u[self.nodal], error, 0, None)
+
+    def support_force(self, displacement: Float64) -> Float64:
+        """(3,) N of the supports on a tissue whose nodes moved by `displacement` (N, 3) mm; P1 only."""
+        u = np.zeros(self.K.shape[0])
+        u[self.nodal] = displacement
+        force: Float64 = (self.K @ u)[self.nodal[self.tissue.fixed]].sum(axis=0)
+        return force
+
+    def _held_unknowns(self) -> Int32:
+        held = [self.nodal[self.tissue.fixed].ravel()]
+        if self.element != "P1":  # an edge between two fixed nodes is fixed
+            still = self.tissue.held[self.space.mesh.edges].all(axis=0)
+            held.append(self.space.edge_dofs[:, still].ravel())
+        return np.concatenate(held)
+
+    @cached_property
+    def _areas(self) -> tuple[Int32, Float64]:
+        surface = self.tissue.surface
+        return surface.nodes, surface.areas
+
+    @cached_property
+    def _surface_mass(self) -> list[csr_array]:
+        """For each axis (unknowns, N): the P2 loads of a P1 traction on the boundary."""
+        mesh = self.space.mesh
+        p2 = skfem.FacetBasis(mesh, self.space.elem, intorder=3)
+        p1 = skfem.FacetBasis(mesh, skfem.ElementTetP1(), intorder=3)
+        assert (p1.nodal_dofs[0] == np.arange(len(self.tissue.mesh.nodes))).all()
+
+        def along(axis: int) -> csr_array:
+            return csr_array(skfem.BilinearForm(lambda u, v, w: u * v[axis]).assemble(p1, p2))
+
+        return [along(axis) for axis in range(3)]

@@ -1,0 +1,38 @@
+"""Chooses the reference solver by the element."""
+
+from palpate.errors import MaterialError
+from palpate.tissue.reference.linear_elasticity import FiniteElements
+from palpate.tissue.reference.taylor_hood import MixedElements
+from palpate.tissue.tissue import ELEMENTS, Tissue
+
+
+def finite_elements(tissue: Tissue, element: str | None = None) -> FiniteElements:
+    """Return a linear finite-element solver for a tissue, by direct solves.
+
+    Parameters
+    ----------
+    tissue : Tissue
+        The solid.
+    element : {"P1", "P2", "mixed"}, optional
+        "mixed" (Taylor-Hood) is for nearly or fully incompressible tissue. The default is the tissue's own.
+
+    Returns
+    -------
+    FiniteElements
+        Its `push` answers as a model's does.
+
+    Raises
+    ------
+    MaterialError
+        If the element is unknown, or ν = 0.5 with an element other than "mixed".
+
+    Examples
+    --------
+    >>> answer = pp.finite_elements(tissue).push(top, (0, 0, -2), radii=10)
+    >>> bool(answer.force[2] > 0)
+    True
+    """
+    chosen = tissue.element if element is None else element
+    if chosen not in ELEMENTS:
+        raise MaterialError(f"element: {chosen!r} is not built; choose one of {', '.join(ELEMENTS)}")
+    return MixedElements(tissue) if chosen == "mixed" else FiniteElements(tissue, chosen)

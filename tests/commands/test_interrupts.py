@@ -1,0 +1,195 @@
+"""Ctrl-C: one is enough, wherever it falls; exit code 130, one line, no traceback."""
+
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from support.running_server import HERE, ended, start, until
+
+import palpate as pp
+
+# An optimizer that says when it works. Ctrl-C comes while Python cannot let an exception out: in a destructor, in a
+# weak reference's callback, in a generator that is thrown away.
+PLUGIN = """
+import signal, time, weakref
+from pathlib import Path
+import palpate as pp
+
+class Dropped:
+    def __del__(self):
+        signal.raise_signal(signal.SIGINT)
+
+class Thing: pass
+
+def thrown_away():
+    try:
+        yield
+    finally:
+        signal.raise_signal(signal.SIGINT)
+
+def drop(how):
+    if how == "destructor":
+        Dropped()
+    elif how == "callback":
+        thing = Thing()
+        kept = weakref.ref(thing, lambda gone: signal.raise_signal(signal.SIGINT))
+        del thing
+    elif how == "generator":
+        half = thrown_away()
+        next(half)
+        del half
+    elif how == "converted":
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:
+            raise TypeError("incompatible function arguments") from None
+    else:
+        signal.raise_signal(signal.SIGINT)
+
+@pp.register_optimizer("endless")
+class Endless:
+    def __init__(self, problem, values, state): self.values = values
+    def update(self):
+        drop(Path("how").read_text())
+        time.sleep(0.05)
+        return self.values, 1.0
+    def state(self): return {}
+"""
+
+
+@pytest.fixture(scope="module")
+def scan_file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("scan") / "scan.h5"
+    views = pp.circular_views(pp.Panel((24, 24), (3, 3), (-34.5, -34.5, 0)), radius=150, height=600, count=3)
+    pp.write_scan(path, pp.simulate_scan(pp.slab_phantom(), views, 5000, seed=4))
+    return path
+
+
+@pytest.mark.parametrize("how", ["", "destructor", "callback", "generator", "converted"])
+def test_one_is_enough_wherever_it_falls(how, scan_file, tmp_path):
+    (tmp_path / "plugin.py").write_text(PLUGIN)
+    (tmp_path / "how").write_text(how)
+    words = (
+        f"--plugin plugin.py reconstruct {scan_file} -o v.nii.gz --thickness 20 --levels 1 --optimizer endless "
+        "--tolerance 0 --iterations 60"
+    )
+    run = start(words, tmp_path)
+    _, said = run.communicate(timeout=60)
+    assert run.returncode == 130, said
+    assert "Traceback" not in said
+    assert "Exception ignored" not in said
+    assert said.splitlines()[-1].startswith("palpate: stopped" if how == "converted" else "palpate: stopped; "), said
+    assert not (tmp_path / "v.nii.gz").exists()
+
+
+BUSY = """
+import hashlib, threading
+from pathlib import Path
+import palpate as pp
+
+def work():  # one call into C, which no signal ends and which would take a minute
+    Path("begun").touch()
+    hashlib.pbkdf2_hmac("sha256", b"", b"", 10**8)
+    Path("ended").touch()
+
+@pp.register_optimizer("busy")
+class Busy:
+    def __init__(self, problem, values, state): self.values = values
+    def update(self):
+        if WHERE == "thread":
+            thread = threading.Thread(target=work)
+            thread.start()
+            thread.join()
+        else:
+            work()
+        return self.values, 1.0
+    def state(self): return {}
+"""
+
+
+@pytest.mark.parametrize("where", ["main", "thread"])
+def test_within_a_long_call_outside_python(where, scan_file, tmp_path):
+    (tmp_path / "plugin.py").write_text(BUSY.replace("WHERE", repr(where)))
+    run = start(f"--plugin plugin.py reconstruct {scan_file} -o v.nii.gz --thickness 20 --optimizer busy", tmp_path)
+    until(lambda: (tmp_path / "begun").exists() or run.poll() is not None)
+    run.send_signal(signal.SIGINT)
+    _, said = run.communicate(timeout=120)
+    assert run.returncode == 130, said
+    assert "palpate: stopped" in said.splitlines()[-1]
+    assert "Traceback" not in said
+    assert not (tmp_path / "ended").exists()
+    assert not (tmp_path / "v.nii.gz").exists()
+
+
+@pytest.mark.parametrize("moment", [0.05, 0.2, 0.4, 0.8])
+def test_while_modules_are_loaded(moment, tmp_path):
+    """From the moment on that the command's own code runs, which Python's own start precedes."""
+    began = "import sys, palpate.__main__; print(flush=True); sys.argv[1:] = ['demo', '-o', 'demo']; palpate.__main__.main()"
+    run = subprocess.Popen(
+        [sys.executable, "-c", began], cwd=tmp_path, env=HERE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    run.stdout.readline()
+    time.sleep(moment)
+    run.send_signal(signal.SIGINT)
+    _, said = run.communicate(timeout=60)
+    assert run.returncode == 130, said
+    assert said.startswith("palpate: stopped"), said
+    assert "Traceback" not in said
+    assert "Aborted" not in said
+
+
+def test_while_the_core_is_made():
+    """Its first enumeration calls Python code, where Ctrl-C would be raised."""
+    code = """
+import enum, signal, sys
+import palpate
+
+def interrupt(frame, event, argument):
+    if event == "call" and frame.f_code.co_filename == enum.__file__:
+        sys.setprofile(None)
+        print("sent")
+        signal.raise_signal(signal.SIGINT)
+
+sys.setprofile(interrupt)
+try:
+    from palpate import _core
+except KeyboardInterrupt:
+    print("raised")
+from palpate import _core
+print(_core.__name__)
+"""
+    run = subprocess.run([sys.executable, "-c", code], env=HERE, capture_output=True, text=True, timeout=60)
+    assert run.stdout.split() == ["sent", "raised", "palpate._core"], run.stderr
+
+
+def test_while_a_command_loads_a_module_that_swallows_it(scan_file, tmp_path):
+    """As extension modules do: what is raised while they are made is an ImportError, or nothing at all."""
+    swallows = (
+        "try:\n    signal.raise_signal(signal.SIGINT)\n    print('loaded')\nexcept KeyboardInterrupt:\n    pass\n"
+    )
+    (tmp_path / "swallows.py").write_text(f"import signal\n{swallows}")
+    (tmp_path / "how").write_text("none")
+    plugin = PLUGIN.replace(
+        '    if how == "destructor":', '    if how == "none":\n        import swallows\n    elif how == "destructor":'
+    )
+    (tmp_path / "plugin.py").write_text(f"import sys\nsys.path.insert(0, '.')\n{plugin}")
+    words = f"--plugin plugin.py reconstruct {scan_file} -o v.nii.gz --thickness 20 --optimizer endless --iterations 60"
+    code, out, said = ended(words, tmp_path, seconds=60)
+    assert code == 130, said
+    assert "loaded" in out
+    assert said.splitlines()[-1].startswith("palpate: stopped; "), said
+
+
+def test_one_that_the_shell_ignores_is_ignored(tmp_path):
+    """As of a command that a script puts into the background."""
+    run = subprocess.Popen(
+        ["sh", "-c", f'trap "" INT; exec {sys.executable} -m palpate demo kidney --no-browser -o demo'],
+        cwd=tmp_path, env=HERE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    until(lambda: (tmp_path / "demo" / "ct.nii.gz").exists() or run.poll() is not None)
+    run.send_signal(signal.SIGINT)
+    _, said = run.communicate(timeout=120)
+    assert run.returncode == 0, said
+    assert (tmp_path / "demo" / "report.html").exists()

@@ -1,0 +1,238 @@
+"""`palpate reconstruct`: files in, a file out, whole or not at all, whatever stops it."""
+
+import inspect
+import random
+import signal
+import subprocess
+import sys
+import time
+from typing import get_args
+
+import h5py
+import nibabel
+import numpy as np
+import pytest
+
+import palpate as pp
+from palpate.commands.reconstruct import LikelihoodName, PriorName, WindowName, reconstruct_command
+from palpate.commands.reconstruct import Method as MethodName
+from palpate.reconstruction.baselines.filtered_backprojection import Window
+from palpate.reconstruction.models.potential import Named
+from palpate.reconstruction.reconstruct import LIKELIHOODS, Method
+from palpate.reconstruction.reconstruct import OPTIONS as KEYWORDS
+from palpate.scans.analytic_phantoms import Ellipsoid, Phantom
+
+OPTIONS = ["--thickness", "30", "--spacing", "1", "--levels", "2", "--iterations", "25", "--tolerance", "0"]
+
+
+def command(folder, *options, output="volume.nii.gz"):
+    words = [sys.executable, "-m", "palpate", "reconstruct", str(folder / "scan.h5"), "-o", str(folder / output)]
+    return [*words, *OPTIONS, *options]
+
+
+def run(folder, *options, **keywords):
+    return subprocess.run(command(folder, *options, **keywords), capture_output=True, text=True, timeout=120)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("reconstruct")
+    panel = pp.Panel((50, 70), (1, 1), (-34.5, -24.5, 0))
+    views = pp.arc_views(panel, [-20, -7, 7, 20], radius=500, pivot=(0, 0, 20))
+    body = Phantom([(Ellipsoid((0, 0, 15), (20, 14, 9)), 0.02)])
+    pp.write_scan(folder / "scan.h5", pp.simulate_scan(body, views, incident=5000, seed=1))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def whole(folder):
+    """The uninterrupted run."""
+    done = run(folder, output="whole.nii.gz")
+    assert done.returncode == 0, done.stderr
+    assert "objective" in done.stdout
+    return pp.read_volume(folder / "whole.nii.gz")
+
+
+def test_the_volume_opens_in_an_independent_reader(folder, whole):
+    image = nibabel.load(folder / "whole.nii.gz")
+    assert image.shape == whole.values.shape[::-1]
+    assert image.header.get_zooms()[:2] == pytest.approx((1, 1))
+    assert 0.01 < np.asarray(image.dataobj).max() < 0.05
+    assert not (folder / "whole.nii.gz.checkpoint.h5").exists()
+
+
+def test_other_likelihoods_priors_and_a_hardening_beam_are_taken(folder, whole):
+    """And change the volume, but not what is in it; an unhardened polynomial changes nothing."""
+    few = ["--iterations", "8"]
+    options = ["--prior", "generalized", "--exponent", "1.3", "--neighbours", "18", *few]
+    assert run(folder, *options, output="plain.nii.gz").returncode == 0
+    plain = pp.read_volume(folder / "plain.nii.gz").values
+    for more, least, most in (
+        (["--hardening", "1"], 0, 1e-3),
+        (["--hardening", "1.1,-0.01"], 0.02, 0.2),
+        (["--likelihood", "gaussian", "--electronic", "10", "--gain", "2"], 1e-3, 0.5),
+    ):
+        done = run(folder, *options, *more, output="other.nii.gz")
+        assert done.returncode == 0, done.stderr
+        other = pp.read_volume(folder / "other.nii.gz").values
+        assert least <= np.linalg.norm(other - plain) / np.linalg.norm(plain) <= most
+
+
+def test_a_spectrum_file_hardens_by_one_material_or_two(folder):
+    """Where all is soft tissue the bones change nothing; where all is bone it is bone's curve that counts."""
+    spectrum = folder / "tube.csv"
+    spectrum.write_text("# weight,soft,bone\n3,1.6,2.2\n5,1,1\n2,0.8,0.5\n")
+    few = ["--iterations", "8", "--hardening", str(spectrum)]
+    first = folder / "soft.nii.gz"
+    assert run(folder, *few, output=first.name).returncode == 0
+    soft = pp.read_volume(first).values
+    for limits, least, most in (("0.5,0.6", 0, 1e-3), ("0,0.0001", 0.02, 0.5)):
+        done = run(folder, *few, "--bones", str(first), "--bone-range", limits, output="bones.nii.gz")
+        assert done.returncode == 0, done.stderr
+        made = pp.read_volume(folder / "bones.nii.gz").values
+        assert least <= np.linalg.norm(made - soft) / np.linalg.norm(soft) <= most
+    done = run(folder, *few, "--bones", str(first), "--bone-range", "0.1", output="bones.nii.gz")
+    assert done.returncode == 2
+    assert "--bone-range with two numbers" in done.stderr
+
+
+def test_killed_at_ten_random_moments_it_resumes_to_the_same_volume(folder, whole):
+    """SIGKILL: what has the final name is whole; --resume ends with the bits of the uninterrupted run."""
+    output, beside = folder / "killed.nii.gz", folder / "killed.nii.gz.checkpoint.h5"
+    moments, killed, resumed = random.Random(7), 0, 0
+    for _ in range(10):
+        resume = ["--resume"] if beside.exists() else []
+        process = subprocess.Popen(
+            command(folder, "--checkpoint-every", "1", *resume, output=output.name),
+            stderr=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+        )
+        if moments.random() < 0.5:  # while it starts, or at some moment after its first checkpoint moves
+            time.sleep(moments.uniform(0, 1.5))
+        else:
+            _until_touched(beside, process)
+            time.sleep(moments.uniform(0, 0.05))
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        killed += 1
+        resumed += bool(resume)
+        if beside.exists():
+            with h5py.File(beside, "r") as file:  # whole: an independent reader opens it
+                assert np.isfinite(file["values"][...]).all()
+        if output.exists():
+            assert (pp.read_volume(output).values == whole.values).all()
+    done = run(folder, *(["--resume"] if beside.exists() else []), output=output.name)
+    assert done.returncode == 0, done.stderr
+    assert (pp.read_volume(output).values == whole.values).all()
+    assert killed == 10
+    assert resumed > 0
+
+
+def _until_touched(path, process):
+    before = path.stat().st_mtime_ns if path.exists() else None
+    for _ in range(1000):
+        if process.poll() is not None or (path.exists() and path.stat().st_mtime_ns != before):
+            return
+        time.sleep(0.01)
+
+
+def test_ctrl_c_keeps_the_last_iterate_and_says_how_to_go_on(folder, whole):
+    output, beside = folder / "stopped.nii.gz", folder / "stopped.nii.gz.checkpoint.h5"
+    process = subprocess.Popen(
+        command(folder, "--checkpoint-every", "1", output=output.name),
+        stderr=subprocess.PIPE,
+        text=True,
+        stdout=subprocess.DEVNULL,
+    )
+    _until_touched(beside, process)
+    process.send_signal(signal.SIGINT)
+    told = process.communicate(timeout=60)[1]
+    assert process.returncode == 130
+    assert "--resume goes on" in told
+    assert str(beside.name) in told.replace("\n", "")
+    assert not output.exists()
+    assert run(folder, "--resume", output=output.name).returncode == 0
+    assert (pp.read_volume(output).values == whole.values).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"scan.h5": "gone.h5"}, ("gone.h5",)),
+        ({"30": "-3"}, ("thickness", "-3", "mm")),
+        ({"out.nii.gz": "no/out.nii.gz"}, ("does not exist", "mkdir -p")),
+        ({"out.nii.gz": "out.txt"}, ("out.txt", ".nii.gz")),
+        ({"--tolerance": "--resume --tolerance"}, ("out.nii.gz.checkpoint.h5", "leave out --resume")),
+        ({"2": "12"}, ("levels", "take at most")),
+        ({"--tolerance": "--neighbours 7 --tolerance"}, ("neighbours", "6, 18 or 26", "7")),
+        ({"--tolerance": "--exponent 3 --tolerance"}, ("exponent", "3.0")),
+        ({"--tolerance": "--electronic -1 --tolerance"}, ("electronic", "-1")),
+        ({"--tolerance": "--gain 0 --tolerance"}, ("gain", "above 0")),
+        ({"--tolerance": "--likelihood gaussian --tolerance"}, ("gaussian likelihood", "--electronic")),
+        ({"--tolerance": "--hardening 1,x --tolerance"}, ("hardening", "1,x")),
+        ({"--tolerance": "--hardening 1,-0.1 --tolerance"}, ("hardening", "falls")),
+        ({"--tolerance": "--bones first.nii.gz --tolerance"}, ("bones", "weight,soft,bone")),
+        ({"--tolerance": "--hardening 1 --bones first.nii.gz --tolerance"}, ("first.nii.gz",)),
+        ({"--tolerance": "--region=-6,6,-5,5,0,30 --halvings -1 --tolerance"}, ("halvings", "at least 0", "-1")),
+    ],
+)
+def test_what_cannot_be_is_refused_before_work(folder, change, told):
+    words = command(folder, output="out.nii.gz")
+    for old, new in change.items():
+        at = next(i for i in range(len(words) - 1, -1, -1) if words[i].endswith(old))
+        words[at : at + 1] = [words[at].removesuffix(old) + part for part in new.split()]
+    before = sorted(p.name for p in folder.iterdir())
+    done = subprocess.run(words, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2
+    for word in told:
+        assert word in done.stderr
+    assert "Traceback" not in done.stderr
+    assert sorted(p.name for p in folder.iterdir()) == before
+
+
+def test_the_baselines_and_a_region_are_a_word_away(folder):
+    """Each writes a volume of the ball; a region's volume holds its voxels alone, much as the whole has them."""
+    for options in (
+        ["--method", "fbp", "--window", "ram-lak", "--cutoff", "0.5"],
+        ["--method", "sart"],
+        ["--method", "tv"],
+    ):
+        done = run(folder, "--iterations", "3", *options, output="baseline.nii.gz")
+        assert done.returncode == 0, done.stderr
+        values = pp.read_volume(folder / "baseline.nii.gz").values
+        middle = values[:, values.shape[1] // 2 - 4 : values.shape[1] // 2 + 4, values.shape[2] // 2 - 4 :][..., :8]
+        assert 0.003 < middle.mean() < 0.02  # 18 of 30 mm of depth hold 0.02
+    done = run(folder, "--region", "-6,6,-5,5,0,30", output="region.nii.gz")
+    assert done.returncode == 0, done.stderr
+    part = pp.read_volume(folder / "region.nii.gz")
+    assert part.values.shape[1:] == (10, 12)
+    np.testing.assert_allclose(np.ptp(part.grid.bounds, axis=0), [12, 10, 30], atol=1e-3)
+    assert 0.008 < part.values.mean() < 0.016
+    done = run(folder, "--region", "-6,6,-5,5,0,30", "--halvings", "0", output="finer.nii.gz")
+    assert done.returncode == 0, done.stderr
+    finer = pp.read_volume(folder / "finer.nii.gz").values
+    assert 1e-4 < np.linalg.norm(finer - part.values) / np.linalg.norm(finer) < 0.2
+
+
+def test_the_command_and_the_function_have_the_same_options():
+    """Names, defaults and choices."""
+    of_function = {name: p.default for name, p in inspect.signature(pp.reconstruct).parameters.items()}
+    of_command = {name: p.default for name, p in inspect.signature(reconstruct_command).parameters.items()}
+    shared = of_function.keys() & of_command.keys() - {"scan", "prior", "resume"}
+    assert shared >= {
+        "levels",
+        "method",
+        "likelihood",
+        "start",
+        "tolerance",
+        "window",
+        "cutoff",
+        "relaxation",
+        "optimizer",
+    }
+    for name in shared:
+        assert of_command[name] == of_function[name], name
+    assert set(KEYWORDS) <= of_function.keys()
+    for names, choices in ((MethodName, Method), (WindowName, Window), (PriorName, Named)):
+        assert {str(name) for name in names} == set(get_args(choices))
+    assert {str(name) for name in LikelihoodName} == LIKELIHOODS.keys()

@@ -1,0 +1,37 @@
+// A push into the cube of the patch test against forces and displacements stored by x86-64.
+#include "../patch_test.h"
+#include "../stored_arrays.h"
+#include "compliance/compliance_model.h"
+
+using namespace palpate;
+
+TEST_CASE("a push by two tools is as stored") {
+    const int n = patch_test::nodes - 4; // free nodes: the top and the interior one
+    const std::vector<double> K = patch_test::dense_stiffness(), x = patch_test::positions();
+    BlockCsr rows;
+    for (int i = 0; i < n; i++) {
+        for (int j = 0; j < n; j++) {
+            rows.column.push_back(j);
+            for (int e = 0; e < 9; e++)
+                rows.block.push_back(K[(3 * (i + 4) + e / 3) * 3 * patch_test::nodes + 3 * (j + 4) + e % 3]);
+        }
+        rows.start.push_back(int(rows.column.size()));
+    }
+    const SparseCholesky factor(rows, &x[12]);
+    const FactoredStiffness stiffness{
+        &factor,      factor.rounded(), {-1, -1, -1, -1, 0, 1, 2, 3, 4}, {-1, -1, -1, -1, 0, 1, 2, 3, -1},
+        {4, 5, 6, 7}, {0, 1, 2, 3},     {x.begin() + 12, x.begin() + 24}};
+    const ComplianceModel model(stiffness, 1 << 24);
+    ContactPatch patches[2];
+    for (int c = 0; c < 2; c++) {
+        patches[c].count = 2;
+        for (int k = 0; k < 2; k++) patches[c].node[k] = 4 + 2 * c + k, patches[c].weight[k] = k ? 0.3 : 0.7;
+    }
+    double displacement[6] = {0.4, -0.3, -1.5, -0.2, 0.1, -0.7};
+    auto state = model.make_state();
+    std::vector<double> force(6), u(3 * patch_test::nodes);
+    REQUIRE(model.relax(*state, patches, 2, 0, displacement, 1, force.data()));
+    model.displacement(*state, u.data());
+    check_stored("push_force", force);
+    check_stored("push_displacement", u);
+}

@@ -1,0 +1,72 @@
+#include "../patch_test.h"
+#include "hyperelastic/hyperelastic_model.h"
+#include <cmath>
+
+using namespace palpate;
+
+namespace {
+
+struct Cube {
+    std::vector<double> x = patch_test::positions();
+    std::vector<int> tet = patch_test::tetrahedra();
+    std::vector<double> lambda = std::vector<double>(patch_test::tets, patch_test::lambda),
+                        mu = std::vector<double>(patch_test::tets, patch_test::mu);
+    NeoHookean elements() const {
+        return {x.data(), patch_test::nodes, tet.data(), patch_test::tets, lambda.data(), mu.data()};
+    }
+};
+
+} // namespace
+
+// F = 1 + slope (x) e_z is constant, J = 1 + slope_z, F^-T e_z = e_z / J; the top's traction is P e_z with
+// P = mu (F - F^-T) + lambda ln J F^-T, the derivative of mu/2 (tr F'F - 3) - mu ln J + lambda/2 (ln J)^2.
+TEST_CASE("the neo-Hookean model passes the patch test at large strain") {
+    const Cube cube;
+    const int n = patch_test::nodes - 4;
+    const std::vector<double> K = patch_test::dense_stiffness();
+    BlockCsr rows;
+    for (int i = 0; i < n; i++) {
+        for (int j = 0; j < n; j++) {
+            rows.column.push_back(j);
+            for (int e = 0; e < 9; e++)
+                rows.block.push_back(K[(3 * (i + 4) + e / 3) * 3 * patch_test::nodes + 3 * (j + 4) + e % 3]);
+        }
+        rows.start.push_back(int(rows.column.size()));
+    }
+    const SparseCholesky rest(rows, &cube.x[12]);
+    const HyperelasticModel model(cube.elements(), rest, {4, 5, 6, 7, 8});
+    const double mu = patch_test::mu, lambda = patch_test::lambda;
+    const double slope[3] = {0.4, -0.3, -0.35}, J = 1 + slope[2];
+    const double traction[3] = {mu * slope[0], mu * slope[1], mu * (J - 1 / J) + lambda * std::log(J) / J};
+    patch_test::run(model, slope, traction, 5, 100, 1e-6);
+}
+
+TEST_CASE("force is the energy's gradient, the tangent its derivative: central differences") {
+    const Cube cube;
+    const NeoHookean elements = cube.elements();
+    const int n = 3 * patch_test::nodes;
+    std::vector<double> u(n), v(n), force(n), tangent(n), ratio(elements.padded()), ignored(n);
+    for (int i = 0; i < n; i++) u[i] = 0.8 * std::sin(3.0 * i), v[i] = std::cos(5.0 * i);
+    const NeoHookean::Energy at = elements.energy(u.data(), force.data(), ratio.data());
+    REQUIRE(std::isfinite(at.value));
+    elements.tangent(u.data(), v.data(), tangent.data());
+    const double h = 1e-5;
+    std::vector<double> plus(u), minus(u), force_plus(n), force_minus(n);
+    for (int i = 0; i < n; i++) plus[i] += h * v[i], minus[i] -= h * v[i];
+    const double ahead = elements.energy(plus.data(), force_plus.data(), ratio.data()).value;
+    const double behind = elements.energy(minus.data(), force_minus.data(), ratio.data()).value;
+    double along = 0;
+    for (int i = 0; i < n; i++) {
+        along += force[i] * v[i];
+        CHECK((force_plus[i] - force_minus[i]) / (2 * h) == doctest::Approx(tangent[i]).epsilon(1e-6).scale(0.01));
+    }
+    CHECK((ahead - behind) / (2 * h) == doctest::Approx(along).epsilon(1e-7));
+}
+
+TEST_CASE("an inverted element has infinite energy") {
+    const Cube cube;
+    const NeoHookean elements = cube.elements();
+    std::vector<double> u(3 * patch_test::nodes, 0.0), force(u), ratio(elements.padded());
+    u[3 * patch_test::interior + 2] = -10; // below the bottom
+    CHECK(std::isinf(elements.energy(u.data(), force.data(), ratio.data()).value));
+}

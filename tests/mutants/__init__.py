@@ -1,0 +1,1 @@
+"""Deliberate faults: does a test notice each of them? `make mutants SEED=1 N=100`."""

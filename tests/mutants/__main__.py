@@ -1,0 +1,198 @@
+"""Puts faults into a copy of the last commit, one at a time, and runs the tests of the folder that the fault is in.
+
+    cd tests && python -m mutants --seed 1 -n 100
+
+Places are drawn by the seed, each line of code as likely as another, half of them in cpp/ and half in src/. Of a C++
+fault the object is compiled again; if that fails, the next fault is drawn. What was done is kept in build/mutants/, so that
+a run that was stopped goes on. Prints the faults that lived, and their share.
+"""
+
+import argparse
+import json
+import os
+import random
+import shutil
+import subprocess
+import sys
+import time
+from functools import cache
+from pathlib import Path
+
+from mutants import cpp_mutants, python_mutants
+from mutants.mutant import Mutant
+
+ROOT = Path(__file__).resolve().parents[2]
+HOME = ROOT / "build" / "mutants"
+TREE, CORE, KERNELS = HOME / "tree", HOME / "core", HOME / "kernels"
+LONGEST = 1200  # s, of the tests of one fault; a fault that takes longer is noticed
+ELASTIC, IMAGES = ["tests/tissue"], ["tests/reconstruction"]
+TESTS = {  # of a folder of cpp/ or a package of src/palpate; other packages have a folder of their own name
+    "base": IMAGES + ELASTIC,
+    "volume": IMAGES + ["tests/volumes"],
+    "phantom": ["tests/scans"],
+    **dict.fromkeys(("projection", "statistics", "icd", "subspace"), IMAGES),
+    **dict.fromkeys(("linalg", "relaxation", "multigrid", "compliance", "hyperelastic"), ELASTIC),
+    **{folder: ["tests/simulation", "tests/haptics", "tests/tissue"] for folder in ("realtime", "net", "bindings")},
+    "server": ["tests/server", "tests/page"],
+    **{package: ["tests/studies", "tests/commands"] for package in ("report", "studies", "demos")},
+    "palpate": ["tests/commands", "tests/test_plugins.py", "tests/volumes"],
+}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m mutants", description=__doc__.splitlines()[0])
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("-n", type=int, default=100, help="how many faults")
+    options = parser.parse_args()
+    commit = said(["git", "rev-parse", "--short", "HEAD"], ROOT).strip()
+    kept = HOME / f"{commit}-seed-{options.seed}.jsonl"
+    prepare(commit)
+    done = [json.loads(line) for line in kept.read_text().splitlines()] if kept.exists() else []
+    for number in range(len(done), options.n):
+        done.append(judge(options.seed, number))
+        with kept.open("a") as file:
+            print(json.dumps(done[-1]), file=file)
+        print(f"{number + 1} of {options.n}: {described(done[-1])}", flush=True)
+    lived = [one for one in done if one["verdict"] == "lived"]
+    print("\n".join(["", "Lived:", *map(described, lived)]))
+    print(f"{len(lived)} of {len(done)} faults lived ({len(lived) / max(len(done), 1):.0%}); {kept}")
+
+
+def described(one: dict[str, str]) -> str:
+    """One line about a fault."""
+    where, change = f"{one['file']}:{one['line']}", f"{one['before']} -> {one['after']}"
+    return f"{one['verdict']}: {where} {one['operator']}: {change} ({one['s']} s)"
+
+
+def prepare(commit: str) -> None:
+    """A copy of the commit with its core built, kept from run to run."""
+    mark = HOME / "commit"
+    if mark.exists() and mark.read_text() == commit:
+        return
+    mark.unlink(missing_ok=True)
+    shutil.rmtree(TREE, ignore_errors=True)
+    TREE.mkdir(parents=True)
+    archive = subprocess.run(["git", "archive", commit], cwd=ROOT, capture_output=True, check=True)
+    subprocess.run(["tar", "-x"], cwd=TREE, input=archive.stdout, check=True)
+    print("building the core", flush=True)
+    python = f"-DPython_EXECUTABLE={sys.executable}"
+    said(["cmake", "-S", str(TREE), "-B", str(CORE), python])
+    said(["cmake", "-S", str(TREE), "-B", str(KERNELS), "-DPALPATE_CPP_TESTS=ON"])
+    said(["cmake", "--build", str(CORE), "--parallel", str(os.cpu_count())])
+    package = TREE / "src" / "palpate"
+    shutil.copytree(CORE / "static", package / "server" / "static")
+    shutil.copytree(CORE / "palpate" / "_core", package / "_core")
+    install()
+    mark.write_text(commit)
+
+
+def judge(seed: int, number: int) -> dict[str, str]:
+    """Draws the fault of a number and says what became of it."""
+    side = ("cpp", "src")[number % 2]
+    for attempt in range(10_000):
+        rng = random.Random(f"{seed} {number} {attempt}")
+        name, line = rng.choice(places(side))
+        file, source = TREE / name, (TREE / name).read_text()
+        possible = [fault for fault in faults(name) if fault.line == line]
+        if not possible:
+            continue
+        fault, began = rng.choice(possible), time.monotonic()
+        folders = tests_of(name)
+        passes(folders)
+        try:
+            file.write_text(fault.applied(source))
+            noticed = verdict(name, folders)
+        finally:
+            file.write_text(source)
+            if side == "cpp":
+                said(["cmake", "--build", str(CORE), "--target", "_core", "--parallel", str(os.cpu_count())])
+                install()
+        if noticed is None:
+            continue
+        before = source.splitlines()[line - 1].strip()
+        after = fault.applied(source).splitlines()[line - 1].strip()
+        spent = str(round(time.monotonic() - began))
+        told = {"verdict": noticed, "file": name, "line": str(line), "operator": fault.operator, "s": spent}
+        return {**told, "before": before, "after": after}
+    raise SystemExit("no fault can be drawn")
+
+
+def verdict(name: str, folders: tuple[str, ...]) -> str | None:
+    """Whether the tests notice what now stands in a file; None if it does not compile."""
+    if name.startswith("cpp/"):
+        folder = name.split("/")[1]
+        if not built(CORE, "_core"):
+            return None
+        if (TREE / "tests" / "cpp" / folder).is_dir():
+            if not built(KERNELS, f"test_{folder}"):
+                return None
+            if not ended_well([str(KERNELS / f"test_{folder}")]):
+                return "noticed"
+        install()
+    return "lived" if ended_well([sys.executable, "-m", "pytest", "-x", "-q", *folders]) else "noticed"
+
+
+@cache
+def passes(folders: tuple[str, ...]) -> None:
+    """Ends the run if tests fail without any fault: they would notice everything."""
+    if not ended_well([sys.executable, "-m", "pytest", "-x", "-q", *folders]):
+        raise SystemExit(f"{' '.join(folders)}: fails in {TREE} without any fault; mend it first")
+
+
+@cache
+def places(side: str) -> list[tuple[str, int]]:
+    """(file, line) of every line of code."""
+    kinds = (".cpp", ".h") if side == "cpp" else (".py",)
+    found = []
+    for path in sorted((TREE / side).rglob("*")):
+        if path.suffix in kinds:
+            lines = cpp_mutants.code_lines if side == "cpp" else python_mutants.code_lines
+            found += [(str(path.relative_to(TREE)), line) for line in sorted(lines(path.read_text()))]
+    return found
+
+
+@cache
+def faults(name: str) -> list[Mutant]:
+    """All that can be put into a file."""
+    source = (TREE / name).read_text()
+    return cpp_mutants.mutants(source) if name.startswith("cpp/") else python_mutants.mutants(source)
+
+
+def tests_of(name: str) -> tuple[str, ...]:
+    """Folders or files of tests that ought to notice a fault in a file."""
+    parts = Path(name).parts
+    package = parts[1] if parts[0] == "cpp" else parts[2] if len(parts) > 3 else "palpate"
+    return tuple(TESTS.get(package, [f"tests/{package}"]))
+
+
+def install() -> None:
+    """Puts the built core into the copy's package."""
+    for module in (CORE / "palpate").glob("_core*.so"):
+        shutil.copy(module, TREE / "src" / "palpate")
+
+
+def built(where: Path, target: str) -> bool:
+    """Whether a target compiles."""
+    return ended_well(["cmake", "--build", str(where), "--target", target, "--parallel", str(os.cpu_count())])
+
+
+def ended_well(command: list[str]) -> bool:
+    """Whether a command ends with 0 in time."""
+    environment = {**os.environ, "PYTHONPATH": f"{TREE / 'src'}", "PYTHONDONTWRITEBYTECODE": "1"}
+    try:
+        run = subprocess.run(command, cwd=TREE, env=environment, capture_output=True, timeout=LONGEST)
+    except subprocess.TimeoutExpired:
+        return False
+    return run.returncode == 0
+
+
+def said(command: list[str], where: Path = ROOT) -> str:
+    """What a command prints; ends the run with what it complained of if it fails."""
+    run = subprocess.run(command, cwd=where, capture_output=True, text=True)
+    if run.returncode:
+        raise SystemExit(f"{' '.join(command)}:\n{run.stdout[-2000:]}{run.stderr[-2000:]}")
+    return run.stdout
+
+
+if __name__ == "__main__":
+    main()

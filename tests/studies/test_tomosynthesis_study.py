@@ -1,0 +1,188 @@
+"""`palpate study tomosynthesis --quick`: its numbers computed again by other means, from the files that it leaves."""
+
+import csv
+import html
+import json
+import re
+
+import nibabel as nib
+import numpy as np
+import pytest
+from support.running_server import ended, interrupted, start
+
+import palpate as pp
+from palpate.errors import FileError
+from palpate.report.stages import Stages
+from palpate.studies.tomosynthesis.config import QUICK
+from palpate.studies.tomosynthesis.image_quality import ImageQuality
+from palpate.studies.tomosynthesis.run_store import run_all
+
+pytestmark = pytest.mark.slow
+SEEDS = range(QUICK.seeds)
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("study")
+    code, out, err = ended("study tomosynthesis --quick -o study --docs docs", folder)
+    assert code == 0, err
+    assert str(folder / "study" / "report.html") in out
+    return folder / "study"
+
+
+@pytest.fixture(scope="module")
+def report(study):
+    """The report's words."""
+    return html.unescape(re.sub("<[^>]+>", " ", (study / "report.html").read_text()))
+
+
+def table(study, name, **wanted):
+    """Rows of a table with these values."""
+    with (study / "tables" / f"{name}.csv").open(newline="") as file:
+        return [r for r in csv.DictReader(file) if all(r[k] == str(v) for k, v in wanted.items())]
+
+
+def run(study, *parts):
+    return json.loads((study / "runs" / f"circular-{'-'.join(map(str, parts))}.json").read_text())
+
+
+def values(path):
+    """(z, y, x) of a file, by an independent reader; NIfTI's first two axes run against ours."""
+    return np.asarray(nib.load(path).dataobj, np.float64).T
+
+
+def test_every_figure_is_in_the_report_and_says_its_command(study, report):
+    pictures = sorted((study / "figures").glob("*.png"))
+    text = (study / "report.html").read_text()
+    captions = re.findall("<figcaption>(.*?)</figcaption>", text)
+    assert len(pictures) == len(captions) == text.count("data:image/png;base64") >= 20
+    assert all(caption.endswith("Made by: palpate study tomosynthesis --quick") for caption in captions)
+    for word in (
+        "F-MAP",
+        "M-MAP-2",
+        "M-MAP-3",
+        "z = 48 mm",
+        "artefact spread",
+        "sart",
+        "hyperbola",
+        "streaks",
+        "Strength of the prior",
+    ):
+        assert word in report
+    page = study.parent / "docs" / "tomosynthesis.md"
+    links = re.findall(r"\]\((images/[^)]+)\)", page.read_text())
+    assert len(links) == len(pictures)
+    assert sum((page.parent / link).stat().st_size for link in links) < 2e6
+    assert all((page.parent / link).stat().st_size > 1000 for link in links)
+
+
+def test_errors_are_those_of_the_stored_volumes(study):
+    truth, image_quality = values(study / "volumes" / "truth.nii.gz"), ImageQuality(QUICK)
+    t = truth[image_quality.region]
+    for method in ("f-map-descent-uniform", "m-map-3-momentum-backprojection"):
+        for dose in QUICK.doses:
+            f = values(study / "volumes" / f"circular-convergence-{dose}-0-{method}.nii.gz")
+            name, optimiser, begin = method.rsplit("-", 2)
+            (row,) = table(
+                study, "convergence", dose=dose, seed=0, method=name.upper(), optimiser=optimiser, start=begin
+            )
+            assert float(row["nmse"]) == pytest.approx(((f - truth) ** 2).sum() / (truth**2).sum(), rel=1e-5)
+            design = np.stack([f[image_quality.region], np.ones(t.size)], axis=1)
+            rest = np.linalg.lstsq(design, t)[1][0]  # what window and level leave
+            assert float(row["nmse_region"]) == pytest.approx(rest / ((t - t.mean()) ** 2).sum(), rel=1e-5)
+            record = run(study, "convergence", dose, 0, *method.rsplit("-", 2))
+            trace = record["trace"]
+            assert trace["nmse"][record["stop"]] == pytest.approx(float(row["nmse"]), rel=1e-5)  # judged on its way
+            assert trace["nmse_region"][record["stop"]] == pytest.approx(float(row["nmse_region"]), rel=1e-5)
+
+
+def test_the_posterior_never_rises_within_a_level_and_is_that_of_the_stored_volume(study):
+    paths = sorted((study / "runs").glob("*-convergence-*.json"))
+    assert len(paths) == 11 * len(QUICK.doses) * QUICK.seeds
+    for path in paths:
+        record = json.loads(path.read_text())
+        trace = {name: np.array(column) for name, column in record["trace"].items()}
+        assert (np.diff(trace["level"]) <= 0).all()
+        assert (np.diff(trace["cpu"]) > 0).all()
+        for level in np.unique(trace["level"]):
+            objective = trace["objective"][trace["level"] == level]
+            assert (np.diff(objective) <= 1e-6 * objective[:-1]).all()
+    dose = QUICK.doses[0]
+    scan = QUICK.scan(np.load(study / "runs" / "passed-circular.npy"), "circular", dose, 0)
+    f = values(study / "volumes" / f"circular-convergence-{dose}-0-m-map-3-momentum-uniform.nii.gz")
+    record = run(study, "convergence", dose, 0, "m-map-3", "momentum", "uniform")
+    mean = dose * np.exp(-pp.Projector(scan.views, QUICK.grid)(f.astype(np.float32)).astype(float))
+    y = scan.counts.astype(float)
+    deviance = (mean - y + y * np.log(np.maximum(y, 1e-9) / mean)).sum()
+    assert 0 < deviance < record["trace"]["posterior"][record["stop"]] < 3 * deviance  # the prior makes up the rest
+
+
+def test_factors_follow_from_the_traces_and_stand_in_the_report(study, report):
+    for dose in QUICK.doses:
+        times, errors = [], []
+        for seed in SEEDS:
+            f = run(study, "convergence", dose, seed, "f-map", "descent", "uniform")
+            m = run(study, "convergence", dose, seed, "m-map-3", "descent", "uniform")
+            stop, t = m["stop"], m["trace"]
+            there = [
+                c for c, p in zip(f["trace"]["cpu"], f["trace"]["posterior"], strict=True) if p <= t["posterior"][stop]
+            ]
+            times.append((there or f["trace"]["cpu"][-1:])[0] / t["cpu"][stop])
+            spent = [
+                e for e, c in zip(f["trace"]["nmse_region"], f["trace"]["cpu"], strict=True) if c <= t["cpu"][stop]
+            ]
+            errors.append(spent[-1] / m["quality"]["nmse_region"])
+        (row,) = table(study, "factors", pair="descent, uniform start", dose=dose)
+        for name, expected in (("time", times), ("equal_time", errors)):
+            assert float(row[name]) == pytest.approx(np.prod(expected) ** (1 / len(expected)), rel=1e-4)
+            assert f"{float(row[name]):.2f} ({min(expected):.2f} to {max(expected):.2f})" in report
+
+
+def test_means_and_deviations_in_the_report_are_those_of_the_tables(study, report):
+    for choice in ("linear", "nearest", "median"):
+        rows = table(study, "sampling", downsample="sum", interpolation=choice)
+        assert len(rows) == QUICK.seeds
+        errors = [float(row["nmse_region"]) for row in rows]
+        assert f"{choice} {np.mean(errors):.3f} ({min(errors):.3f} to {max(errors):.3f})" in report
+    assert not re.search(r"\d ± \d", report)  # of two seeds no deviation is told
+
+
+def test_the_scan_is_the_phantoms_own_shadow(study):
+    """Where a ray meets the slab alone it passes exp(-0.02 · 44 mm / cosine); the panel's pixels average that."""
+    passed, views = np.load(study / "runs" / "passed-circular.npy"), QUICK.views("circular")
+    panel, source = (
+        views.panels[0],
+        views.source[0],
+    )  # at x = +250: its rays through the slab's -x, -y corner see no insert
+    pixel = np.round(views.project([(-45.0, -45.0, 54.0)])[0, 0]).astype(int)
+    ray = source - panel.points(pixel)[0]
+    expected = np.exp(-0.02 * 44 * np.linalg.norm(ray) / ray[2])
+    assert passed[0, pixel[0], pixel[1]] == pytest.approx(expected, rel=1e-3)
+
+
+def test_resuming_makes_only_what_is_missing(study):
+    paths = sorted((study / "runs").glob("*.json"))
+    before = {path: path.stat().st_mtime_ns for path in paths}
+    lost = study / "runs" / f"circular-priors-{QUICK.doses[0]}-0-huber.json"
+    kept = json.loads(lost.read_text())
+    lost.unlink()
+    records, _ = run_all(Stages(study, resume=True), QUICK, lambda what, share: None)
+    assert len(records) == len(paths)
+    assert {path for path in paths if path.stat().st_mtime_ns != before[path]} == {lost}
+    assert json.loads(lost.read_text())["quality"] == pytest.approx(kept["quality"], rel=1e-6)
+
+
+def test_another_study_is_not_mixed_in(study):
+    with pytest.raises(FileError, match="--quick"):
+        pp.tomosynthesis_study(study, resume=True)
+
+
+def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(tmp_path):
+    process = start("study tomosynthesis --quick -o study", tmp_path)
+    runs = tmp_path / "study" / "runs"
+    code, _, err = interrupted(process, lambda: len(list(runs.glob("circular-*.json"))) > 1)
+    assert code == 130
+    assert "palpate study tomosynthesis --resume --quick -o study" in err
+    assert not list((tmp_path / "study").rglob(".*.part-*"))
+    for path in runs.glob("*.json"):
+        json.loads(path.read_text())

@@ -1,0 +1,198 @@
+"""What the studies conclude, from tables made by hand: each verdict in every way that it can turn out."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from palpate.studies.deformation import claims as deformation
+from palpate.studies.deformation.config import MARKS
+from palpate.studies.deformation.config import QUICK as CUBE
+from palpate.studies.realtime.config import QUICK as LOOP
+from palpate.studies.realtime.report_sections import promises
+from palpate.studies.tomosynthesis import conclusions, tables
+from palpate.studies.tomosynthesis.config import QUICK as SLAB
+
+DOSES = SLAB.doses
+
+
+def factor(pair, dose, time=(2.0, 1.5, 3.0), equal_time=(1.5, 1.2, 2.0)):
+    return conclusions.Factor(pair, dose, time, "", equal_time, (1.0, 1.0, 1.0))
+
+
+def rows_of(errors, **more):
+    """A row a seed and dose, with these errors of the region and contrasts that rise as the errors fall."""
+    return [{"dose": d, "seed": s, "nmse_region": e, "cnr": 1 / e, **more} for d in DOSES for s, e in enumerate(errors)]
+
+
+def tomosynthesis_claims(found, back=(0.4, 0.5), multi=(0.1, 0.2)):
+    chosen = {"method": "M-MAP-3", "optimiser": "descent", "start": "uniform"}
+    made = {"baselines": rows_of(back, method="backprojection"), "convergence": rows_of(multi, **chosen)}
+    return dict(conclusions.claims(found, made, SLAB))
+
+
+@pytest.mark.parametrize(
+    ("least", "verdict"),
+    [((1.5, 1.5), "holds at every dose"), ((1.5, 1.01), "holds at 1 of 2 doses"), ((0.9, 1.0), "holds at no dose")],
+)
+def test_multiresolution_needs_less_time_only_where_every_scan_says_so(least, verdict):
+    pair = conclusions.PAIRS[0][0]
+    pairs = (pair, conclusions.PAIRS[3][0])
+    found = [factor(p, d, time=(2.0, low, 3.0)) for p in pairs for d, low in zip(DOSES, least, strict=True)]
+    said = tomosynthesis_claims(found)[f"M-MAP needs less computation than F-MAP ({pair})"]
+    assert said.startswith(f"{verdict}: factors ")
+    assert said.count("2.00") == len(DOSES)
+    other = tomosynthesis_claims(found)[f"M-MAP's images are better than F-MAP's after the same time ({pair})"]
+    assert other.startswith("holds at every dose")
+
+
+@pytest.mark.parametrize(("multi", "held"), [((0.1, 0.2), True), ((0.1, 0.6), False), ((0.4, 0.5), False)])
+def test_a_better_image_than_backprojection_is_claimed_scan_by_scan(multi, held):
+    found = [factor(p, d) for p in (conclusions.PAIRS[0][0], conclusions.PAIRS[3][0]) for d in DOSES]
+    said = tomosynthesis_claims(found, multi=multi)
+    for what in ("error of the region", "contrast to noise"):
+        words = said[f"M-MAP-3 (descent, uniform start) is better than backprojection: {what}"]
+        assert words.startswith("holds at every dose" if held else "holds at no dose")
+
+
+def test_the_factor_of_time_comes_from_the_first_moment_f_map_is_as_low():
+    def run(method, cpu, posterior, stop):
+        trace = {"cpu": cpu, "posterior": posterior, "level": [0] * 4, "nmse_region": [0.4, 0.3, 0.2, 0.1]}
+        quality = {"nmse_region": trace["nmse_region"][stop]}
+        chosen = {"optimiser": "descent", "start": "uniform"}
+        return {"experiment": "convergence", "dose": 1, "seed": 0, "method": method, **chosen, "trace": trace,
+                "stop": stop, "quality": quality}  # fmt: skip
+
+    fixed = run("F-MAP", [1.0, 2.0, 6.0, 9.0], [9.0, 8.0, 5.0, 4.0], 3)
+    multi = run("M-MAP-3", [1.0, 2.0, 3.0, 4.0], [9.0, 6.0, 5.5, 5.0], 2)
+    setting, pair = replace(SLAB, doses=(1,)), conclusions.PAIRS[0]
+    with pytest.MonkeyPatch.context() as one:
+        one.setattr(conclusions, "PAIRS", (pair,))
+        (found,) = conclusions.factors([fixed, multi], setting)
+        assert found.time == pytest.approx((2.0, 2.0, 2.0))  # 6 s against 3 s
+        assert found.bound == ""
+        assert found.equal_time == pytest.approx((0.3 / 0.2,) * 3)  # after 3 s F-MAP stands at its second iterate
+        never = run("F-MAP", [1.0, 2.0, 6.0, 9.0], [9.0, 8.0, 7.0, 6.0], 3)
+        (found,) = conclusions.factors([never, multi], setting)
+        assert (found.bound, found.time[0]) == ("at least", pytest.approx(3.0))
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "best"),
+    [
+        ((0.1, 0.1), (0.2, 0.2), "a"),
+        ((0.1, 0.3), (0.2, 0.31), "a"),
+        ((0.1, 0.3), (0.2, 0.29), "no clear winner"),  # better on the mean, not on each scan
+        ((0.1, 0.2), (0.1001, 0.2001), "no clear winner"),  # by less than counts
+    ],
+)
+def test_a_winner_wins_on_every_scan_and_by_enough(a, b, best):
+    rows = [{"by": name, "error": e} for name, errors in (("a", a), ("b", b)) for e in errors]
+    assert conclusions.winner(rows, "by", "error", ".3f")[0] == best
+    flipped = [{**row, "error": -row["error"]} for row in rows]
+    assert conclusions.winner(flipped, "by", "error", ".3f", lower=False)[0] == best
+
+
+def test_no_deviation_is_told_of_fewer_than_five():
+    rng = np.random.default_rng(3)
+    for n in range(1, 9):
+        x = rng.uniform(0, 1, n)
+        words, (mean, below, above) = tables.mean_and_spread(x), tables.whiskers(x)
+        assert words.startswith(f"{x.mean():.3f}")
+        if n < 5:
+            assert "±" not in words
+            assert (mean - below, mean + above) == pytest.approx((x.min(), x.max()))
+            assert n == 1 or words.endswith(f"({x.min():.3f} to {x.max():.3f})")
+        else:
+            assert words.endswith(f"± {x.std(ddof=1):.3f}")
+            assert below == above == pytest.approx(x.std(ddof=1))
+
+
+def optimum(worst, uniform, rsc):
+    """Rows of the table of best laws: worst errors in mm of the adaptive laws and of the uniform one, and the best RSC0."""
+    rows = []
+    for contact in ("triangle", "patch"):
+        for weights in ("equal", "cotangent"):
+            for least in ("worst_mm", *(f"mark {m:g}" for m in MARKS)):
+                for law in ("exponential", "linear", "uniform"):
+                    for poisson, mm in zip((0.1, 0.49), worst, strict=True):
+                        error = uniform if law == "uniform" else mm
+                        chosen = {"contact": contact, "weights": weights, "law": law, "least": least}
+                        errors = {"worst_mm": error, "worst_share": error / 5}
+                        rows.append({**chosen, "poisson": poisson, **errors, "rsc": rsc})
+    return rows
+
+
+def deformation_verdicts(worst=(0.7, 0.8), uniform=2.0, rsc=0.15, mesh=0.9, counts=(0.5, 0.005), shaken=4.0, at=0.01):
+    made = {
+        "optimum": optimum(worst, uniform, rsc),
+        "large": [{"model": "springs", "depth_mm": d, "worst_mm": w} for d, w in ((5.0, 1.0), (10.0, 2.0))],
+        "meshes": [
+            {"mesh": m, "contact": "triangle", "weights": "equal", "choice": "best", "rsc": rsc, "worst_mm": mesh}
+            for m in ("irregular", "finer")
+        ],
+        "convergence": [{"model": "springs", "nodes": 11, "sweeps": 2**i, "error": e} for i, e in enumerate(counts)],
+        "stability": [{"model": "springs", "shaken_mm": shaken, "shake_mm": 15.0, "after_1024_mm": 0.01}],
+        "kidneys": [{"model": "springs", "resolution": "coarse", "push_s_0.01": at}],
+    }
+    return {claim: verdict for claim, verdict, _ in deformation.claims(made, CUBE)}
+
+
+@pytest.mark.parametrize(
+    ("given", "claim", "verdict"),
+    [
+        ({}, "below 1 mm at 5 mm (its own contact, equal", "holds"),
+        ({"worst": (0.7, 1.0)}, "below 1 mm at 5 mm (its own contact, equal", "holds in 1 of 2 cases"),
+        ({"worst": (1.2, 1.1)}, "below 1 mm at 5 mm (its own contact, equal", "does not hold"),
+        ({}, "adaptive RSC is better", "holds"),
+        ({"uniform": 0.82}, "adaptive RSC is better", "holds in 8 of 16 cases"),  # 0.82 / 0.8 is no gain
+        ({"uniform": 0.5}, "adaptive RSC is better", "does not hold"),
+        ({}, "the best RSC0 lies", "holds"),
+        ({"rsc": 0.5}, "the best RSC0 lies", "does not hold"),
+        ({}, "below 1 mm at 5 mm on the finer mesh", "holds"),
+        ({"mesh": 1.1}, "below 1 mm at 5 mm on the finer mesh", "does not hold"),
+        ({}, "springs: sweeps converge", "holds"),
+        ({"counts": (0.5, 0.02)}, "springs: sweeps converge", "does not hold"),
+        ({"counts": (0.005, 0.02)}, "springs: sweeps converge", "does not hold"),  # near once, and off again
+        ({}, "sweeps are stable", "holds"),
+        ({"shaken": 46.0}, "sweeps are stable", "does not hold"),
+        ({}, "kidney at every resolution", "holds"),
+        ({"at": 0.04}, "kidney at every resolution", "does not hold"),
+    ],
+)
+def test_claims_of_the_deformation_study_follow_their_tables(given, claim, verdict):
+    found = [v for name, v in deformation_verdicts(**given).items() if claim in name]
+    assert found == [verdict]
+
+
+@pytest.mark.parametrize(("net", "verdict"), [(0.5, "holds"), (-0.005, "holds"), (-0.02, "does not hold")])
+def test_net_work_beyond_a_hundredth_of_what_is_stored_breaks_the_promise(net, verdict):
+    ripple = [
+        {"radius_edges": 2.0, "radius_mm": 10.0, "model": "blocks", "force_n": f} for f in (1.0, 1.004, 1.0, 1.004, 1.0)
+    ]
+    loops = [{"path": "circle", "model": "blocks", "how": "slow", "net_nmm": net, "stored_nmm": 1.0}]
+    (_, first, second) = deformation.own_claims({"ripple": ripple, "loops": loops})
+    assert first[1] == "at most 1 %"
+    assert second[1] == verdict
+    loops.append({**loops[0], "how": "fast", "net_nmm": 1.0})  # one path that holds does not hide another
+    assert deformation.own_claims({"ripple": ripple, "loops": loops})[2][1] != "holds" or verdict == "holds"
+
+
+def met(work=0.3, late=0.02, pictures=60.0, median=30.0, latest=80.0):
+    loop = {"nodes": 20_000, "model": "blocks", "work_p99.9_ms": work, "processor_p99.9_ms": work, "late": late,
+            "empty_late": 0.0195}  # fmt: skip
+    page = {"resolution": LOOP.kidneys[0][0], "mode": "paced", "rendering": "software", "pictures_a_second": pictures,
+            "delay_p50_ms": median, "delay_p99_ms": latest}  # fmt: skip
+    table = promises({"loops": [loop], "pages": [page]}, LOOP).table
+    return [row[2] for row in table[1:]]
+
+
+def test_promises_of_the_loop_and_the_page_are_met_or_not_by_their_own_numbers():
+    good = met()
+    assert len(set(good)) == 1
+    for given, at in (({"work": 0.5}, 0), ({"work": None}, 0), ({"late": 0.021}, 1), ({"pictures": 29.9}, 2),
+                      ({"median": 50.0}, 3), ({"latest": 101.0}, 3)):  # fmt: skip
+        found = met(**given)
+        assert found[at] != good[at], given
+        assert found[:at] + found[at + 1 :] == good[:at] + good[at + 1 :]
+    assert met(late=0.0204) == good  # what the machine itself is late does not count

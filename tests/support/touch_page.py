@@ -1,0 +1,69 @@
+"""A page that shows a served session, for the tests of it."""
+
+import numpy as np
+import pytest
+
+from support.browser import Seen
+
+
+class Touched(Seen):
+    """A served session and the page that shows it."""
+
+    def __init__(self, session, page):
+        super().__init__(page)
+        self.session = session
+
+    def wait(self, expression, seconds=20):
+        super().wait(expression, seconds, told="palpate.frame")
+
+    def open(self, address):
+        self.page.goto(address)
+        self.wait("Boolean(window.palpate && palpate.frame)")
+
+    def place(self, across=0.5, down=0.42):
+        """A pixel of the organ's canvas."""
+        box = self.page.locator("#view").bounding_box()
+        return np.array([box["x"] + across * box["width"], box["y"] + down * box["height"]])
+
+    def settle(self, ticks=250):
+        """Until force and displacement have stood still for that many ticks: frames alone may come late, and repeat."""
+        since, still = 0.0, np.full(28, np.inf)
+        for _ in range(600):
+            frame = self.see("palpate.frame")
+            now = np.array([*frame["force"], *frame["displacement"], *frame["insertion"]])
+            if (np.abs(now - still) > 2e-4 * np.maximum(np.abs(now).max(), 0.1)).any():
+                since, still = frame["tick"], now
+            elif frame["tick"] - since >= ticks:
+                return
+            self.page.wait_for_timeout(50)
+        pytest.fail(f"the force does not settle: {still}")
+
+    def drag(self, start, way, steps=12):
+        self.page.mouse.move(*start)
+        self.page.mouse.down()
+        for i in range(1, steps + 1):
+            self.page.mouse.move(*(start + way * i / steps))
+            self.page.wait_for_timeout(15)
+
+    def tool(self, number=0):
+        """Point, displacement, force (mm, N) and grip of one tool in the newest frame."""
+        frame = self.see("palpate.frame")
+        three = [np.array(frame[name][3 * number : 3 * number + 3]) for name in ("point", "displacement", "force")]
+        return *three, frame["contact"][number]
+
+    def read(self, force):
+        """Waits until the force that is read is this one, N."""
+        self.wait(f"Math.abs(document.getElementById('force').textContent - {np.linalg.norm(force)}) <= 0.011")
+
+    def until_home(self):
+        self.wait("palpate.frame.contact.every((g) => g === 0) && palpate.frame.count === 0")
+
+
+def agrees_with_push(touched, number=0):
+    """The force read from the page, against the model's own answer for the same point and displacement."""
+    point, displacement, force, _ = touched.tool(number)
+    radius = touched.session.settings.radius
+    expected = touched.session.model.push(point, displacement, radius, tolerance=1e-4).force
+    assert np.linalg.norm(expected) > 0.1
+    assert np.linalg.norm(force - expected) <= 0.02 * np.linalg.norm(expected)
+    touched.read(force)

@@ -1,0 +1,276 @@
+// Written by web/generate_messages.py from palpate.server.messages; do not edit.
+
+export type Vector = [number, number, number];
+export const TOOLS = 4;
+export const DISTANCE_STEPS = 65535;
+
+/** What a tool is asked to do. */
+export const CommandKind = { away: 0, hold: 1, needle: 2, free: 3 } as const;
+
+/** What a tool's proxy is doing. */
+export const ContactState = { idle: 0, closed: 1, refused: 2, open: 3 } as const;
+
+/** What a `Selection` selects. */
+export const SelectionKind = { model: 0, organ: 1 } as const;
+
+/** What a `Mark` says. */
+export const MarkKind = { lump: 0, sample: 1 } as const;
+
+/** What a `Difference` holds. */
+export const ComparisonState = { preparing: 0, compared: 1, no_reference: 2, contacts_overlap: 3 } as const;
+
+/** Codes with which the server closes a page's WebSocket (RFC 6455; from 4000 on they are the application's). */
+export const CloseCode = { refused: 1008, too_many_pages: 1013, scene_changed: 4001 } as const;
+
+/** Page to server: the command of one tool. kind: a `CommandKind`; serial: the number of the command. */
+export interface ToolCommand {
+  tool: number;
+  kind: number;
+  serial: number;
+  point: Vector;
+  displacement: Vector;
+}
+export const TOOLCOMMAND_KIND = 1, TOOLCOMMAND_BYTES = 32;
+export function encodeToolCommand(message: ToolCommand): ArrayBuffer {
+  const view = new DataView(new ArrayBuffer(TOOLCOMMAND_BYTES));
+  view.setUint8(0, 1);
+  view.setUint8(1, message.tool);
+  view.setUint8(2, message.kind);
+  view.setUint32(3, message.serial, true);
+  for (let i = 0; i < 3; i++) view.setFloat32(7 + 4 * i, message.point[i], true);
+  for (let i = 0; i < 3; i++) view.setFloat32(19 + 4 * i, message.displacement[i], true);
+  return view.buffer;
+}
+export function decodeToolCommand(view: DataView): ToolCommand {
+  if (view.getUint8(0) !== 1) throw new Error(`not a ToolCommand: kind ${view.getUint8(0)}`);
+  return {
+    tool: view.getUint8(1),
+    kind: view.getUint8(2),
+    serial: view.getUint32(3, true),
+    point: Array.from({ length: 3 }, (_, i) => view.getFloat32(7 + 4 * i, true)) as Vector,
+    displacement: Array.from({ length: 3 }, (_, i) => view.getFloat32(19 + 4 * i, true)) as Vector,
+  };
+}
+
+/** Server to page: the state after one tick. Lengths in mm; force in N, of the tissue on the tool. */
+export interface Frame {
+  model: number;
+  tick: number;
+  late: number;
+  faults: number;
+  serial: number;
+  seconds: number;
+  busy: number;
+  energy: number;
+  contact: number[];
+  point: number[];
+  displacement: number[];
+  force: number[];
+  insertion: number[];
+  chosen: number;
+  step: number;
+  count: number;
+}
+export const FRAME_KIND = 2, FRAME_BYTES = 216;
+export function encodeFrame(message: Frame): ArrayBuffer {
+  const view = new DataView(new ArrayBuffer(FRAME_BYTES));
+  view.setUint8(0, 2);
+  view.setUint8(1, message.model);
+  view.setFloat64(2, message.tick, true);
+  view.setFloat64(10, message.late, true);
+  view.setUint32(18, message.faults, true);
+  view.setUint32(22, message.serial, true);
+  view.setFloat64(26, message.seconds, true);
+  view.setFloat32(34, message.busy, true);
+  view.setFloat32(38, message.energy, true);
+  for (let i = 0; i < 4; i++) view.setUint8(42 + i, message.contact[i]);
+  for (let i = 0; i < 12; i++) view.setFloat32(46 + 4 * i, message.point[i], true);
+  for (let i = 0; i < 12; i++) view.setFloat32(94 + 4 * i, message.displacement[i], true);
+  for (let i = 0; i < 12; i++) view.setFloat32(142 + 4 * i, message.force[i], true);
+  for (let i = 0; i < 4; i++) view.setFloat32(190 + 4 * i, message.insertion[i], true);
+  view.setUint8(206, message.chosen);
+  view.setFloat32(207, message.step, true);
+  view.setUint32(211, message.count, true);
+  return view.buffer;
+}
+export function decodeFrame(view: DataView): Frame {
+  if (view.getUint8(0) !== 2) throw new Error(`not a Frame: kind ${view.getUint8(0)}`);
+  return {
+    model: view.getUint8(1),
+    tick: view.getFloat64(2, true),
+    late: view.getFloat64(10, true),
+    faults: view.getUint32(18, true),
+    serial: view.getUint32(22, true),
+    seconds: view.getFloat64(26, true),
+    busy: view.getFloat32(34, true),
+    energy: view.getFloat32(38, true),
+    contact: Array.from({ length: 4 }, (_, i) => view.getUint8(42 + i)),
+    point: Array.from({ length: 12 }, (_, i) => view.getFloat32(46 + 4 * i, true)),
+    displacement: Array.from({ length: 12 }, (_, i) => view.getFloat32(94 + 4 * i, true)),
+    force: Array.from({ length: 12 }, (_, i) => view.getFloat32(142 + 4 * i, true)),
+    insertion: Array.from({ length: 4 }, (_, i) => view.getFloat32(190 + 4 * i, true)),
+    chosen: view.getUint8(206),
+    step: view.getFloat32(207, true),
+    count: view.getUint32(211, true),
+  };
+}
+
+/** Page to server: selects one of the scene's `models` or `organs` by index. kind: a `SelectionKind`. */
+export interface Selection {
+  kind: number;
+  index: number;
+}
+export const SELECTION_KIND = 3, SELECTION_BYTES = 4;
+export function encodeSelection(message: Selection): ArrayBuffer {
+  const view = new DataView(new ArrayBuffer(SELECTION_BYTES));
+  view.setUint8(0, 3);
+  view.setUint8(1, message.kind);
+  view.setUint8(2, message.index);
+  return view.buffer;
+}
+export function decodeSelection(view: DataView): Selection {
+  if (view.getUint8(0) !== 3) throw new Error(`not a Selection: kind ${view.getUint8(0)}`);
+  return {
+    kind: view.getUint8(1),
+    index: view.getUint8(2),
+  };
+}
+
+/** Page to server: the user found a lump under this tool, or takes a sample with it. kind: a `MarkKind`. */
+export interface Mark {
+  kind: number;
+  tool: number;
+}
+export const MARK_KIND = 4, MARK_BYTES = 4;
+export function encodeMark(message: Mark): ArrayBuffer {
+  const view = new DataView(new ArrayBuffer(MARK_BYTES));
+  view.setUint8(0, 4);
+  view.setUint8(1, message.kind);
+  view.setUint8(2, message.tool);
+  return view.buffer;
+}
+export function decodeMark(view: DataView): Mark {
+  if (view.getUint8(0) !== 4) throw new Error(`not a Mark: kind ${view.getUint8(0)}`);
+  return {
+    kind: view.getUint8(1),
+    tool: view.getUint8(2),
+  };
+}
+
+/** Page to server: 1 asks the server to send a `Difference` from time to time, 0 asks it to stop. */
+export interface Compare {
+  on: number;
+}
+export const COMPARE_KIND = 5, COMPARE_BYTES = 4;
+export function encodeCompare(message: Compare): ArrayBuffer {
+  const view = new DataView(new ArrayBuffer(COMPARE_BYTES));
+  view.setUint8(0, 5);
+  view.setUint8(1, message.on);
+  return view.buffer;
+}
+export function decodeCompare(view: DataView): Compare {
+  if (view.getUint8(0) !== 5) throw new Error(`not a Compare: kind ${view.getUint8(0)}`);
+  return {
+    on: view.getUint8(1),
+  };
+}
+
+/** Server to page, on request: the distance of one tick's state from linear finite elements under the same contacts. */
+export interface Difference {
+  state: number;
+  tick: number;
+  force: number[];
+  force_error: number;
+  step: number;
+  count: number;
+}
+export const DIFFERENCE_KIND = 6, DIFFERENCE_BYTES = 72;
+export function encodeDifference(message: Difference): ArrayBuffer {
+  const view = new DataView(new ArrayBuffer(DIFFERENCE_BYTES));
+  view.setUint8(0, 6);
+  view.setUint8(1, message.state);
+  view.setFloat64(2, message.tick, true);
+  for (let i = 0; i < 12; i++) view.setFloat32(10 + 4 * i, message.force[i], true);
+  view.setFloat32(58, message.force_error, true);
+  view.setFloat32(62, message.step, true);
+  view.setUint32(66, message.count, true);
+  return view.buffer;
+}
+export function decodeDifference(view: DataView): Difference {
+  if (view.getUint8(0) !== 6) throw new Error(`not a Difference: kind ${view.getUint8(0)}`);
+  return {
+    state: view.getUint8(1),
+    tick: view.getFloat64(2, true),
+    force: Array.from({ length: 12 }, (_, i) => view.getFloat32(10 + 4 * i, true)),
+    force_error: view.getFloat32(58, true),
+    step: view.getFloat32(62, true),
+    count: view.getUint32(66, true),
+  };
+}
+
+/** Triangles first to first + count of the scene: the organ, or a region inside it. */
+export interface Part {
+  name: string;
+  first: number;
+  count: number;
+  inside: boolean;
+}
+
+/** Server to page, once: a 32-bit length, then JSON of that length, padded with blanks to a multiple of 4 bytes. */
+export interface Scene {
+  title: string;
+  model: string;
+  nodes: number;
+  triangles: number;
+  parts: Part[];
+  elements: number;
+  radius: number;
+  reach: number;
+  limit: number;
+  rate: number;
+  replay: boolean;
+  front: number;
+  models: string[];
+  organs: string[];
+  organ: number;
+  task: string;
+  reason: string;
+  images: boolean;
+}
+
+/** A display window: values from low (black) to high (white). hint: how they were chosen. */
+export interface Window {
+  name: string;
+  low: number;
+  high: number;
+  hint: string;
+}
+
+/** An array (z, y, x) or (view, row, column), little-endian, fetched separately; NaN: not measured. */
+export interface Stack {
+  name: string;
+  unit: string;
+  kind: string;
+  windows: Window[];
+}
+
+/** A volume or a scan for `palpate view`. spacing: (z, y, x) mm, of a scan (1, row, column). origin: (x, y, z) mm. */
+export interface Image {
+  title: string;
+  scan: boolean;
+  shape: number[];
+  spacing: number[];
+  origin: number[];
+  direction: number[];
+  patient: boolean;
+  file: number[];
+  water: number;
+  note: string;
+  captions: string[];
+  stacks: Stack[];
+}
+
+/** Server to page, once, as JSON: the images to view, one or two. */
+export interface Album {
+  images: Image[];
+}

@@ -1,0 +1,49 @@
+// Messages between the page and its worker.
+import type { Difference, Frame, Mark, Scene, Selection, ToolCommand } from "./server-messages";
+
+/** The scene's arrays: nodes at rest (mm), triangles, unit normals at rest, and the edges of the outer surface as pairs
+ * of nodes. */
+export interface Organ {
+  scene: Scene;
+  rest: Float32Array<ArrayBuffer>;
+  triangles: Uint32Array<ArrayBuffer>;
+  normals: Float32Array<ArrayBuffer>;
+  edges: Uint32Array<ArrayBuffer>;
+}
+
+/** Values of every shown node, transferred between page and worker without a copy: positions (mm), normals (x, y, z and
+ * an unused entry; 32767 is 1), colors (linear red, green, blue and an unused entry; 255 is 1). */
+export interface NodeArrays {
+  positions: Float32Array<ArrayBuffer>;
+  normals: Int16Array<ArrayBuffer>;
+  colors: Uint8Array<ArrayBuffer>;
+}
+
+export const buffersOf = ({ positions, normals, colors }: NodeArrays): ArrayBuffer[] => [positions.buffer, normals.buffer, colors.buffer];
+
+/** What the color of a node means. */
+export type ColorMode = "plain" | "displacement" | "strain" | "stiffness" | "error";
+
+export type Ends = [low: number, high: number];
+
+/** A color scale, in its unit: its ends, the values of now, and the value up to which the model holds (null: all or
+ * unknown); null if there is no scale. */
+export type Scale = { ends: Ends; range: Ends; limit: number | null } | null;
+
+export type FromWorker =
+  | { kind: "organ"; organ: Organ }
+  | { kind: "frame"; frame: Frame; arrays: NodeArrays | null; scale: Scale; work: number }
+  | { kind: "difference"; difference: Difference }
+  | { kind: "notice"; text: string }
+  | { kind: "status"; good: boolean; text: string };
+
+/** ends: of the scale of a mode, from now on. next: asks for the next frame; pressing: whether the first tool measures stiffness. return: arrays to use again. */
+export type ToWorker =
+  | { kind: "open"; scene: string; socket: string }
+  | { kind: "command"; command: ToolCommand }
+  | { kind: "select"; selection: Selection }
+  | { kind: "mark"; mark: Mark }
+  | { kind: "color"; mode: ColorMode }
+  | { kind: "ends"; mode: ColorMode; ends: Ends }
+  | { kind: "return"; arrays: NodeArrays }
+  | { kind: "next"; arrays: NodeArrays | null; pressing: boolean };

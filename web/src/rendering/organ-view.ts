@@ -1,0 +1,207 @@
+// Draws the organ, the regions inside it, and the tools.
+import {
+  BufferAttribute, BufferGeometry, DirectionalLight, DoubleSide, DynamicDrawUsage, HemisphereLight, LineBasicMaterial,
+  LineSegments, Mesh, MeshBasicMaterial, MeshPhongMaterial, Scene as Scene3D, WebGLRenderer, type Camera,
+} from "three";
+import { TurntableCamera } from "./turntable-camera";
+import { GouraudMaterial } from "./gouraud-material";
+import { ToolMeshes } from "./tool-meshes";
+import type { Organ, NodeArrays } from "../protocol/worker-messages";
+import { ContactState, type Frame, type Vector } from "../protocol/server-messages";
+import { isSoftwareRendered } from "./software-rendering";
+
+// Pixel ratio while the picture changes, if the processor draws: half the pixels, and a fifth less delay.
+const MOVING_RATIO = 0.7;
+const REST_TIME = 250; // ms without a change until the picture is drawn at full resolution
+const INNER_COLORS = [0x5a3fc0, 0x0a7f6a, 0xb8860b];
+
+export class OrganView {
+  readonly turntable = new TurntableCamera();
+  readonly renderer: WebGLRenderer;
+  readonly root = new Scene3D();
+  readonly toolMeshes = new ToolMeshes();
+  private readonly geometry = new BufferGeometry();
+  private readonly material = new GouraudMaterial();
+  private readonly lines = new LineBasicMaterial({ vertexColors: true });
+  private surface = new Mesh(this.geometry, this.material);
+  // Fills the depth buffer only: it hides lines behind the organ, and all but the front layer of a translucent surface.
+  private depthOnly = new Mesh(this.geometry, new MeshBasicMaterial({ colorWrite: false, polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 1 }));
+  private wire = new LineSegments(new BufferGeometry(), this.lines);
+  private inner: Mesh[] = [];
+  private wireframe = false;
+  private translucent = false;
+  private needsRedraw = true;
+  private wasStill = true; // the last frame showed the organ at rest, without tools
+  private hasArrays = false; // positions of this organ have arrived
+  private readonly softwareRendered = isSoftwareRendered();
+  private sharp = true;
+  private atRest = true;
+  private timer = 0;
+  private box = { left: 0, top: 0, width: 1, height: 1 };
+  size = 0; // mm, radius of the organ
+  smallestSide = 1; // mm, of its bounding box
+  center: Vector = [0, 0, 0];
+
+  constructor(private readonly canvas: HTMLCanvasElement) {
+    this.renderer = new WebGLRenderer({ canvas, antialias: !this.softwareRendered, alpha: !this.softwareRendered });
+    if (this.softwareRendered) this.setBackground();
+    const light = new DirectionalLight(0xffffff, 2.3);
+    light.position.set(-0.5, 0.8, 1);
+    this.turntable.camera.add(light, light.target); // the light moves with the camera
+    light.target.position.set(0, 0, -1);
+    this.root.add(this.turntable.camera, new HemisphereLight(0xffffff, 0x8a8fa0, 1.5), this.toolMeshes.group);
+    new ResizeObserver(() => this.resize()).observe(canvas);
+    addEventListener("resize", () => this.measure());
+    addEventListener("scroll", () => this.measure(), true);
+    this.resize();
+  }
+
+  /** Gives an opaque canvas the background color of the page. */
+  private setBackground(): void {
+    const dark = matchMedia("(prefers-color-scheme: dark)");
+    const fill = () => {
+      this.renderer.setClearColor(getComputedStyle(this.canvas).getPropertyValue("--ground").trim());
+      this.needsRedraw = true;
+    };
+    fill();
+    dark.addEventListener("change", fill);
+  }
+
+  /** Shows another organ. The camera stays if it is another mesh of the same organ. */
+  show(organ: Organ): void {
+    const { scene, rest, triangles } = organ;
+    this.hasArrays = false;
+    this.root.remove(this.surface, this.wire, ...this.inner);
+    for (const old of [this.surface, this.wire, ...this.inner]) old.geometry.dispose();
+    const attribute = (array: Float32Array | Int16Array | Uint8Array, items: number) =>
+      new BufferAttribute(array, items, items === 4).setUsage(DynamicDrawUsage);
+    const nodes = rest.length / 3;
+    const position = attribute(rest.slice(), 3), normal = attribute(new Int16Array(4 * nodes), 4), color = attribute(new Uint8Array(4 * nodes), 4);
+    const drawn = (geometry: BufferGeometry, index: Uint32Array) =>
+      geometry.setIndex(new BufferAttribute(index, 1)).setAttribute("position", position).setAttribute("normal", normal).setAttribute("color", color);
+    const part = (first: number, count: number) => triangles.slice(3 * first, 3 * (first + count));
+    const surface = scene.parts.find((p) => !p.inside)!;
+    this.surface = new Mesh(drawn(this.geometry, part(surface.first, surface.count)), this.material);
+    this.wire = new LineSegments(drawn(new BufferGeometry(), organ.edges), this.lines);
+    this.inner = scene.parts.filter((p) => p.inside).map((p, i) => {
+      const material = new MeshPhongMaterial({ color: INNER_COLORS[i % INNER_COLORS.length], emissive: INNER_COLORS[i % INNER_COLORS.length], emissiveIntensity: 0.4, side: DoubleSide });
+      return new Mesh(drawn(new BufferGeometry(), part(p.first, p.count)), material);
+    });
+    for (const thing of [this.surface, this.depthOnly, this.wire, ...this.inner]) thing.frustumCulled = false; // it moves
+    this.root.add(this.surface, this.depthOnly, this.wire, ...this.inner);
+    this.updateVisibility();
+    this.fitCamera(rest, scene.front);
+  }
+
+  private fitCamera(rest: Float32Array, front: number): void {
+    const low: Vector = [Infinity, Infinity, Infinity], high: Vector = [-Infinity, -Infinity, -Infinity];
+    rest.forEach((x, i) => ((low[i % 3] = Math.min(low[i % 3], x)), (high[i % 3] = Math.max(high[i % 3], x))));
+    const center = low.map((x, k) => (x + high[k]) / 2) as Vector;
+    const size = Math.hypot(...low.map((x, k) => high[k] - x)) / 2;
+    const other = Math.hypot(...center.map((x, k) => x - this.center[k])) > 0.1 * size || Math.abs(size - this.size) > 0.1 * size;
+    this.center = center;
+    this.size = size;
+    this.smallestSide = Math.min(...low.map((x, k) => high[k] - x));
+    this.toolMeshes.size = size;
+    if (other) this.turntable.lookAt(center, size, front);
+  }
+
+  /** Takes a frame and returns the arrays that it replaces. arrays: null if the organ has not moved. */
+  update(frame: Frame, arrays: NodeArrays | null): NodeArrays | null {
+    const idle = frame.contact.every((state) => state === ContactState.idle);
+    const still = arrays === null && idle;
+    if (!still || !this.wasStill) this.needsRedraw = true;
+    this.wasStill = still;
+    this.toolMeshes.update(frame);
+    if (!arrays) return null;
+    this.hasArrays = true;
+    const [position, normal, color] = ["position", "normal", "color"].map((name) => this.geometry.getAttribute(name) as BufferAttribute);
+    const old = { positions: position.array, normals: normal.array, colors: color.array } as NodeArrays;
+    position.array = arrays.positions;
+    normal.array = arrays.normals;
+    color.array = arrays.colors;
+    position.needsUpdate = normal.needsUpdate = color.needsUpdate = true;
+    return old;
+  }
+
+  set drawWireframe(wireframe: boolean) {
+    this.wireframe = wireframe;
+    this.updateVisibility();
+  }
+  set drawTranslucent(translucent: boolean) {
+    this.translucent = translucent;
+    this.updateVisibility();
+  }
+
+  private updateVisibility(): void {
+    const { wireframe, translucent } = this;
+    this.wire.visible = wireframe;
+    this.surface.visible = !wireframe;
+    this.depthOnly.visible = wireframe !== translucent;
+    this.depthOnly.renderOrder = translucent ? 1 : -1; // after the inner regions, before the translucent surface
+    this.material.translucent = translucent;
+    for (const mesh of this.inner) mesh.visible = translucent;
+    this.needsRedraw = true;
+  }
+
+  /** Positions of the nodes as drawn, mm. */
+  get positions(): Float32Array {
+    return this.geometry.getAttribute("position").array as Float32Array;
+  }
+
+  /** From a pixel of the window to clip coordinates, -1..1, and from a position to its pixel. */
+  toClip(x: number, y: number): [number, number] {
+    const { left, top, width, height } = this.box;
+    return [(2 * (x - left)) / width - 1, 1 - (2 * (y - top)) / height];
+  }
+  toPixel(point: Vector): [number, number] {
+    const { left, top, width, height } = this.box;
+    const [x, y] = this.turntable.project(point);
+    return [left + ((x + 1) * width) / 2, top + ((1 - y) * height) / 2];
+  }
+
+  private measure(): void {
+    this.box = this.canvas.getBoundingClientRect();
+  }
+
+  resize(): void {
+    if (this.renderer.xr.isPresenting) return; // a headset has its own size; the session's end calls this again
+    this.measure();
+    const { clientWidth: width, clientHeight: height } = this.canvas;
+    if (!width || !height) return;
+    this.renderer.setPixelRatio(this.ratio);
+    this.renderer.setSize(width, height, false);
+    this.turntable.resize(width, height);
+    this.needsRedraw = true;
+  }
+
+  private get ratio(): number {
+    return (this.sharp ? 1 : MOVING_RATIO) * Math.min(devicePixelRatio, 2);
+  }
+
+  /** Full resolution only after a while without changes. */
+  private updateSharpness(): void {
+    clearTimeout(this.timer);
+    if (!this.atRest)
+      this.timer = setTimeout(() => (this.needsRedraw = this.atRest = true), REST_TIME);
+    if (this.sharp !== this.atRest) {
+      this.sharp = this.atRest;
+      this.renderer.setPixelRatio(this.ratio);
+    }
+    this.atRest = false;
+  }
+
+  requestRedraw(): void {
+    this.needsRedraw = true;
+  }
+
+  /** Draws if anything has changed and returns whether it did. A headset passes its own camera, and always draws. */
+  draw(camera: Camera = this.turntable.camera): boolean {
+    if (!this.hasArrays || (!this.needsRedraw && camera === this.turntable.camera)) return false;
+    this.needsRedraw = false;
+    if (this.softwareRendered && camera === this.turntable.camera) this.updateSharpness();
+    this.material.followCamera(camera);
+    this.renderer.render(this.root, camera);
+    return true;
+  }
+}

@@ -1,0 +1,102 @@
+// Draws the tools: a tip and a force arrow for each tool, a needle, and the ring of the surface cursor.
+import { ArrowHelper, CylinderGeometry, Group, Mesh, MeshBasicMaterial, MeshPhongMaterial, RingGeometry, SphereGeometry, Vector3 } from "three";
+import { add, length, scale, toolVector, unit } from "../organ/mesh-geometry";
+import { ContactState, TOOLS, type Frame, type Vector } from "../protocol/server-messages";
+
+const TEAL = 0x0b7480, STEEL = 0xc9d2d8;
+const UP = new Vector3(0, 1, 0), OUT = new Vector3(0, 0, 1);
+const MIN_FORCE = 0.005; // N: no arrow below
+const MIN_DISPLACEMENT = 0.01; // mm: no direction below
+
+/** The number of the tool that is a needle; the others have a round tip. */
+export const NEEDLE = 3;
+
+const tools = <T>(make: () => T): T[] => Array.from({ length: TOOLS }, make);
+
+export class ToolMeshes {
+  readonly group = new Group();
+  size = 1; // mm, radius of the organ
+  private readonly tips = tools(() => new Mesh(new SphereGeometry(1, 24, 16), new MeshPhongMaterial({ color: TEAL, shininess: 60 })));
+  private readonly arrows = tools(() => new ArrowHelper(OUT, new Vector3(), 1, TEAL));
+  private readonly shaft = new Mesh(new CylinderGeometry(1, 1, 1, 12), new MeshPhongMaterial({ color: STEEL, shininess: 120 }));
+  private readonly point = new Mesh(new CylinderGeometry(1, 0.05, 1, 12), new MeshPhongMaterial({ color: STEEL, shininess: 120 }));
+  private readonly hub = new Mesh(new CylinderGeometry(1, 1, 1, 16), new MeshPhongMaterial({ color: TEAL, shininess: 60 }));
+  private readonly ring = new Mesh(new RingGeometry(0.75, 1, 40), new MeshBasicMaterial({ color: TEAL, depthTest: false, transparent: true, side: 2 }));
+  private readonly dot = new Mesh(new RingGeometry(0, 0.2, 20), this.ring.material);
+
+  /** The tip of each tool, mm. */
+  readonly tipPositions: Vector[] = tools(() => [0, 0, 0]);
+  private readonly axes: (Vector | null)[] = tools(() => null); // of needles; set before they pierce the surface
+
+  constructor() {
+    this.ring.add(this.dot);
+    this.ring.renderOrder = 9;
+    this.dot.renderOrder = 9;
+    this.group.add(...this.tips, ...this.arrows, this.shaft, this.point, this.hub, this.ring);
+    for (const each of this.group.children) each.visible = false;
+  }
+
+  /** Moves each tool and its force arrow to the state in the frame. */
+  update(frame: Frame): void {
+    let needleVisible = false;
+    for (let i = 0; i < TOOLS; i++) {
+      const present = frame.contact[i] === ContactState.closed || frame.contact[i] === ContactState.open;
+      const displacement = toolVector(frame.displacement, i), force = toolVector(frame.force, i);
+      const isNeedle = present && (i === NEEDLE || frame.insertion[i] > 0);
+      this.tips[i].visible = present && !isNeedle;
+      this.arrows[i].visible = present && length(force) > MIN_FORCE;
+      if (!present) {
+        this.axes[i] = null;
+        continue;
+      }
+      const contact = add(toolVector(frame.point, i), displacement); // the displaced contact point
+      const axis = this.needleAxis(i, displacement, frame.insertion[i]);
+      this.tipPositions[i] = isNeedle ? add(contact, scale(axis, frame.insertion[i])) : contact;
+      this.tips[i].position.set(...contact);
+      this.tips[i].scale.setScalar(0.035 * this.size);
+      if (isNeedle) this.placeNeedle(new Vector3(...this.tipPositions[i]), axis);
+      needleVisible ||= isNeedle;
+      this.placeArrow(this.arrows[i], new Vector3(...contact), force);
+    }
+    this.shaft.visible = this.point.visible = this.hub.visible = needleVisible;
+  }
+
+  /** The direction of a needle: that of its displacement until it pierces the surface. */
+  private needleAxis(tool: number, displacement: Vector, insertion: number): Vector {
+    if (insertion === 0 && length(displacement) > MIN_DISPLACEMENT) this.axes[tool] = unit(displacement);
+    return this.axes[tool] ?? unit(displacement);
+  }
+
+  private placeArrow(arrow: ArrowHelper, position: Vector3, force: Vector): void {
+    const size = length(force);
+    if (!arrow.visible) return;
+    arrow.position.copy(position);
+    arrow.setDirection(new Vector3(...force).normalize());
+    arrow.setLength(this.size * (0.12 + 0.45 * (size / (size + 1))), 0.1 * this.size, 0.05 * this.size);
+  }
+
+  /** Places the point, the shaft and the hub of the needle. An opaque organ hides the part inside it. */
+  private placeNeedle(tip: Vector3, axis: Vector): void {
+    const direction = new Vector3(...axis), radius = 0.009 * this.size;
+    const pointLength = 6 * radius, shaftLength = 1.7 * this.size, hubLength = 0.16 * this.size;
+    const place = (mesh: Mesh, from: number, to: number, radius: number) => {
+      mesh.position.copy(tip).addScaledVector(direction, -(from + to) / 2);
+      mesh.scale.set(radius, to - from, radius);
+      mesh.quaternion.setFromUnitVectors(UP, direction.clone().negate());
+    };
+    place(this.point, 0, pointLength, radius);
+    place(this.shaft, pointLength, shaftLength, radius);
+    place(this.hub, shaftLength, shaftLength + hubLength, 3.2 * radius);
+  }
+
+  /** Shows the cursor at a point of the surface, or hides it (null). Returns whether the picture changes. */
+  setCursor(position: Vector | null, normal: Vector = [0, 0, 1]): boolean {
+    const wasVisible = this.ring.visible, before = this.ring.position.toArray();
+    this.ring.visible = position !== null;
+    if (!position) return wasVisible;
+    this.ring.position.set(...position);
+    this.ring.scale.setScalar(0.075 * this.size);
+    this.ring.quaternion.setFromUnitVectors(OUT, new Vector3(...normal).normalize());
+    return !wasVisible || before.some((x, i) => x !== position[i]);
+  }
+}

@@ -1,0 +1,251 @@
+// Turns the input of a mouse, a pen, a finger, the keyboard or a gamepad into commands of the selected tool. Each input
+// device reports only the pixel it points at.
+//
+// Press: a mouse gives no force feedback, so the depth is prescribed and the force is measured. The tool presses the
+// surface in along its normal by the selected depth (times the pressure of a pen). Moving it strokes the surface at that
+// depth, and the displayed force rises over a stiff region. It is picked on the surface at rest, so that the dent below
+// the tool does not move it.
+// Pull: holds the point under the pixel and moves it in the plane of the picture.
+// Grasp: two jaws to the left and right of that point, closed by the selected amount; they move together.
+// Needle: enters under the pixel and stays there; the selected depth inserts it.
+import type { CommandQueue } from "./command-queue";
+import { add, dot, interpolate, length, limitLength, pick, scale, subtract, unit, type Hit } from "../organ/mesh-geometry";
+import { NEEDLE } from "../rendering/tool-meshes";
+import type { Organ } from "../protocol/worker-messages";
+import { CommandKind, type Vector } from "../protocol/server-messages";
+import type { OrganView } from "../rendering/organ-view";
+
+export type ToolKind = "press" | "pull" | "grasp" | "needle";
+export const TOOL_KINDS: ToolKind[] = ["press", "pull", "grasp", "needle"];
+/** The numbers of the tools that a kind commands. */
+export const TOOL_NUMBERS: Record<ToolKind, number[]> = { press: [0], pull: [0], grasp: [0, 1], needle: [NEEDLE] };
+
+const MAX_REACH = 0.999; // of the longest displacement, since the server gets it rounded
+const MIN_INSERTION = 0.05; // mm: a needle needs a direction
+
+interface Jaw {
+  hit: Hit;
+  point: Vector; // mm, at rest
+  closing: Vector; // unit vector towards the other jaw; zero for a single one
+}
+interface Grasp {
+  jaws: Jaw[];
+  start: Vector; // mm, the grasped point as drawn at first
+  gain: number; // of the commanded displacement, see `correctGain`
+}
+interface Needle {
+  point: Vector;
+  inward: Vector; // unit vector normal to the surface
+  view: Vector; // unit vector of the ray from the eye
+}
+
+export class ToolController {
+  kind: ToolKind = "press";
+  inward = true; // the needle's direction: normal to the surface, or that of the view
+  readonly amounts: Record<ToolKind, number> = { press: 1, pull: 0, grasp: 1, needle: 0 }; // mm
+  private organ: Organ | null = null;
+  private grasp: Grasp | null = null;
+  private pressPoint: Hit | null = null; // on the surface at rest
+  private needle: Needle | null = null;
+  private aiming = false; // the needle's entry point still follows the pixel
+  private pressure = 1;
+  private gain = 0.85; // of the last grasp: the first value for the next one
+  private pixel: [number, number] = [0, 0];
+
+  constructor(private readonly view: OrganView, private readonly commands: CommandQueue) {}
+
+  setOrgan(organ: Organ): void {
+    this.releaseAll();
+    this.organ = organ;
+  }
+
+  /** The point of the organ's surface under a pixel: of the surface as drawn, or at rest. */
+  pick(x: number, y: number, rest = false): Hit | null {
+    if (!this.organ) return null;
+    const { origin, direction } = this.view.turntable.ray(...this.view.toClip(x, y));
+    return this.pickRay(origin, direction, rest);
+  }
+
+  private pickRay(origin: Vector, direction: Vector, rest: boolean): Hit | null {
+    const { scene, triangles, rest: atRest } = this.organ!;
+    const surface = scene.parts.find((p) => !p.inside)!;
+    return pick(origin, direction, rest ? atRest : this.view.positions, triangles, surface.first, surface.count);
+  }
+
+  /** Position of a surface point as drawn, and its normal at rest. */
+  drawnPoint(hit: Hit): { position: Vector; normal: Vector } {
+    const { triangles, normals } = this.organ!;
+    return { position: interpolate(hit, this.view.positions, triangles), normal: interpolate(hit, normals, triangles) };
+  }
+
+  /** Does the tool hold something that ends with `release`? */
+  get holding(): boolean {
+    return this.pressPoint !== null || this.grasp !== null;
+  }
+  get pressing(): boolean {
+    return this.pressPoint !== null;
+  }
+  get needleInserted(): boolean {
+    return this.needle !== null;
+  }
+
+  /** Position of the held material point as drawn, mm. */
+  get heldPoint(): Vector | null {
+    if (!this.organ) return null;
+    if (this.pressPoint) return interpolate(this.pressPoint, this.view.positions, this.organ.triangles);
+    return this.grasp ? this.centerOf(this.grasp.jaws) : null;
+  }
+
+  private centerOf(jaws: Jaw[]): Vector {
+    const sum = jaws.map(({ hit }) => interpolate(hit, this.view.positions, this.organ!.triangles)).reduce(add);
+    return scale(sum, 1 / jaws.length);
+  }
+
+  /** Begins at a pixel; returns whether the organ is there. swap: pulls instead of pressing, and the other way round. */
+  begin(x: number, y: number, stamp: number, swap = false): boolean {
+    const hit = this.organ && !this.organ.scene.replay ? this.pick(x, y) : null;
+    if (!hit) return false;
+    this.pixel = [x, y];
+    const kind = swap && this.kind === "press" ? "pull" : swap && this.kind === "pull" ? "press" : this.kind;
+    if (kind === "press") this.pressPoint = this.pick(x, y, true) ?? hit;
+    else if (kind === "needle") this.insertNeedle(hit);
+    else {
+      const jaws = kind === "pull" ? [this.jaw(hit)] : this.jaws(hit);
+      this.grasp = { jaws, start: this.drawnPoint(hit).position, gain: this.gain };
+    }
+    this.sendCommands(stamp);
+    return true;
+  }
+
+  private jaw(hit: Hit, closing: Vector = [0, 0, 0]): Jaw {
+    return { hit, point: interpolate(hit, this.organ!.rest, this.organ!.triangles), closing };
+  }
+
+  /** Jaws to the left and right of a point, on the visible surface, so far apart that their patches do not overlap. Where
+   * the surface ends on one side: its node nearest to that place. */
+  private jaws(hit: Hit): Jaw[] {
+    const { turntable } = this.view, middle = this.drawnPoint(hit).position;
+    const offset = 1.25 * this.organ!.scene.radius;
+    const jaws = [-1, 1].map((side) => {
+      const target = add(middle, scale(turntable.right, side * offset));
+      const { eye } = turntable, direction = unit(subtract(target, eye));
+      return this.jaw(this.pickRay(eye, direction, false) ?? this.nearestNode(target));
+    });
+    const closing = unit(subtract(jaws[1].point, jaws[0].point));
+    return [{ ...jaws[0], closing }, { ...jaws[1], closing: scale(closing, -1) }];
+  }
+
+  private nearestNode(position: Vector): Hit {
+    const { triangles, scene } = this.organ!, { positions } = this.view;
+    const surface = scene.parts.find((p) => !p.inside)!;
+    let nearest = 0, least = Infinity;
+    for (let corner = 3 * surface.first; corner < 3 * (surface.first + surface.count); corner++) {
+      const n = 3 * triangles[corner];
+      const square = (positions[n] - position[0]) ** 2 + (positions[n + 1] - position[1]) ** 2 + (positions[n + 2] - position[2]) ** 2;
+      if (square < least) (least = square), (nearest = corner);
+    }
+    const weights: Vector = [0, 0, 0];
+    weights[nearest % 3] = 1;
+    return { triangle: Math.floor(nearest / 3), weights, distance: 0 };
+  }
+
+  private insertNeedle(hit: Hit): void {
+    const { rest, triangles, normals } = this.organ!;
+    const { direction } = this.view.turntable.ray(...this.view.toClip(...this.pixel));
+    if (this.needle) this.withdrawNeedle();
+    const inward = scale(unit(interpolate(hit, normals, triangles)), -1);
+    this.needle = { point: interpolate(hit, rest, triangles), inward, view: direction };
+    this.amounts.needle = 0;
+    this.aiming = true;
+  }
+
+  /** The pixel moves. pressure: of a pen, relative to the selected depth. */
+  moveTo(x: number, y: number, stamp: number, pressure = 1): void {
+    this.pixel = [x, y];
+    this.pressure = pressure;
+    if (this.pressPoint) this.pressPoint = this.pick(x, y, true) ?? this.pressPoint; // stays where the surface ends
+    else if (this.aiming && this.amounts.needle === 0) {
+      const hit = this.pick(x, y);
+      if (hit) this.insertNeedle(hit);
+    }
+    this.sendCommands(stamp);
+  }
+
+  /** Sets depth, displacement or closing of a tool, mm. */
+  setAmount(kind: ToolKind, mm: number, stamp = performance.now()): void {
+    this.amounts[kind] = mm;
+    if (kind === "needle" && this.needle) this.sendNeedle(stamp);
+    else this.sendCommands(stamp);
+  }
+
+  setNeedleDirection(inward: boolean): void {
+    this.inward = inward;
+    this.sendNeedle(performance.now());
+  }
+
+  private sendCommands(stamp: number): void {
+    if (!this.organ) return;
+    const { rest, triangles, normals, scene } = this.organ, longest = MAX_REACH * scene.reach;
+    if (this.pressPoint) {
+      const normal = unit(interpolate(this.pressPoint, normals, triangles));
+      const displacement = scale(normal, -this.amounts.press * this.pressure);
+      this.commands.send(0, CommandKind.hold, interpolate(this.pressPoint, rest, triangles), limitLength(displacement, longest), stamp);
+    } else if (this.grasp) {
+      const { jaws, gain } = this.grasp, common = scale(this.pointerDisplacement(this.grasp), gain);
+      jaws.forEach(({ point, closing }, i) => {
+        const displacement = add(common, scale(closing, this.amounts.grasp / 2));
+        this.commands.send(i, CommandKind.hold, point, limitLength(displacement, longest), stamp);
+      });
+    } else if (this.aiming) this.sendNeedle(stamp);
+  }
+
+  private sendNeedle(stamp: number): void {
+    if (!this.needle || !this.organ) return;
+    const { point, inward, view } = this.needle;
+    const depth = Math.max(MIN_INSERTION, Math.min(this.amounts.needle, MAX_REACH * this.organ.scene.reach));
+    this.commands.send(NEEDLE, CommandKind.needle, point, scale(this.inward ? inward : view, depth), stamp);
+  }
+
+  /** Called after each drawn frame. A tool displaces the mean of its patch; the point under the pixel moves a little more.
+   * The gain is corrected until that point is under the pixel. */
+  correctGain(): void {
+    const { grasp, heldPoint } = this;
+    if (!grasp || !heldPoint) return;
+    const wanted = this.pointerDisplacement(grasp), distance = length(wanted);
+    if (distance < 0.02 * this.view.size) return;
+    const from = scale(grasp.jaws.map((jaw) => jaw.point).reduce(add), 1 / grasp.jaws.length);
+    const reached = dot(subtract(heldPoint, from), wanted) / (distance * distance);
+    if (Math.abs(reached - 1) < 0.01) return;
+    this.gain = grasp.gain = Math.max(0.6, Math.min(1.1, grasp.gain - 0.15 * (reached - 1)));
+    this.sendCommands(performance.now());
+  }
+
+  /** Displacement from the grasped point to the pixel, in the plane of the picture through it, and towards the eye. */
+  private pointerDisplacement(grasp: Grasp): Vector {
+    const { turntable } = this.view, { forward } = turntable;
+    const { origin, direction } = turntable.ray(...this.view.toClip(...this.pixel));
+    const distance = dot(subtract(grasp.start, origin), forward) / dot(direction, forward);
+    const inPlane = subtract(add(origin, scale(direction, distance)), grasp.start);
+    return grasp.jaws.length > 1 ? inPlane : add(inPlane, scale(direction, -this.amounts.pull));
+  }
+
+  /** Lets go of everything but the needle, which stays inserted. */
+  release(): void {
+    this.aiming = false;
+    if (!this.holding) return;
+    this.grasp = this.pressPoint = null;
+    this.commands.release(0);
+    this.commands.release(1);
+  }
+
+  withdrawNeedle(): void {
+    this.needle = null;
+    this.aiming = false;
+    this.commands.release(NEEDLE);
+  }
+
+  releaseAll(): void {
+    this.release();
+    this.withdrawNeedle();
+  }
+}

@@ -1,0 +1,82 @@
+// `window.palpate`: the page's state for tests and benchmarks. Nothing in the page uses it.
+import type { SideSlices } from "./side-slices";
+import type { CommandQueue } from "../tools/command-queue";
+import type { SurfaceCursor } from "../input/surface-cursor";
+import type { ToolController } from "../tools/tool-controller";
+import type { Frame, Scene, Vector } from "../protocol/server-messages";
+import type { ForceReadout } from "../ui/force-readout";
+import type { OrganView } from "../rendering/organ-view";
+
+interface Parts {
+  view: OrganView;
+  controller: ToolController;
+  cursor: SurfaceCursor;
+  commands: CommandQueue;
+  sideSlices: SideSlices;
+  readout: ForceReadout;
+  frame(): Frame | null;
+  scene(): Scene | null;
+}
+
+declare global {
+  interface Window {
+    palpate: {
+      readonly frame: Frame | null;
+      readonly scene: Scene | null;
+      /** Pixel at which a shown node is drawn. */
+      nodePixel(node: number): [number, number];
+      /** Pixel at which the held material point is drawn. */
+      heldPixel(): [number, number] | null;
+      /** Is the organ under this pixel? */
+      hitsOrgan(x: number, y: number): boolean;
+      /** Pixel of the surface cursor. */
+      cursorPixel(): [number, number] | null;
+      /** Crosshair in the slices, mm. */
+      crosshair(): Vector | null;
+      /** Serial number of the newest command. */
+      readonly lastSerial: number;
+      /** Delays of the last commands, ms: from the input to the end of drawing a frame that obeys it. */
+      latency(last?: number): { median: number; p99: number; count: number };
+      /** Work of the page's thread for each of the last frames, ms. */
+      readonly work: number[];
+      /** Frames drawn since the page opened. */
+      readonly framesDrawn: number;
+    };
+  }
+}
+
+const CAPACITY = 2000;
+
+/** Defines `window.palpate`. Returns a function that records the work for a frame. */
+export function exposeTestHooks(parts: Parts): { recordWork(ms: number): void } {
+  const work: number[] = [];
+  const { view, controller, readout } = parts;
+  window.palpate = {
+    get frame() {
+      return parts.frame();
+    },
+    get scene() {
+      return parts.scene();
+    },
+    get framesDrawn() {
+      return view.renderer.info.render.frame;
+    },
+    get lastSerial() {
+      return parts.commands.lastSerial;
+    },
+    nodePixel: (node) => view.toPixel([...view.positions.subarray(3 * node, 3 * node + 3)] as Vector),
+    heldPixel: () => (controller.heldPoint ? view.toPixel(controller.heldPoint) : null),
+    hitsOrgan: (x, y) => controller.pick(x, y) !== null,
+    cursorPixel: () => parts.cursor.pixel,
+    crosshair: () => parts.sideSlices.crosshair,
+    latency: (last = 1000) => parts.commands.latency(last),
+    work,
+  };
+  return {
+    recordWork(ms) {
+      readout.work = readout.work ? 0.9 * readout.work + 0.1 * ms : ms;
+      work.push(ms);
+      if (work.length > CAPACITY) work.splice(0, CAPACITY / 2);
+    },
+  };
+}

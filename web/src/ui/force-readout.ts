@@ -1,0 +1,102 @@
+// The measurements: force, depth and stiffness of the active tool as numbers and over time, and the timing of loop and page.
+import type { CommandQueue } from "../tools/command-queue";
+import { length, toolVector } from "../organ/mesh-geometry";
+import { TOOL_NUMBERS, type ToolKind } from "../tools/tool-controller";
+import { NEEDLE } from "../rendering/tool-meshes";
+import { ContactState, TOOLS, type Frame, type Scene } from "../protocol/server-messages";
+import { element, write } from "./controls";
+import { TimePlot } from "./time-plot";
+
+const DEPTH_LABELS: Record<ToolKind, string> = { press: "Depth", pull: "Pulled by", grasp: "Jaw by", needle: "Inside" };
+const NUMBERS_INTERVAL = 125, PLOTS_INTERVAL = 66, TIMING_INTERVAL = 1000; // ms
+const MIN_DEPTH = 0.5; // mm: no stiffness below
+
+export interface Measurement {
+  tool: number;
+  force: number; // N
+  depth: number; // mm
+}
+
+/** Force and depth of the active tool: of the tools of a kind the one with the largest force; of all tools if none of that
+ * kind is in contact. */
+export function measure(frame: Frame, kind: ToolKind): Measurement | null {
+  const inContact = (tool: number) => frame.contact[tool] === ContactState.closed;
+  const ofKind = TOOL_NUMBERS[kind].filter(inContact);
+  const tools = ofKind.length ? ofKind : Array.from({ length: TOOLS }, (_, i) => i).filter(inContact);
+  if (!tools.length) return null;
+  const force = (tool: number) => length(toolVector(frame.force, tool));
+  const tool = tools.reduce((a, b) => (force(b) > force(a) ? b : a));
+  const isNeedle = tool === NEEDLE || frame.insertion[tool] > 0;
+  const depth = isNeedle ? frame.insertion[tool] : length(toolVector(frame.displacement, tool));
+  return { tool, force: force(tool), depth };
+}
+
+export class ForceReadout {
+  framesDrawn = 0; // since the timing was last updated
+  work = 0; // ms of the page's thread for a frame, smoothed
+  private readonly forcePlot = new TimePlot(element<HTMLCanvasElement>("force-plot"), "Force, N", 0.1);
+  private readonly depthPlot = new TimePlot(element<HTMLCanvasElement>("depth-plot"), "Depth, mm", 5);
+  private numbersUpdated = 0; // ms
+  private plotsUpdated = 0;
+  private timingUpdated = performance.now();
+  private before: Frame | null = null; // when the timing was last updated
+  private newest: Frame | null = null;
+
+  constructor(private readonly commands: CommandQueue) {
+    setInterval(() => this.updateTiming(), TIMING_INTERVAL);
+  }
+
+  /** Adds a frame. Numbers and plots are updated less often than the picture. */
+  add(frame: Frame, kind: ToolKind, scene: Scene, now: number): void {
+    this.newest = frame;
+    const here = measure(frame, kind);
+    this.forcePlot.add(frame.seconds, here?.force ?? 0);
+    this.depthPlot.add(frame.seconds, here?.depth ?? 0);
+    if (now - this.numbersUpdated > NUMBERS_INTERVAL) {
+      this.numbersUpdated = now;
+      this.updateNumbers(here, kind);
+    }
+    if (now - this.plotsUpdated < PLOTS_INTERVAL) return;
+    this.plotsUpdated = now;
+    this.forcePlot.draw();
+    this.depthPlot.draw();
+    this.updateBar(here?.force ?? 0, scene.limit);
+  }
+
+  private updateBar(force: number, limit: number): void {
+    const bar = element("bar"), top = this.forcePlot.top;
+    bar.classList.toggle("over-limit", force > limit);
+    bar.setAttribute("aria-valuenow", force.toFixed(2));
+    bar.setAttribute("aria-valuemax", String(top));
+    (bar.firstElementChild as HTMLElement).style.transform = `scaleX(${Math.min(1, force / top)})`;
+  }
+
+  private updateNumbers(here: Measurement | null, kind: ToolKind): void {
+    const force = here?.force ?? 0, depth = here?.depth ?? 0;
+    write("force", force.toFixed(2));
+    write("depth-name", here?.tool === NEEDLE ? DEPTH_LABELS.needle : DEPTH_LABELS[kind]);
+    write("depth", here ? `${depth.toFixed(1)} mm` : "–");
+    const single = kind === "press" || kind === "pull"; // two jaws push each other, a needle cuts: no stiffness
+    write("stiffness", here && single && here.tool !== NEEDLE && depth > MIN_DEPTH ? `${(force / depth).toFixed(3)} N/mm` : "–");
+  }
+
+  /** Once a second: rates, delays, energy. */
+  private updateTiming(): void {
+    const now = performance.now(), { newest, before } = this;
+    const rate = (1000 * this.framesDrawn) / (now - this.timingUpdated);
+    write("fps", this.framesDrawn ? `${rate.toFixed(0)} /s` : "still");
+    if (newest) write("page", `${this.work.toFixed(1)} ms`);
+    if (newest && before && newest.seconds > before.seconds)
+      write("tick-rate", `${((newest.tick - before.tick) / (newest.seconds - before.seconds)).toFixed(0)} /s`);
+    if (newest) {
+      write("late", `${newest.late.toLocaleString("en", { notation: "compact" })} (${((100 * newest.late) / Math.max(1, newest.tick)).toFixed(1)} %)`);
+      write("tick-time", `${(1e3 * newest.busy).toFixed(2)} ms`);
+      write("energy", `${newest.energy.toFixed(2).replace(/^-(0\.00)$/, "$1").replace("-", "−")} mJ`);
+    }
+    const { median, p99, count } = this.commands.latency();
+    write("delay", count ? `${median.toFixed(0)} ms, 99 %: ${p99.toFixed(0)} ms` : "–");
+    this.before = newest;
+    this.timingUpdated = now;
+    this.framesDrawn = 0;
+  }
+}
