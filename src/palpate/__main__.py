@@ -17,7 +17,12 @@ def main() -> None:
         print("note: the system gives few threads (ulimit -u); one does the work", file=sys.stderr)
     from palpate import commands
 
-    commands.main()
+    try:
+        commands.main()
+    except SystemExit as end:
+        if end.code == interrupts.STOPPED:
+            interrupts.end_process()
+        raise
 
 
 def threads_start(count: int) -> bool:

@@ -1,6 +1,7 @@
 """Ctrl-C: it ends a command at once, after the file that is being written, or by KeyboardInterrupt that is never lost."""
 
 import _thread
+import atexit
 import contextlib
 import math
 import os
@@ -11,6 +12,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from types import FrameType
+from typing import NoReturn
 
 STOPPED = 130  # what a shell expects of a program that Ctrl-C ended
 AGAIN = 0.02  # s, after which a KeyboardInterrupt that Python dropped is raised again
@@ -70,9 +72,17 @@ def raised() -> Iterator[Callable[[], bool]]:
             sys.unraisablehook = told
 
 
-def end_soon() -> None:
-    """Ends the process after `PATIENCE`, should threads that still work keep it from its own end."""
+def end_process() -> NoReturn:
+    """Ends the process, temporary files removed.
+
+    Threads may still be at work: Python's own end would wait for them, or take away what they use. They get `PATIENCE`.
+    """
     _after(PATIENCE, os._exit, STOPPED)
+    atexit._run_exitfuncs()
+    with contextlib.suppress(OSError, ValueError):  # a pipe that is closed
+        sys.stdout.flush()
+        sys.stderr.flush()
+    os._exit(STOPPED)
 
 
 @contextlib.contextmanager
@@ -85,23 +95,26 @@ def _watched(interrupt: Callable[[int, FrameType | None], None], handled: list[f
     tells.setblocking(False)
 
     def watch() -> None:
-        while number := told.recv(1):
-            came = time.monotonic()
-            while number[0] == signal.SIGINT and signal.getsignal(signal.SIGINT) is interrupt:
-                if handled[0] > came - PATIENCE:  # this thread may be late
-                    break
-                if time.monotonic() > came + PATIENCE:
-                    os.write(2, b"palpate: stopped within a long step; files under their final names are whole\n")
-                    os._exit(STOPPED)
-                time.sleep(AGAIN)
+        with told:
+            while number := told.recv(1):
+                came = time.monotonic()
+                while number[0] == signal.SIGINT and signal.getsignal(signal.SIGINT) is interrupt:
+                    if handled[0] > came - PATIENCE:  # this thread may be late
+                        break
+                    if time.monotonic() > came + PATIENCE:
+                        os.write(2, b"palpate: stopped within a long step; files under their final names are whole\n")
+                        os._exit(STOPPED)
+                    time.sleep(AGAIN)
 
     before = signal.set_wakeup_fd(tells.fileno(), warn_on_full_buffer=False)
-    _after(0, watch)
+    watched = _after(0, watch)
     try:
         yield
     finally:
         signal.set_wakeup_fd(before)
         tells.close()
+        if not watched:
+            told.close()
 
 
 @contextlib.contextmanager

@@ -1,14 +1,17 @@
 """Ctrl-C: one is enough, wherever it falls; exit code 130, one line, no traceback."""
 
 import signal
+import socket
 import subprocess
 import sys
+import threading
 import time
 
 import pytest
 from support.running_server import HERE, ended, start, until
 
 import palpate as pp
+from palpate import interrupts
 
 # An optimizer that says when it works. Ctrl-C comes while Python cannot let an exception out: in a destructor, in a
 # weak reference's callback, in a generator that is thrown away.
@@ -138,6 +141,38 @@ def test_while_modules_are_loaded(moment, tmp_path):
     assert said.startswith("palpate: stopped"), said
     assert "Traceback" not in said
     assert "Aborted" not in said
+
+
+@pytest.mark.parametrize("threads", ["as many", "none"])
+def test_the_watch_leaves_no_socket_open(threads, monkeypatch):
+    if threads == "none":
+        monkeypatch.setattr(threading.Thread, "start", refused)
+    sockets = []
+    pair = socket.socketpair
+    monkeypatch.setattr(socket, "socketpair", lambda: sockets.append(pair()) or sockets[-1])
+    with interrupts.raised():
+        pass
+    until(lambda: all(end.fileno() == -1 for end in sockets[0]), seconds=10)
+
+
+def refused(thread):
+    raise RuntimeError("can't start new thread")
+
+
+def test_threads_and_temporary_files_at_the_end(tmp_path):
+    """Temporary files go; a thread that works on does not keep the process, nor lose what it uses."""
+    code = """
+import tempfile, threading, time
+from palpate import interrupts
+
+kept = tempfile.TemporaryDirectory(dir=".")
+threading.Thread(target=time.sleep, args=(60,)).start()
+print("last word")
+interrupts.end_process()
+"""
+    run = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, env=HERE, capture_output=True, text=True, timeout=30)
+    assert (run.returncode, run.stdout) == (130, "last word\n"), run.stderr
+    assert not list(tmp_path.iterdir())
 
 
 def test_while_the_core_is_made():

@@ -42,7 +42,6 @@ class DataOrderGroup(TyperGroup):
                     raise
         except KeyboardInterrupt as stop:
             typer.echo(f"palpate: stopped{'; ' if str(stop) else ''}{stop}", err=True)
-            interrupts.end_soon()
             raise typer.Exit(interrupts.STOPPED) from None
 
 
