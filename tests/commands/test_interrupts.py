@@ -170,7 +170,9 @@ threading.Thread(target=time.sleep, args=(60,)).start()
 print("last word")
 interrupts.end_process()
 """
-    run = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, env=HERE, capture_output=True, text=True, timeout=30)
+    run = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, env=HERE, capture_output=True, text=True, timeout=30
+    )
     assert (run.returncode, run.stdout) == (130, "last word\n"), run.stderr
     assert not list(tmp_path.iterdir())
 
