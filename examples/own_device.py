@@ -54,16 +54,19 @@ def soft_ball():
     return pp.Tissue(mesh, 5.0, 0.45, pp.fixed_beyond(mesh, (0, 0, -15), (0, 0, -1)))
 
 
-def main(seconds=10.0, mass=0.02):
-    """Lets the mass fall on a ball of soft tissue. Gives its weight, the tissue's force on it after so many seconds, both
-    in N, and the session's last frame."""
+def main(mass=0.02, longest=60.0):
+    """Lets the mass fall on a ball of soft tissue until it has not moved for a second, or for so many seconds. Gives its
+    weight and the tissue's force on it, both in N, and the session's last frame."""
     from palpate.haptics.python_device import PythonDevice
 
     hand = FallingMass(mass)
     hand.height = 35.0
     with pp.Session(pp.model(soft_ball(), "compliance")) as session, PythonDevice("falling-mass", hand) as device:
         session.start(device)
-        time.sleep(seconds)
+        heights = [hand.height]
+        while len(heights) < 20 * longest and (hand.felt[2] == 0 or np.ptp(heights[-20:]) > 0.01):
+            time.sleep(0.05)
+            heights.append(hand.height)
         return mass * GRAVITY, float(hand.felt[2]), session.frame()
 
 

@@ -156,7 +156,7 @@ def test_an_own_reader_is_asked_for_what_is_wanted(example, tmp_path):
 def test_a_mass_comes_to_rest_where_the_tissue_carries_its_weight(example):
     """The force of an own device is its weight, and the depth is that of finite elements under this force."""
     module = example("own_device")
-    weight, force, frame = module.main(seconds=6)
+    weight, force, frame = module.main()
     assert force == pytest.approx(weight, rel=0.03)
     tissue = module.soft_ball()
     corner = tissue.mesh.nodes[tissue.mesh.surface]

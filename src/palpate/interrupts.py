@@ -11,7 +11,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from types import FrameType
+from types import CodeType, FrameType
 from typing import NoReturn
 
 STOPPED = 130  # what a shell expects of a program that Ctrl-C ended
@@ -41,18 +41,32 @@ def raised() -> Iterator[Callable[[], bool]]:
     that lasts longer than `PATIENCE`.
     """
     handled = [-math.inf]  # when, in s
+    insists = [False]  # whether a thread sends the signal again and again
+    before, told = signal.getsignal(signal.SIGINT), sys.unraisablehook
 
     def interrupt(number: int, frame: FrameType | None) -> None:
-        if _importing(frame) and _after(AGAIN, _interrupt_main):
+        if (_importing(frame) or _within(again.__code__, frame)) and put_off():
             return  # extension modules that are being made drop exceptions, or abort
+        if time.monotonic() < handled[0] + AGAIN:
+            return  # the thread's last signal, sent while the one before was handled
+        insists[0] = False
         handled[0] = time.monotonic()
         signal.default_int_handler(number, frame)
 
-    before, told = signal.getsignal(signal.SIGINT), sys.unraisablehook
+    def put_off() -> bool:
+        if not insists[0]:
+            insists[0] = True  # first: the signal may come while the thread is being started
+            insists[0] = _after(AGAIN, insist)
+        return insists[0]
+
+    def insist() -> None:
+        while insists[0]:
+            _interrupt_main()
+            time.sleep(AGAIN)
 
     def again(dropped: "sys.UnraisableHookArgs") -> None:
         if issubclass(dropped.exc_type, KeyboardInterrupt):
-            _after(AGAIN, _interrupt_main)  # here it would be dropped once more
+            put_off()  # here it would be dropped once more
         else:
             told(dropped)
 
@@ -68,6 +82,7 @@ def raised() -> Iterator[Callable[[], bool]]:
             signal.signal(signal.SIGINT, interrupt)
             yield was_raised
         finally:
+            insists[0] = False
             signal.signal(signal.SIGINT, before)
             sys.unraisablehook = told
 
@@ -138,6 +153,15 @@ def waiting() -> Iterator[None]:
         signal.signal(signal.SIGINT, signal.SIG_DFL if before is None else before)
     if came:
         signal.raise_signal(signal.SIGINT)
+
+
+def _within(code: CodeType, frame: FrameType | None) -> bool:
+    """Whether this code runs in this frame or below it."""
+    while frame is not None:
+        if frame.f_code is code:
+            return True
+        frame = frame.f_back
+    return False
 
 
 def _importing(frame: FrameType | None) -> bool:

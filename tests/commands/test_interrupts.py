@@ -61,6 +61,15 @@ class Endless:
     def state(self): return {}
 """
 
+SOON = """
+import threading
+from palpate import interrupts
+
+interrupts.AGAIN = 0.001
+start = threading.Thread.start
+threading.Thread.start = lambda thread: start(thread) or time.sleep(0.05)
+"""
+
 
 @pytest.fixture(scope="module")
 def scan_file(tmp_path_factory):
@@ -71,8 +80,10 @@ def scan_file(tmp_path_factory):
 
 
 @pytest.mark.parametrize("how", ["", "destructor", "callback", "generator", "converted"])
-def test_one_is_enough_wherever_it_falls(how, scan_file, tmp_path):
-    (tmp_path / "plugin.py").write_text(PLUGIN)
+@pytest.mark.parametrize("soon", [False, True])
+def test_one_is_enough_wherever_it_falls(how, soon, scan_file, tmp_path):
+    """Soon: what was dropped is sent again before the thread that sends it has been started."""
+    (tmp_path / "plugin.py").write_text(PLUGIN + soon * SOON)
     (tmp_path / "how").write_text(how)
     words = (
         f"--plugin plugin.py reconstruct {scan_file} -o v.nii.gz --thickness 20 --levels 1 --optimizer endless "
