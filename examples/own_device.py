@@ -55,15 +55,15 @@ def soft_ball():
 
 
 def main(mass=0.02, longest=60.0):
-    """Lets the mass fall on a ball of soft tissue until it has not moved for a second, or for so many seconds. Gives its
-    weight and the tissue's force on it, both in N, and the session's last frame."""
+    """Lets the mass fall on a ball of soft tissue until it has not moved for a second, at most for `longest` seconds. Gives
+    its weight and the tissue's force on it, both in N, and the session's last frame."""
     from palpate.haptics.python_device import PythonDevice
 
     hand = FallingMass(mass)
     hand.height = 35.0
     with pp.Session(pp.model(soft_ball(), "compliance")) as session, PythonDevice("falling-mass", hand) as device:
         session.start(device)
-        heights = [hand.height]
+        heights = [hand.height]  # mm, twenty times a second
         while len(heights) < 20 * longest and (hand.felt[2] == 0 or np.ptp(heights[-20:]) > 0.01):
             time.sleep(0.05)
             heights.append(hand.height)

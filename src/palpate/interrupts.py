@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator
 from types import CodeType, FrameType
 from typing import NoReturn
 
+_IMPORTING = "<frozen importlib._bootstrap>"  # where Python loads modules
 STOPPED = 130  # what a shell expects of a program that Ctrl-C ended
 AGAIN = 0.02  # s, after which a KeyboardInterrupt that Python dropped is raised again
 PATIENCE = 1.0  # s that a call outside Python may go on after Ctrl-C, and threads after the last word
@@ -45,8 +46,8 @@ def raised() -> Iterator[Callable[[], bool]]:
     before, told = signal.getsignal(signal.SIGINT), sys.unraisablehook
 
     def interrupt(number: int, frame: FrameType | None) -> None:
-        if (_importing(frame) or _within(again.__code__, frame)) and put_off():
-            return  # extension modules that are being made drop exceptions, or abort
+        if any(code is again.__code__ or code.co_filename == _IMPORTING for code in _running(frame)) and put_off():
+            return  # extension modules that are being made drop exceptions, or abort; the hook would drop it once more
         if time.monotonic() < handled[0] + AGAIN:
             return  # the thread's last signal, sent while the one before was handled
         insists[0] = False
@@ -66,7 +67,7 @@ def raised() -> Iterator[Callable[[], bool]]:
 
     def again(dropped: "sys.UnraisableHookArgs") -> None:
         if issubclass(dropped.exc_type, KeyboardInterrupt):
-            put_off()  # here it would be dropped once more
+            put_off()
         else:
             told(dropped)
 
@@ -155,22 +156,11 @@ def waiting() -> Iterator[None]:
         signal.raise_signal(signal.SIGINT)
 
 
-def _within(code: CodeType, frame: FrameType | None) -> bool:
-    """Whether this code runs in this frame or below it."""
+def _running(frame: FrameType | None) -> Iterator[CodeType]:
+    """The code of this frame and of all that wait for it."""
     while frame is not None:
-        if frame.f_code is code:
-            return True
+        yield frame.f_code
         frame = frame.f_back
-    return False
-
-
-def _importing(frame: FrameType | None) -> bool:
-    """Whether a module is being loaded in this frame or below it."""
-    while frame is not None:
-        if frame.f_code.co_filename == "<frozen importlib._bootstrap>":
-            return True
-        frame = frame.f_back
-    return False
 
 
 def _after(seconds: float, call: Callable[..., None], *values: int) -> bool:
