@@ -149,7 +149,7 @@ class Session:
             Force of the tissue on the first tool, or on all tools if several were commanded, N.
         """
         alone = all(given is None or isinstance(given, Command) for given in commands)
-        given = [row for at, item in enumerate(commands) for row in _rows(self._ticks + at, item)]
+        given = list(_new_commands(self._ticks, commands))
         device = ScriptedDevice([at for at, *_ in given], [c for *_, c in given], [tool for _, tool, _ in given])
         force = self._advance(device.core, len(commands))
         return force[:, 0] if alone else force
@@ -356,13 +356,18 @@ def _collect_while_running(session: "ReferenceType[Session]", stopped: Event) ->
         del running
 
 
-def _rows(tick: int, given: Given) -> list[tuple[int, int, Command]]:
-    """A tick's commands as (tick, tool, command) of every tool: those that are not named let go."""
-    named = [given] if given is None or isinstance(given, Command) else list(given)
-    if len(named) > TOOLS:
-        raise DataError(f"step: {len(named)} tools, at most {TOOLS} can be at work")
-    named += [None] * (TOOLS - len(named))
-    return [(tick, tool, IDLE if command is None else command) for tool, command in enumerate(named)]
+def _new_commands(first: int, commands: Sequence[Given]) -> Iterator[tuple[int, int, Command]]:
+    """(tick, tool, command) where a tool's command is another than the tick before; a tool that is not named lets go."""
+    current = [IDLE] * TOOLS
+    for tick, given in enumerate(commands, first):
+        named = [given] if given is None or isinstance(given, Command) else list(given)
+        if len(named) > TOOLS:
+            raise DataError(f"step: {len(named)} tools, at most {TOOLS} can be at work")
+        for tool in range(TOOLS):
+            command = (named[tool] if tool < len(named) else None) or IDLE
+            if command is not current[tool]:
+                current[tool] = command
+                yield tick, tool, command
 
 
 def _named(record: Record) -> set[str]:
