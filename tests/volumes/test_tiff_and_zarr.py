@@ -1,6 +1,7 @@
 """TIFF and OME-Zarr: values to the bit, the place kept, the voxel size where other readers look for it."""
 
 import json
+import lzma
 import os
 import shutil
 import sys
@@ -8,6 +9,7 @@ import sys
 import numpy as np
 import pytest
 import tifffile
+from fuzz.hostile.tiff_and_dicom import plain_tiff
 from scipy.spatial.transform import Rotation
 
 import palpate as pp
@@ -153,3 +155,14 @@ def test_a_zarr_folder_that_lies_is_refused(tmp_path):
     head.write_text(json.dumps({**json.loads(head.read_text()), "shape": [2**20, 2**10, 2**10]}))
     with pytest.raises(FileError, match=r"v\.zarr: says \(1048576, 1024, 1024\) voxels, 4398046511104 bytes"):
         pp.read_volume(tmp_path / "v.zarr")
+
+
+@pytest.mark.parametrize("packed", [lzma.compress(bytes(2**28)), lzma.compress(bytes(1024)) * 2])
+def test_lzma_is_unpacked_no_further_than_its_page(tmp_path, packed):
+    """One stream may swell, and streams may follow each other."""
+    imagej = b"ImageJ=1.11a\nimages=2\nslices=2\nunit=mm\nspacing=1.0\n"
+    plain_tiff(tmp_path / "v.tif", lzma.compress(bytes(1024)), compression=34925, description=imagej)
+    assert pp.read_volume(tmp_path / "v.tif").grid.shape == (2, 16, 16)
+    plain_tiff(tmp_path / "v.tif", packed, compression=34925, description=imagej)
+    with pytest.raises(FileError, match="go on after the 1024 bytes"):
+        pp.read_volume(tmp_path / "v.tif")

@@ -36,7 +36,8 @@ def read(path: Path) -> StoredImage:
         image = attributes.get("ome", attributes)["multiscales"][0]
         axes, level = image["axes"], image["datasets"][0]
         array = group[level["path"]]
-        check_claim(path, f"{array.shape} voxels", math.prod(array.shape) * array.dtype.itemsize, max(size, EMPTY))
+        for what, shape in (("voxels", array.shape), ("voxels a chunk", array.chunks)):
+            check_claim(path, f"{shape} {what}", math.prod(shape) * array.dtype.itemsize, max(size, EMPTY))
         spatial = [i for i, axis in enumerate(axes) if axis.get("type", "space") == "space"]
         if len(spatial) != 3 or any(n != 1 for i, n in enumerate(array.shape) if i not in spatial):
             raise FileError(

@@ -1,9 +1,10 @@
 """TIFF stacks with a voxel size: ImageJ (.tif) and OME-TIFF (.ome.tif)."""
 
+import lzma
 import math
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,13 @@ from palpate.volumes.suppress_output import suppress_output
 TO_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "µm": 0.001, "um": 0.001, "\\u00B5m": 0.001, "micron": 0.001, "nm": 1e-6}
 SIZES = ("SizeX", "SizeY", "SizeZ", "SizeC", "SizeT")
 ELEMENTS = 500_000  # of OME's XML; each plane may take some
-DEFLATED = (8, 32946)  # TIFF's numbers of what zlib unpacks, whatever comes out
+LZMA_MEMORY = 2**28  # bytes, more than xz -9 asks for
+# By TIFF's number of a compression: what unpacks it. tifffile's own decoders of these unpack whatever comes out.
+UNPACK: dict[int, Callable[[], Any]] = {
+    8: zlib.decompressobj,
+    32946: zlib.decompressobj,
+    34925: lambda: lzma.LZMADecompressor(memlimit=LZMA_MEMORY),
+}
 
 
 def read(path: Path) -> StoredImage:
@@ -54,7 +61,7 @@ def whole_series(path: Path) -> Iterator[tuple[Any, Any]]:
             check_claim(path, f"{series.shape} pixels", math.prod(map(int, series.shape)) * series.dtype.itemsize, size)
             if _end(series) > size:
                 raise FileError(f"{path}: truncated: pixels to byte {_end(series)} of {size}; copy it again")
-            _check_deflated(path, series)
+            _check_compressed(path, series)
             yield tif, series
     except (FileError, MemoryError):
         raise
@@ -105,15 +112,20 @@ def _check_pages(path: Path) -> None:
             at = struct.unpack(order + place, head)[0] if len(head) == width else 0  # a file that is cut ends here
 
 
-def _check_deflated(path: Path, series: Any) -> None:
-    """Raises `ValueError` if a deflated piece of a page holds more than the page's shape says."""
-    pages = [page for page in series.pages if page is not None and page.compression in DEFLATED]
+def _check_compressed(path: Path, series: Any) -> None:
+    """Raises `ValueError` if a compressed piece of a page holds more than the page's shape says."""
+    pages = [page for page in series.pages if page is not None and page.compression in UNPACK]
     for page in pages:
         most = math.prod(page.chunks) * page.dtype.itemsize
         with path.open("rb") as file:
             for at, count in zip(page.dataoffsets, page.databytecounts, strict=True):
                 file.seek(at)
-                if len(zlib.decompressobj().decompress(file.read(count), most + 1)) > most:
+                packed, left = file.read(count), most + 1
+                while packed and left > 0:  # LZMA's streams may follow each other
+                    stream = UNPACK[page.compression]()
+                    left -= len(stream.decompress(packed, left))
+                    packed = stream.unused_data if stream.eof else b""
+                if left <= 0:
                     raise ValueError(f"compressed pixels go on after the {most} bytes that are said to be in them")
 
 

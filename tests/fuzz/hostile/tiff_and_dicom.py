@@ -1,5 +1,6 @@
 """TIFF and DICOM files that lie."""
 
+import lzma
 import struct
 import zlib
 
@@ -10,7 +11,19 @@ from pydicom.dataset import Dataset
 from pydicom.uid import DeflatedExplicitVRLittleEndian, JPEG2000Lossless, RLELossless
 from support import dicom_files
 
-from fuzz.hostile.ways import COMMANDS, VALID, case, deep, pick, special, swollen_deflate, swollen_zlib
+from fuzz.hostile.ways import (
+    COMMANDS,
+    MB,
+    SWOLLEN,
+    VALID,
+    case,
+    deep,
+    pick,
+    special,
+    swollen_deflate,
+    swollen_lzma,
+    swollen_zlib,
+)
 
 for _form in ("tiff", "dicom"):
     COMMANDS[_form] = "segment NAME -o out.nii.gz --lower 50 --upper 400"
@@ -60,11 +73,17 @@ IMAGEJ = b"ImageJ=1.11a\nimages=%d\nslices=%d\nunit=mm\nspacing=1.0\n"
 
 @case("tiff", "swelling")
 def _(folder, rng):
-    path, kind = folder / "v.tif", int(rng.integers(4))
+    path, kind = folder / "v.tif", int(rng.integers(6))
     if kind == 0:
         return plain_tiff(
             path, swollen_zlib(bytes(1024)), compression=pick(rng, (8, 32946)), description=IMAGEJ % (2, 2)
         )
+    if kind == 4:  # one stream, or very many that follow each other
+        strip = pick(rng, (swollen_lzma(), lzma.compress(bytes(MB)) * SWOLLEN))
+        return plain_tiff(path, strip, compression=34925, description=IMAGEJ % (2, 2))
+    if kind == 5:
+        strip = lzma.compress(VALUES[0].tobytes())[: -int(rng.integers(12, 80))]
+        return plain_tiff(path, strip, compression=34925, description=IMAGEJ % (2, 2))
     if kind == 1:
         strip = zlib.compress(VALUES[0].tobytes()[: -int(rng.integers(1, 900))])
         return plain_tiff(path, strip, compression=8, description=IMAGEJ % (2, 2))

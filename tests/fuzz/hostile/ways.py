@@ -2,6 +2,7 @@
 
 import functools
 import gzip
+import lzma
 import os
 import socket
 import zlib
@@ -56,6 +57,13 @@ def swollen_zlib(start=b"", megabytes=SWOLLEN):
 def swollen_gzip(start=b"", megabytes=SWOLLEN):
     """The same behind gzip's header."""
     return gzip.compress(b"", mtime=0)[:10] + swollen_deflate(start, megabytes) + bytes(8)
+
+
+@functools.cache
+def swollen_lzma(megabytes=1024):
+    """A stream of LZMA, megabytes of zeros."""
+    stream = lzma.LZMACompressor(preset=0)
+    return b"".join(stream.compress(bytes(MB)) for _ in range(megabytes)) + stream.flush()
 
 
 def special(path, rng):
