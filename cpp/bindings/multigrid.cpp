@@ -1,3 +1,4 @@
+#include "bindings/linalg.h"
 #include "bindings/tissue.h"
 #include "multigrid/multigrid_model.h"
 #include <cmath>
@@ -15,7 +16,8 @@ void check_field(const MultigridModel& model, const In<double, 2>& field) {
 }
 
 void make(MultigridModel* self, In<double, 2> nodes, In<int32_t, 2> tets, In<double, 1> lam, In<double, 1> mu,
-          In<uint8_t, 1> held, double cell, int sweeps, double relaxation) {
+          In<uint8_t, 1> held, double cell, int sweeps, double relaxation, std::optional<In<int32_t, 1>> start,
+          std::optional<In<int32_t, 1>> column, std::optional<In<double, 3>> block) {
     const size_t n = nodes.shape(0), m = tets.shape(0);
     if (nodes.shape(1) != 3 || tets.shape(1) != 4 || lam.shape(0) != m || mu.shape(0) != m || held.shape(0) != n)
         throw std::invalid_argument("multigrid: expected nodes (n, 3), tets (m, 4), constants (m,), held (n,)");
@@ -28,9 +30,22 @@ void make(MultigridModel* self, In<double, 2> nodes, In<int32_t, 2> tets, In<dou
     expect(n > 0, "multigrid: no nodes");
     for (size_t k = 0; k < nodes.size(); k++)
         expect(std::fabs(nodes.data()[k]) < 1e6 * cell, "multigrid: nodes too far apart for cells of this size");
+    expect(start.has_value() == block.has_value() && column.has_value() == block.has_value(),
+           "multigrid: start, column and block, or none of them");
+    BlockCsr K;
+    if (block) {
+        K = block_csr(*start, *column, *block);
+        expect(size_t(K.nodes()) == n, "multigrid: a matrix of other nodes");
+        for (int i = 0; i < K.nodes(); i++)
+            expect(std::count(K.column.begin() + K.start[i], K.column.begin() + K.start[i + 1], i) == 1,
+                   "multigrid: a row without its diagonal block");
+    }
     nb::gil_scoped_release free;
-    new (self) MultigridModel({nodes.data(), tets.data(), lam.data(), mu.data(), held.data(), int(n), int(m)}, cell,
-                              sweeps, relaxation);
+    const ElasticMesh mesh{nodes.data(), tets.data(), lam.data(), mu.data(), held.data(), int(n), int(m)};
+    if (block)
+        new (self) MultigridModel(mesh, K, cell, sweeps, relaxation);
+    else
+        new (self) MultigridModel(mesh, cell, sweeps, relaxation);
 }
 
 Owned<double, 2> internal_force(const MultigridModel& model, In<double, 2> u) {
@@ -54,7 +69,9 @@ Owned<double, 2> precondition(const MultigridModel& model, In<double, 2> v) {
 void bind_multigrid(nb::module_& m) {
     nb::class_<MultigridModel, TissueModel>(m, "MultigridModel", "Conjugate gradients with a multigrid preconditioner.")
         .def("__init__", &make, "nodes"_a.noconvert(), "tets"_a.noconvert(), "lam"_a.noconvert(), "mu"_a.noconvert(),
-             "held"_a.noconvert(), "cell"_a, "sweeps"_a, "relaxation"_a)
+             "held"_a.noconvert(), "cell"_a, "sweeps"_a, "relaxation"_a, "start"_a.noconvert() = nb::none(),
+             "column"_a.noconvert() = nb::none(), "block"_a.noconvert() = nb::none(),
+             "start, column, block: another stiffness of these nodes, in rows of 3x3 blocks; else that of P1 elements.")
         .def("solve", &solve<MultigridModel>, "state"_a, "patches"_a, "displacement"_a.noconvert(), "iterations"_a,
              "Forces of the tissue on the tools, (contacts, 3) N; None for contacts that cannot be held together.")
         .def("internal_force", &internal_force, "u"_a.noconvert(),

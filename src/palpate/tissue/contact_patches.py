@@ -42,14 +42,15 @@ class Answer:
 class Contacts:
     """The patches of a push, and the displacement (m, 3) mm that each is given. single: the caller gave one, bare.
 
-    normals: (m, 3) unit, outwards, where contacts may slide and open with this friction; None: they are glued.
-    """
+@@    """
 
     patches: "list[_core.tissue.ContactPatch]"
     displacement: Float64
     single: bool
     normals: Float64 | None = None
     friction: float = np.inf
+    hits: "tuple[_core.tissue.SurfacePoint, ...]" = ()
+    radii: tuple[float, ...] = ()
 
     def forces(self, C: Float64) -> Float64:
         """(m, 3) N of the tools on the tissue, C (3m, 3m) mm/N the compliance of their patches."""
@@ -76,13 +77,8 @@ class Contacts:
         return Answer(force, u, realised, state, error, surface, sweeps, warm)
 
 
-def patch(tissue: Tissue, point: ArrayLike, radius: float) -> "_core.tissue.ContactPatch":
-    """The contact patch of `radius` mm about the surface point nearest to `point` (3,) mm: `.nodes` and `.weights`.
-
-    w_i ∝ a_i (1 − d²/r²)² on surface nodes closer than r (a_i mm² the node's share of the surface), held nodes 0, sum
-    1; with no node inside, the barycentric weights of the point. Raises `MaterialError` for a patch of held nodes
-    only, `DataError` for points off the surface and radii that are negative or hold more than 256 nodes.
-    """
+def surface_point(tissue: Tissue, point: ArrayLike, radius: float) -> "_core.tissue.SurfacePoint":
+    """The surface point nearest to `point` (3,) mm, for a contact of `radius` mm. Raises `DataError` as `patch` does."""
     x = float64("point", point, (3,))
     if not (np.isfinite(radius) and radius >= 0):
         raise DataError(f"radius: {radius} mm; give the tool's radius, 0 or more (1.5 to 3 edges of {tissue.edge:.3g})")
@@ -92,6 +88,21 @@ def patch(tissue: Tissue, point: ArrayLike, radius: float) -> "_core.tissue.Cont
             f"point {x.tolist()} lies {hit.distance:.3g} mm off the surface; the nearest surface point is "
             f"{np.round(hit.point, 3).tolist()}"
         )
+    return hit
+
+
+def patch(tissue: Tissue, point: ArrayLike, radius: float) -> "_core.tissue.ContactPatch":
+    """The contact patch of `radius` mm about the surface point nearest to `point` (3,) mm: `.nodes` and `.weights`.
+
+    w_a = ∫N_a φ / ∫φ over the surface, φ = (1 − d²/r²)² where d < r, else 0: the weighted mean of nodal values is the
+    field's own mean with the weight φ, and nodes just outside r have a share. Held nodes 0, sum 1; with no node inside,
+    the barycentric weights of the point. Raises `MaterialError` for a patch of held nodes
+    only, `DataError` for points off the surface and radii that are negative or hold more than 256 nodes.
+    """
+    return _patch_at(tissue, surface_point(tissue, point, radius), radius)
+
+
+def _patch_at(tissue: Tissue, hit: "_core.tissue.SurfacePoint", radius: float) -> "_core.tissue.ContactPatch":
     found = tissue.surface.patch(hit, float(radius))
     if found == "held":
         raise MaterialError(
@@ -129,9 +140,12 @@ def contacts(
         raise DataError(f"radii: expected one number or shape ({len(x)},), got {r.shape}")
     if len(x) == 0:
         raise DataError("points: no contact given; give at least one point")
-    patches = [patch(tissue, point, float(radius)) for point, radius in zip(x, np.broadcast_to(r, len(x)), strict=True)]
+    every = [float(radius) for radius in np.broadcast_to(r, len(x))]
+    hits = tuple(surface_point(tissue, point, radius) for point, radius in zip(x, every, strict=True))
+    patches = [_patch_at(tissue, hit, radius) for hit, radius in zip(hits, every, strict=True)]
     outwards = _unit_normals(tissue, x, normals, bare)
-    found = Contacts(patches, np.ascontiguousarray(d), bare, outwards if np.isfinite(friction) else None, friction)
+    sliding = outwards if np.isfinite(friction) else None
+    found = Contacts(patches, np.ascontiguousarray(d), bare, sliding, friction, hits, tuple(every))
     _refuse_overlap(found, len(tissue.mesh.nodes), x)
     return found
 

@@ -6,9 +6,9 @@ import numpy as np
 
 from palpate import _core
 from palpate.arrays import ArrayLike, Float64
-from palpate.errors import DataError
+from palpate.errors import DataError, MaterialError
 from palpate.tissue.contact_patches import Answer, Contacts, contacts
-from palpate.tissue.tissue import Tissue
+from palpate.tissue.tissue import AT_NODES, Tissue
 
 
 class TissueModel(ABC):
@@ -99,6 +99,16 @@ class IterativeModel(TissueModel):
             if error <= tolerance or done >= most_sweeps:
                 return force, error, done
             batch = min(max(self.batch, done // self.growth), most_sweeps - done)
+
+
+def nodal_element(tissue: Tissue) -> str:
+    """The tissue's element, "smoothed" or "P1". Raises `MaterialError` for those that real-time models do not have."""
+    if tissue.element not in AT_NODES:
+        raise MaterialError(
+            f'element: "{tissue.element}" is for pp.finite_elements; of the models, `springs` alone takes a tissue of it: '
+            f'make the tissue with element="smoothed" (the default) or "P1"'
+        )
+    return tissue.element
 
 
 def too_many_contacts(found: Contacts) -> DataError:
