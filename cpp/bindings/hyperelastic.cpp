@@ -1,5 +1,7 @@
 #include "bindings/tissue.h"
 #include "hyperelastic/hyperelastic_model.h"
+#include "hyperelastic/neo_hookean.h"
+#include "hyperelastic/smoothed_neo_hookean.h"
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
@@ -9,18 +11,31 @@ using namespace palpate;
 
 namespace {
 
-void check_field(const NeoHookean& elements, In<double, 2> u) {
+void check_field(const HyperelasticEnergy& elements, In<double, 2> u) {
     if (u.shape(0) != size_t(elements.nodes()) || u.shape(1) != 3)
         throw std::invalid_argument("displacement: expected shape (nodes, 3)");
 }
 
+void check_mesh(In<double, 2> nodes, In<int32_t, 2> tets, In<double, 1> mu) {
+    if (nodes.shape(1) != 3 || tets.shape(1) != 4 || mu.shape(0) != tets.shape(0))
+        throw std::invalid_argument("elements: expected (nodes, 3), (elements, 4), and constants of each element");
+    for (size_t k = 0; k < tets.size(); k++)
+        if (tets.data()[k] < 0 || size_t(tets.data()[k]) >= nodes.shape(0))
+            throw std::invalid_argument("tets: names a node that the mesh does not have");
+}
+
+void check_cells(In<int32_t, 2> cell, size_t elements, size_t per_tet, size_t cells) {
+    if (cell.shape(0) != elements || cell.shape(1) != per_tet)
+        throw std::invalid_argument("cells: expected (elements, 6) of edges, (elements, 4) of nodes");
+    for (size_t k = 0; k < cell.size(); k++)
+        if (cell.data()[k] < 0 || size_t(cell.data()[k]) >= cells)
+            throw std::invalid_argument("cells: names one that has no constant");
+}
+
 NeoHookean made(In<double, 2> nodes, In<int32_t, 2> tets, In<double, 1> lambda, In<double, 1> mu) {
     const size_t count = nodes.shape(0), elements = tets.shape(0);
-    if (nodes.shape(1) != 3 || tets.shape(1) != 4 || lambda.shape(0) != elements || mu.shape(0) != elements)
-        throw std::invalid_argument("elements: expected (nodes, 3), (elements, 4), and constants of each element");
-    for (size_t k = 0; k < 4 * elements; k++)
-        if (tets.data()[k] < 0 || size_t(tets.data()[k]) >= count)
-            throw std::invalid_argument("tets: names a node that the mesh does not have");
+    check_mesh(nodes, tets, mu);
+    expect(lambda.shape(0) == elements, "elements: constants of each element");
     return NeoHookean(nodes.data(), int(count), tets.data(), int(elements), lambda.data(), mu.data());
 }
 
@@ -44,38 +59,56 @@ Solved solve_steps(const HyperelasticModel& model, ModelState& state, const std:
 } // namespace
 
 void bind_hyperelastic(nb::module_& m) {
-    nb::class_<NeoHookean>(m, "NeoHookean", "Compressible neo-Hookean tetrahedra at finite strain.")
-        .def(
-            "__init__",
-            [](NeoHookean* self, In<double, 2> nodes, In<int32_t, 2> tets, In<double, 1> lambda, In<double, 1> mu) {
-                new (self) NeoHookean(made(nodes, tets, lambda, mu));
-            },
-            "nodes"_a.noconvert(), "tets"_a.noconvert(), "lambda_"_a.noconvert(), "mu"_a.noconvert())
+    nb::class_<HyperelasticEnergy>(m, "HyperelasticEnergy", "Energy of elements at finite strain.")
         .def(
             "energy",
-            [](const NeoHookean& e, In<double, 2> u) {
+            [](const HyperelasticEnergy& e, In<double, 2> u) {
                 check_field(e, u);
                 auto force = zeros<double>(e.nodes(), 3);
-                std::vector<double> ratio(e.padded());
-                const auto found = e.energy(u.data(), force.data(), ratio.data());
+                std::vector<double> ratio(e.padded()), work(e.work_size());
+                const auto found = e.energy(u.data(), force.data(), ratio.data(), work.data());
                 return std::make_tuple(found.value, force, found.least);
             },
             "u"_a.noconvert(),
             "Energy N mm (infinite where an element is flat or turned), dE/du (nodes, 3) N, least J of the elements.")
         .def(
             "tangent",
-            [](const NeoHookean& e, In<double, 2> u, In<double, 2> v) {
+            [](const HyperelasticEnergy& e, In<double, 2> u, In<double, 2> v) {
                 check_field(e, u), check_field(e, v);
                 auto out = zeros<double>(e.nodes(), 3);
-                e.tangent(u.data(), v.data(), out.data());
+                std::vector<double> work(e.work_size());
+                e.tangent(u.data(), v.data(), out.data(), work.data());
                 return out;
             },
             "u"_a.noconvert(), "v"_a.noconvert(), "K(u) v, (nodes, 3) N.");
+    nb::class_<NeoHookean, HyperelasticEnergy>(m, "NeoHookean", "Compressible neo-Hookean tetrahedra at finite strain.")
+        .def(
+            "__init__",
+            [](NeoHookean* self, In<double, 2> nodes, In<int32_t, 2> tets, In<double, 1> lambda, In<double, 1> mu) {
+                new (self) NeoHookean(made(nodes, tets, lambda, mu));
+            },
+            "nodes"_a.noconvert(), "tets"_a.noconvert(), "lambda_"_a.noconvert(), "mu"_a.noconvert());
+    nb::class_<SmoothedNeoHookean, HyperelasticEnergy>(
+        m, "SmoothedNeoHookean", "The same law with strain averaged over edges and volume over nodes.")
+        .def(
+            "__init__",
+            [](SmoothedNeoHookean* self, In<double, 2> nodes, In<int32_t, 2> tets, In<double, 1> mu,
+               In<int32_t, 2> edge_cell, In<int32_t, 2> node_cell, In<double, 1> edge_mu, In<double, 1> node_lambda) {
+                check_mesh(nodes, tets, mu);
+                check_cells(edge_cell, tets.shape(0), 6, edge_mu.shape(0));
+                check_cells(node_cell, tets.shape(0), 4, node_lambda.shape(0));
+                const SmoothingCells cells{edge_cell.data(),          node_cell.data(), int(edge_mu.shape(0)),
+                                           int(node_lambda.shape(0)), edge_mu.data(),   node_lambda.data()};
+                new (self) SmoothedNeoHookean(nodes.data(), int(nodes.shape(0)), tets.data(), int(tets.shape(0)),
+                                              mu.data(), cells);
+            },
+            "nodes"_a.noconvert(), "tets"_a.noconvert(), "mu"_a.noconvert(), "edge_cell"_a.noconvert(),
+            "node_cell"_a.noconvert(), "edge_mu"_a.noconvert(), "node_lambda"_a.noconvert());
     nb::class_<HyperelasticModel, TissueModel>(m, "HyperelasticModel",
                                                "Neo-Hookean equilibrium under prescribed patch means.")
         .def(
             "__init__",
-            [](HyperelasticModel* self, const NeoHookean& elements, const SparseCholesky& rest, In<int32_t, 1> moving) {
+            [](HyperelasticModel* self, const HyperelasticEnergy& elements, const SparseCholesky& rest, In<int32_t, 1> moving) {
                 std::vector<int> free(moving.data(), moving.data() + moving.shape(0));
                 if (!rest.positive || rest.tree.nodes() != int(free.size()))
                     throw std::invalid_argument("rest: expected positive factors of the nodes `moving`");
@@ -83,7 +116,7 @@ void bind_hyperelastic(nb::module_& m) {
                     if (i < 0 || i >= elements.nodes()) throw std::invalid_argument("moving: no such node");
                 new (self) HyperelasticModel(elements, rest, std::move(free));
             },
-            "elements"_a, "rest"_a, "moving"_a.noconvert(), nb::keep_alive<1, 3>())
+            "elements"_a, "rest"_a, "moving"_a.noconvert(), nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>())
         .def("solve", &solve_steps, "state"_a, "patches"_a, "displacement"_a.noconvert(), "steps"_a, "tolerance"_a,
              "Forces of the tissue on the tools (contacts, 3) N and the steps taken; None for contacts that cannot be "
              "held together.")
@@ -95,6 +128,8 @@ void bind_hyperelastic(nb::module_& m) {
                 return std::make_tuple(b.residual, b.size, b.gap);
             },
             "state"_a, "Residual and size, N mm; gap, mm: how far a tool still has to go.")
-        .def_prop_ro("elements", [](const HyperelasticModel& model) { return model.elements; })
+        .def_prop_ro(
+            "elements", [](const HyperelasticModel& model) -> const HyperelasticEnergy& { return model.elements; },
+            nb::rv_policy::reference_internal)
         .def_ro_static("most_contacts", &HyperelasticModel::most_contacts);
 }
