@@ -1,6 +1,8 @@
 """Contacts: the smooth patch under each tool, and the answer to a push."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -8,6 +10,7 @@ import numpy as np
 from palpate import _core
 from palpate.arrays import ArrayLike, Float64, Int32, float64
 from palpate.errors import DataError, MaterialError
+from palpate.tissue.force_estimate import ForceEstimate
 from palpate.tissue.frictional_contact import contact_states, sliding_forces
 from palpate.tissue.tissue import Tissue
 
@@ -20,7 +23,7 @@ class Answer:
     displacement of each patch. state: a contact's "stick" (always, if glued), "slide" or "open". error: certified bound
     on the distance to the exact solution of the model's own equations, in the energy norm, relative to that solution;
     the force's relative error along the push is at most about as large (of `neo-hookean` an estimate). warm: hand it
-    to the next push to start from here.
+    to the next push to start from here. mesh_error: what `estimate` calls for the mesh's part.
     """
 
     force: Float64
@@ -31,6 +34,12 @@ class Answer:
     surface_nodes: Int32
     sweeps: int = 0
     warm: Any = None
+    mesh_error: Callable[[], float] | None = None
+
+    @cached_property
+    def estimate(self) -> ForceEstimate | None:
+        """Errors of the force, the mesh's estimated when first asked for; None of a model that is not linear elasticity."""
+        return ForceEstimate(self.mesh_error(), self.error) if self.mesh_error else None
 
     @property
     def surface_displacement(self) -> Float64:
@@ -42,7 +51,10 @@ class Answer:
 class Contacts:
     """The patches of a push, and the displacement (m, 3) mm that each is given. single: the caller gave one, bare.
 
-@@    """
+
+    normals: (m, 3) unit, outwards, where contacts may slide and open with this friction; None: they are glued. hits,
+    radii: middle and radius (mm) of each patch.
+    """
 
     patches: "list[_core.tissue.ContactPatch]"
     displacement: Float64
@@ -65,7 +77,16 @@ class Contacts:
             W[patch.nodes, column] = patch.weights
         return W
 
-    def answer(self, tissue: Tissue, force: Float64, u: Float64, error: float, sweeps: int, warm: Any) -> Answer:
+    def answer(
+        self,
+        tissue: Tissue,
+        force: Float64,
+        u: Float64,
+        error: float,
+        sweeps: int,
+        warm: Any,
+        mesh_error: Callable[[], float] | None = None,
+    ) -> Answer:
         """The answer in the shape in which the caller asked."""
         realised = np.stack([p.weights @ u[p.nodes] for p in self.patches])
         surface = tissue.mesh.surface_nodes
@@ -73,8 +94,8 @@ class Contacts:
         if self.normals is not None:
             state = contact_states(-force, self.normals, self.friction)
         if self.single:
-            return Answer(force[0], u, realised[0], state[0], error, surface, sweeps, warm)
-        return Answer(force, u, realised, state, error, surface, sweeps, warm)
+            return Answer(force[0], u, realised[0], state[0], error, surface, sweeps, warm, mesh_error)
+        return Answer(force, u, realised, state, error, surface, sweeps, warm, mesh_error)
 
 
 def surface_point(tissue: Tissue, point: ArrayLike, radius: float) -> "_core.tissue.SurfacePoint":

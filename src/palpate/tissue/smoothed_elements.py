@@ -8,7 +8,7 @@ from scipy.sparse import bsr_array, coo_array, csr_array
 from palpate.arrays import Float64, Int32
 from palpate.meshes.tet_mesh import TetMesh
 
-_EDGES = np.array([(a, b) for a in range(4) for b in range(a + 1, 4)])
+EDGES = np.array([(a, b) for a in range(4) for b in range(a + 1, 4)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +60,7 @@ def smoothing_cells(mesh: TetMesh, lam: Float64, mu: Float64) -> SmoothingCells:
     slopes[:, 0] = -slopes[:, 1:].sum(axis=1)
     count = len(mesh.nodes)
     region = np.unique(mesh.region, return_inverse=True)[1].astype(np.int64)[:, None]
-    ends = np.sort(tets[:, _EDGES], axis=2)
+    ends = np.sort(tets[:, EDGES], axis=2)
     edge = _numbered((region * count + ends[:, :, 0]) * count + ends[:, :, 1])
     node = _numbered(region * count + tets)
     edge_volumes = np.bincount(edge.ravel(), np.repeat(volumes / 6, 6))

@@ -27,6 +27,8 @@ class BlockModel(RingModel):
     False: bare sweeps. Either way the limit is the same.
     """
 
+    linear_elasticity = True
+
     def __init__(self, tissue: Tissue, relaxation: float | None = None, modes: bool = True) -> None:
         self._K = ordered_by_node(tissue)
         root = _root(self._K)

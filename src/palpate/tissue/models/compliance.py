@@ -30,6 +30,7 @@ class ComplianceModel(TissueModel):
     """
 
     native: "_core.compliance.ComplianceModel"
+    linear_elasticity = True
     slides = True
 
     def __init__(self, tissue: Tissue, memory: float = 256.0) -> None:

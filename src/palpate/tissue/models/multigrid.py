@@ -29,6 +29,7 @@ class MultigridModel(IterativeModel):
     """
 
     native: "_core.multigrid.MultigridModel"
+    linear_elasticity = True
     batch, growth = 3, 2
 
     def __init__(self, tissue: Tissue, cell: float = 1.9, smoothing: int = 3, relaxation: float = 1.4) -> None:

@@ -1,6 +1,7 @@
 """Base class of all tissue models: checks a push, finds its patches, and returns the answer."""
 
 from abc import ABC, abstractmethod
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -8,6 +9,7 @@ from palpate import _core
 from palpate.arrays import ArrayLike, Float64
 from palpate.errors import DataError, MaterialError
 from palpate.tissue.contact_patches import Answer, Contacts, contacts
+from palpate.tissue.discretization_error import DiscretizationError
 from palpate.tissue.tissue import AT_NODES, Tissue
 
 
@@ -19,6 +21,7 @@ class TissueModel(ABC):
     """
 
     slides = False  # whether contacts of finite friction can be answered
+    linear_elasticity = False  # whether it is: finite elements of the tissue's own element, whose error can be estimated
 
     def __init__(
         self, tissue: Tissue, native: "_core.tissue.TissueModel", settings: dict[str, float] | None = None
@@ -70,7 +73,16 @@ class TissueModel(ABC):
             )
         state = self.start() if warm is None else warm
         force, error, done = self.solve(found, state, tolerance, most_sweeps)
-        return found.answer(self.tissue, force, state.u.copy(), error, done, state)
+        u: Float64 = state.u.copy()
+        mesh_error = partial(self._mesh_error, u, found, -force) if self.linear_elasticity else None
+        return found.answer(self.tissue, force, u, error, done, state, mesh_error)
+
+    def _mesh_error(self, u: Float64, found: Contacts, force: Float64) -> float:
+        return self._discretization(u, found, force)
+
+    @cached_property
+    def _discretization(self) -> DiscretizationError:
+        return DiscretizationError(self.tissue)
 
 
 class IterativeModel(TissueModel):

@@ -38,9 +38,9 @@ def surface_loads(space: Any, tissue: Tissue, hit: "_core.tissue.SurfacePoint", 
     if not (_density(tissue, hit, radius, tissue.mesh.nodes)[np.unique(triangles)] > 0).any():
         unknown, value = _point_loads(space, tissue, hit)
     else:
-        facets = skfem.FacetBasis(mesh, scalar, facets=_facets(mesh, triangles), quadrature=_composite_rule())
+        facets = skfem.FacetBasis(mesh, scalar, facets=_facets(mesh, triangles), quadrature=composite_rule())
         linear = facets.with_element(skfem.ElementTetP1())
-        align = linear.interpolate(_alignment(tissue, hit))
+        align = linear.interpolate(patch_alignment(tissue, hit))
         x = np.asarray(facets.global_coordinates())
         distance2 = ((x - hit.point[:, None, None]) ** 2).sum(axis=0)
         falloff = np.clip(1 - 2 * distance2 / (np.maximum(np.asarray(align), 1e-9) * radius**2), 0, None) ** 2
@@ -58,7 +58,7 @@ def surface_loads(space: Any, tissue: Tissue, hit: "_core.tissue.SurfacePoint", 
     return np.asarray(out / out.sum(axis=0))
 
 
-def _alignment(tissue: Tissue, hit: "_core.tissue.SurfacePoint") -> Float64:
+def patch_alignment(tissue: Tissue, hit: "_core.tissue.SurfacePoint") -> Float64:
     """(N,) 1 + n·n_a at surface nodes, n the contact's normal; 0 elsewhere."""
     align = np.zeros(len(tissue.mesh.nodes))
     align[tissue.surface.nodes] = 1 + tissue.surface.normals @ tissue.surface.normal(hit)
@@ -67,7 +67,7 @@ def _alignment(tissue: Tissue, hit: "_core.tissue.SurfacePoint") -> Float64:
 
 def _density(tissue: Tissue, hit: "_core.tissue.SurfacePoint", radius: float, x: Float64) -> Float64:
     """(N,) 1 − d²/r² at the nodes `x` (N, 3) mm, as the patch takes it."""
-    align = np.maximum(_alignment(tissue, hit), 1e-9)
+    align = np.maximum(patch_alignment(tissue, hit), 1e-9)
     return np.asarray(1 - 2 * ((x - hit.point) ** 2).sum(axis=1) / (align * max(radius, 1e-300) ** 2))
 
 
@@ -81,7 +81,7 @@ def _facets(mesh: Any, triangles: Int32) -> Int32:
     return np.asarray(order[np.searchsorted(key[order], ask)], dtype=np.int32)
 
 
-def _composite_rule() -> tuple[Float64, Float64]:
+def composite_rule() -> tuple[Float64, Float64]:
     """Points (2, q) and weights (q,) on the unit triangle, cut into `_PARTS`² pieces: φ has a kink on the patch's rim."""
     x, w = skfem.quadrature.get_quadrature(skfem.MeshTri.elem().refdom, _ORDER)
     h, points = 1 / _PARTS, []
