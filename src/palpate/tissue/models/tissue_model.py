@@ -1,7 +1,7 @@
 """Base class of all tissue models: checks a push, finds its patches, and returns the answer."""
 
 from abc import ABC, abstractmethod
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 
@@ -74,14 +74,12 @@ class TissueModel(ABC):
         state = self.start() if warm is None else warm
         force, error, done = self.solve(found, state, tolerance, most_sweeps)
         u: Float64 = state.u.copy()
-        mesh_error = partial(self._mesh_error, u, found, -force) if self.linear_elasticity else None
+        mesh_error = (lambda: self.discretization(u, found, -force)) if self.linear_elasticity else None
         return found.answer(self.tissue, force, u, error, done, state, mesh_error)
 
-    def _mesh_error(self, u: Float64, found: Contacts, force: Float64) -> float:
-        return self._discretization(u, found, force)
-
     @cached_property
-    def _discretization(self) -> DiscretizationError:
+    def discretization(self) -> DiscretizationError:
+        """Estimates the error that the mesh makes; of models of linear elasticity."""
         return DiscretizationError(self.tissue)
 
 
