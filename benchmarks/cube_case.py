@@ -104,7 +104,7 @@ class Cube:
 def cube(n: int) -> Cube:
     """Of n³ nodes."""
     mesh = brick((n - 1,) * 3)
-    tissue = pp.Tissue(mesh, YOUNG, POISSON, mesh.nodes[:, 2] == 0)
+    tissue = pp.Tissue(mesh, YOUNG, POISSON, mesh.nodes[:, 2] == 0, element="P1")
     return Cube(n, tissue, FiniteElements(tissue).push(TOP, PUSH, 2 * tissue.edge).displacement)
 
 

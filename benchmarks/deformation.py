@@ -24,7 +24,7 @@ from benchmarks.peer_process import settled
 from benchmarks.settling_time import Settled, least
 from palpate import _core
 from palpate.tissue.contact_patches import patch
-from palpate.tissue.reference.finite_strain import finite_strain
+from palpate.tissue.reference.solver import finite_strain
 from palpate.tissue.reference.linear_elasticity import FiniteElements
 from palpate.tissue.sparse_factor import Factors
 

@@ -100,6 +100,7 @@ class Stream:
             force=tuple((-STIFF * way).ravel()),
             insertion=tuple(inside.tolist()),
             chosen=self.model,
+            mesh_error=float("nan"),
             step=step,
             count=len(moved) if step else 0,
         )

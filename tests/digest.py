@@ -3,6 +3,9 @@
 python tests/digest.py -o FILE.npz writes them. python tests/digest.py --compare FILE.npz makes them again and says for
 each how far it is from the one in the file. It exits 1 if one is missing or off by more than 1e-5 of its largest value.
 --only NAME makes one part alone. Only public names are used; where a name has an old and a new spelling, either will do.
+
+Tissue has P1 elements here, as in version 0.1. Version 0.2 weighs the nodes of a contact by integrals, so all that a push
+enters (`CONTACTS`) differs from version 0.1 by intention: it is made and compared, but does not count.
 """
 
 import argparse
@@ -19,6 +22,7 @@ import numpy as np
 import palpate as pp
 
 LIMIT = 1e-5
+CONTACTS = ("fits/", "pushes/", "sessions/")
 HASHES = "hash/"  # arrays below this name agree only on machines of one instruction set
 ROUNDING = 1e-9  # an error of less is that of exact solvers, and no result
 ORGAN, LUMP = 3, 200
@@ -259,7 +263,7 @@ def kidney_mesh():
 def kidney():
     """The kidney with its lump, lying on its back, its springs fitted."""
     mesh = kidney_mesh()
-    return pp.fit(mesh, {"kidney": 6.0, "lump": 30.0}, 0.45, pp.resting_on(mesh, (0, 1, 0), depth=17.0))
+    return pp.fit(mesh, {"kidney": 6.0, "lump": 30.0}, 0.45, pp.resting_on(mesh, (0, 1, 0), depth=17.0), element="P1")
 
 
 def mesh_arrays(mesh):
@@ -334,7 +338,8 @@ def fits():
     """The springs of the kidney and their report, and springs of another law."""
     made = {}
     mesh = kidney_mesh()
-    other = pp.fit(mesh, 5.0, 0.4, pp.resting_on(mesh, (0, 1, 0), depth=17.0), law="linear", rows="rings")
+    fixed = pp.resting_on(mesh, (0, 1, 0), depth=17.0)
+    other = pp.fit(mesh, 5.0, 0.4, fixed, law="linear", rows="rings", element="P1")
     for name, tissue in (("kidney", kidney()), ("linear", other)):
         report, springs = tissue.report, tissue.springs
         made[f"{name}/rsc"], made[f"{name}/scale"] = springs.rsc, springs.scale
@@ -458,9 +463,10 @@ def compared(kept, now, alike):
         off = difference(kept[name], now[name])
         same = kept[name].dtype == now[name].dtype and kept[name].tobytes() == now[name].tobytes()
         wrong = off > LIMIT or (HASHES in name and not same)
-        bad += wrong
+        meant = name.startswith(CONTACTS)
+        bad += wrong and not meant
         told = "equal to the bit" if same and off == 0 else f"{off:.2g}"
-        print(f"{name}: {'WRONG: ' if wrong else ''}{told}")
+        print(f"{name}: {('CONTACT WEIGHTS: ' if meant else 'WRONG: ') if wrong else ''}{told}")
     print(f"{len(now)} arrays, {bad} missing or wrong")
     return bad == 0
 

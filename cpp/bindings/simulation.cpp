@@ -23,7 +23,7 @@ struct Driven { // the loop and the surface it looks at
     Driven(const TissueModel& model, const ContactSurface& surface, In<int32_t, 1> shown,
            const SimulationSettings& settings)
         : surface(checked(model, surface, shown, settings)), loop(model, surface, settings, listed(shown)) {
-        if (int at = crowded(settings.tools.radius); at >= 0)
+        if (int at = crowded(settings.tools); at >= 0)
             throw std::invalid_argument("a contact of radius " + std::to_string(settings.tools.radius) +
                                         " mm covers more than " + std::to_string(ContactPatch::capacity) +
                                         " nodes, for example about node " + std::to_string(at));
@@ -37,7 +37,7 @@ struct Driven { // the loop and the surface it looks at
         check_radius(settings.tools.radius);
         return surface;
     }
-    int crowded(double radius) const { // a node whose patch would be too big, or -1
+    int crowded(const ToolSettings& tools) const { // a node whose patch would be too big, or -1
         auto scratch = surface.scratch();
         ContactPatch patch;
         for (int t = 0; t < surface.triangles(); t++)
@@ -47,7 +47,9 @@ struct Driven { // the loop and the surface it looks at
                 at.triangle = t;
                 at.weight[c] = 1;
                 std::copy_n(&surface.position[3 * v], 3, at.point);
-                if (surface.patch(at, radius, scratch, patch) == ContactSurface::PatchStatus::too_many_nodes)
+                const auto status = tools.nodal_weights ? surface.nodal_patch(at, tools.radius, scratch, patch)
+                                                        : surface.patch(at, tools.radius, scratch, patch);
+                if (status == ContactSurface::PatchStatus::too_many_nodes)
                     return surface.node[v];
             }
         return -1;
@@ -208,7 +210,10 @@ void bind_simulation(nb::module_& m) {
         .def(nb::init<>())
         .def_rw("sweeps", &SimulationSettings::sweeps)
         .def_rw("limit", &SimulationSettings::limit)
-        .def_rw("ramp", &SimulationSettings::ramp) PALPATE_TOOL_SETTING("radius", radius)
+        .def_rw("ramp", &SimulationSettings::ramp)
+        .def_prop_rw(
+            "nodal_weights", [](const SimulationSettings& s) { return s.tools.nodal_weights; },
+            [](SimulationSettings& s, bool value) { s.tools.nodal_weights = value; }) PALPATE_TOOL_SETTING("radius", radius)
             PALPATE_TOOL_SETTING("friction", friction) PALPATE_TOOL_SETTING("approach", motion.approach)
                 PALPATE_TOOL_SETTING("reach", motion.reach) PALPATE_TOOL_SETTING("puncture", needle.puncture)
                     PALPATE_TOOL_SETTING("cutting", needle.cutting)

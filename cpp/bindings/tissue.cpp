@@ -91,8 +91,22 @@ void bind_contact(nb::module_& m) {
                 }
             },
             "at"_a, "radius"_a, "The smooth patch, or the word that says why there is none: held, crowded.")
+        .def(
+            "patch_triangles",
+            [](const ContactSurface& s, const SurfacePoint& at, double radius) {
+                expect(at.triangle < s.triangles(), "at: a point of another surface");
+                check_radius(radius);
+                auto scratch = s.scratch();
+                ContactPatch patch;
+                s.patch(at, radius, scratch, patch);
+                return copied(scratch.queue.data(), scratch.found);
+            },
+            "at"_a, "radius"_a, "Numbers of the triangles over which `patch` integrates.")
         .def_prop_ro(
             "nodes", [](const ContactSurface& s) { return copied(s.node); }, nb::rv_policy::automatic)
+        .def_prop_ro(
+            "normals", [](const ContactSurface& s) { return rows(s.normals); }, nb::rv_policy::automatic,
+            "Outward unit normals at `nodes`.")
         .def_prop_ro("areas", [](const ContactSurface& s) { return copied(s.area); }, nb::rv_policy::automatic);
 }
 

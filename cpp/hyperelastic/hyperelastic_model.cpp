@@ -22,24 +22,25 @@ void step_along(const std::vector<double>& base, double factor, const std::vecto
 Configuration::Configuration(int unknowns, int elements)
     : u(unknowns), gradient(unknowns), volume_ratio(elements, 1.0) {}
 
-HyperelasticState::HyperelasticState(int nodes, int padded, const Supernodes& tree, const float* value,
+HyperelasticState::HyperelasticState(const HyperelasticEnergy& e, const Supernodes& tree, const float* value,
                                      const std::vector<int>& free_nodes)
-    : rest_stiffness(tree, value, free_nodes, nodes), constraints(nodes, HyperelasticModel::most_contacts),
-      lbfgs(3 * nodes, HyperelasticModel::history), current(3 * nodes, padded), trial(3 * nodes, padded),
-      other(3 * nodes, padded), step(3 * size_t(nodes)), direction(step.size()), preconditioned(step.size()),
-      trial_preconditioned(step.size()), force(3 * HyperelasticModel::most_contacts),
-      gap(3 * HyperelasticModel::most_contacts) {
-    u.assign(3 * size_t(nodes), 0);
+    : rest_stiffness(tree, value, free_nodes, e.nodes()), constraints(e.nodes(), HyperelasticModel::most_contacts),
+      lbfgs(3 * e.nodes(), HyperelasticModel::history), current(3 * e.nodes(), e.padded()),
+      trial(3 * e.nodes(), e.padded()), other(3 * e.nodes(), e.padded()), step(3 * size_t(e.nodes())),
+      direction(step.size()), preconditioned(step.size()), trial_preconditioned(step.size()), work(e.work_size()),
+      force(3 * HyperelasticModel::most_contacts), gap(3 * HyperelasticModel::most_contacts) {
+    u.assign(step.size(), 0);
 }
 
-HyperelasticModel::HyperelasticModel(NeoHookean elements, const SparseCholesky& rest, std::vector<int> free_nodes)
-    : elements(std::move(elements)), tree(rest.tree), free_nodes(std::move(free_nodes)), fixed(nodes(), 1),
+HyperelasticModel::HyperelasticModel(const HyperelasticEnergy& elements, const SparseCholesky& rest,
+                                     std::vector<int> free_nodes)
+    : elements(elements), tree(rest.tree), free_nodes(std::move(free_nodes)), fixed(nodes(), 1),
       value(rest.rounded()) {
     for (int i : this->free_nodes) fixed[i] = 0;
 }
 
 std::unique_ptr<ModelState> HyperelasticModel::make_state() const {
-    auto state = std::make_unique<HyperelasticState>(nodes(), elements.padded(), tree, value.data(), free_nodes);
+    auto state = std::make_unique<HyperelasticState>(elements, tree, value.data(), free_nodes);
     state->owner = this;
     return state;
 }
@@ -83,8 +84,8 @@ int HyperelasticModel::solve(ModelState& state, const ContactPatch* patches, int
 }
 
 // Energy and gradient at at.u; false, with an incomplete gradient, if an element is flat or inverted.
-bool HyperelasticModel::evaluate(Configuration& at) const {
-    at.energy = elements.energy(at.u.data(), at.gradient.data(), at.volume_ratio.data()).value;
+bool HyperelasticModel::evaluate(HyperelasticState& s, Configuration& at) const {
+    at.energy = elements.energy(at.u.data(), at.gradient.data(), at.volume_ratio.data(), s.work.data()).value;
     if (!std::isfinite(at.energy)) return false;
     for (int i = 0; i < nodes(); i++)
         if (fixed[i]) std::fill_n(&at.gradient[3 * size_t(i)], 3, 0.0);
@@ -99,10 +100,10 @@ void HyperelasticModel::precondition(HyperelasticState& s, Configuration& at, st
 }
 
 void HyperelasticModel::evaluate_current(HyperelasticState& s) const {
-    if (!evaluate(s.current)) { // a caller has set an inverted u: restart from rest
+    if (!evaluate(s, s.current)) { // a caller has set an inverted u: restart from rest
         std::fill(s.current.u.begin(), s.current.u.end(), 0.0);
         s.lbfgs.clear();
-        evaluate(s.current);
+        evaluate(s, s.current);
     }
     precondition(s, s.current, s.preconditioned);
     s.gradient_norm2 = inner(s.current.gradient.data(), s.preconditioned.data(), int(s.preconditioned.size()));
@@ -138,7 +139,7 @@ double HyperelasticModel::line_search(HyperelasticState& s, double initial_slope
     double fraction = 1;
     for (int tries = 0; tries < 30; tries++) {
         step_along(s.current.u, fraction, s.direction, s.trial.u);
-        if (!evaluate(s.trial)) {
+        if (!evaluate(s, s.trial)) {
             fraction *= 0.4;
             continue;
         }
@@ -154,7 +155,7 @@ double HyperelasticModel::line_search(HyperelasticState& s, double initial_slope
             slope > initial_slope ? fraction * initial_slope / (initial_slope - slope) : 2 * fraction, 3 * fraction);
         std::swap(s.trial, s.other);
         step_along(s.current.u, secant, s.direction, s.trial.u);
-        if (evaluate(s.trial) && s.trial.energy < s.other.energy) return secant;
+        if (evaluate(s, s.trial) && s.trial.energy < s.other.energy) return secant;
         std::swap(s.trial, s.other);
         return fraction;
     }
@@ -195,10 +196,10 @@ bool HyperelasticModel::descent_step(HyperelasticState& s) const {
 
 HyperelasticModel::Balance HyperelasticModel::balance(const ModelState& state) const {
     const auto& s = static_cast<const HyperelasticState&>(state);
-    std::vector<double> better = s.preconditioned, moved(s.u.size());
+    std::vector<double> better = s.preconditioned, moved(s.u.size()), work(s.work.size());
     Lbfgs lbfgs = s.lbfgs;
     lbfgs.improve(s.current.gradient.data(), better.data());
-    elements.tangent(s.current.u.data(), s.current.u.data(), moved.data());
+    elements.tangent(s.current.u.data(), s.current.u.data(), moved.data(), work.data());
     double gap = 0;
     for (int k = 0; k < 3 * s.constraints.count(); k++) gap = std::max(gap, std::abs(s.gap[k]));
     const int n = int(s.u.size());

@@ -2,7 +2,7 @@
 // FEM at finite strain. Simulation calls it through TissueModel, in the loop's thread; its solve() is also called from
 // Python. Method: M. Liu, S. Bouaziz & L. Kavan, ACM Trans. Graph. 36 (2017) 23.
 #include "hyperelastic/contact_constraints.h"
-#include "hyperelastic/neo_hookean.h"
+#include "hyperelastic/hyperelastic_energy.h"
 #include "linalg/lbfgs.h"
 #include "linalg/sparse_cholesky.h"
 #include "tissue/tissue_model.h"
@@ -17,20 +17,21 @@ struct Configuration {
 };
 
 struct HyperelasticState : ModelState {
-    HyperelasticState(int nodes, int padded, const Supernodes& tree, const float* value,
+    HyperelasticState(const HyperelasticEnergy& elements, const Supernodes& tree, const float* value,
                       const std::vector<int>& free_nodes);
     RestStiffness rest_stiffness; // K below
     ContactConstraints constraints;
     Lbfgs lbfgs;
     Configuration current, trial, other;
     std::vector<double> step, direction, preconditioned, trial_preconditioned; // K^-1 gradient of current and of trial
+    std::vector<double> work;                                                  // of the elements
     std::vector<double> force;                                                 // (contacts, 3) N, tools on tissue
     std::vector<double> gap;                                                   // (contacts, 3) mm that tools have left
     double gradient_norm2 = 0;                                                 // gradient' K^-1 gradient, N mm
     bool tools_arrived = true;                                                 // no gap is left
 };
 
-// Static equilibrium at finite strain: minimises the energy of neo-Hookean elements under W'u = d, by L-BFGS that
+// Static equilibrium at finite strain: minimises the energy of the elements under W'u = d, by L-BFGS that
 // starts from the factored stiffness at rest. Every direction is projected on the constraints, so the tools keep their
 // displacements after every step. A long way of a tool is split so that no element loses more than 70 % of its volume
 // at once, with a step of descent between the parts; no step is accepted that inverts an element.
@@ -38,8 +39,8 @@ class HyperelasticModel : public TissueModel {
 public:
     static constexpr int most_contacts = 16, history = 16;
 
-    // rest: the factored stiffness at rest of `free_nodes`, in that order; it must outlive this.
-    HyperelasticModel(NeoHookean elements, const SparseCholesky& rest, std::vector<int> free_nodes);
+    // rest: the factored stiffness at rest of `free_nodes`, in that order. Elements and rest must outlive this.
+    HyperelasticModel(const HyperelasticEnergy& elements, const SparseCholesky& rest, std::vector<int> free_nodes);
 
     int nodes() const override { return elements.nodes(); }
     std::unique_ptr<ModelState> make_state() const override;
@@ -62,7 +63,7 @@ public:
     };
     Balance balance(const ModelState& state) const;
 
-    const NeoHookean elements;
+    const HyperelasticEnergy& elements;
 
 private:
     const Supernodes& tree;
@@ -70,7 +71,7 @@ private:
     std::vector<uint8_t> fixed;
     const FactorValues<float> value;
     void evaluate_current(HyperelasticState& s) const;
-    bool evaluate(Configuration& at) const;
+    bool evaluate(HyperelasticState& s, Configuration& at) const;
     void precondition(HyperelasticState& s, Configuration& at, std::vector<double>& out) const;
     bool move_tools(HyperelasticState& s, const double* displacement) const;
     bool descent_step(HyperelasticState& s) const;

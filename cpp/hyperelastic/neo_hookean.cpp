@@ -1,5 +1,4 @@
 #include "hyperelastic/neo_hookean.h"
-#include "base/cpu_dispatch.h"
 #include "base/vector_math.h"
 #include "tissue/tetrahedron.h"
 #include <algorithm>
@@ -9,46 +8,8 @@
 namespace palpate {
 namespace {
 
-constexpr int lanes = NeoHookean::lanes;
+constexpr int lanes = TetBlock::lanes;
 using Block = NeoHookean::Block;
-typedef double Lane[lanes];
-
-// Of a block: H = grad u, C the cofactors of F = 1 + H, and J.
-struct Strain {
-    Lane H[3][3], C[3][3], J;
-};
-
-// H[i][j] = du_i/dX_j. The gather is scalar, the products are vector code.
-PALPATE_INLINE void gradient(const Block& b, const double* u, Lane (&H)[3][3]) {
-    Lane e[3][3];
-    for (int l = 0; l < lanes; l++) {
-        const double* first = u + 3 * size_t(b.corner[0][l]);
-        for (int c = 0; c < 3; c++) {
-            const double* x = u + 3 * size_t(b.corner[c + 1][l]);
-            for (int i = 0; i < 3; i++) e[c][i][l] = x[i] - first[i];
-        }
-    }
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++)
-            for (int l = 0; l < lanes; l++)
-                H[i][j][l] =
-                    e[0][i][l] * b.slope[0][j][l] + e[1][i][l] * b.slope[1][j][l] + e[2][i][l] * b.slope[2][j][l];
-}
-
-PALPATE_INLINE void cofactors(Strain& s) {
-    for (int i = 0; i < 3; i++) {
-        const int i1 = (i + 1) % 3, i2 = (i + 2) % 3;
-        for (int j = 0; j < 3; j++) {
-            const int j1 = (j + 1) % 3, j2 = (j + 2) % 3;
-            const double a = i1 == j1, b = i2 == j2, c = i1 == j2, d = i2 == j1; // of the identity in F
-            for (int l = 0; l < lanes; l++)
-                s.C[i][j][l] =
-                    (s.H[i1][j1][l] + a) * (s.H[i2][j2][l] + b) - (s.H[i1][j2][l] + c) * (s.H[i2][j1][l] + d);
-        }
-    }
-    for (int l = 0; l < lanes; l++)
-        s.J[l] = (1 + s.H[0][0][l]) * s.C[0][0][l] + s.H[0][1][l] * s.C[0][1][l] + s.H[0][2][l] * s.C[0][2][l];
-}
 
 // P times the volume: mu (F - F^-T) + lambda ln J F^-T. Returns the block's energy.
 PALPATE_INLINE double stress(const Block& b, const Strain& s, Lane (&P)[3][3]) {
@@ -94,29 +55,6 @@ PALPATE_INLINE void stress_change(const Block& b, const Strain& s, const Lane (&
                                  (T[i][0][l] * G[0][j][l] + T[i][1][l] * G[1][j][l] + T[i][2][l] * G[2][j][l]);
 }
 
-// force += P grad(shape) of each corner.
-PALPATE_INLINE void scatter(const Block& b, const Lane (&P)[3][3], double* force) {
-    Lane f[3][3];
-    for (int c = 0; c < 3; c++)
-        for (int i = 0; i < 3; i++)
-            for (int l = 0; l < lanes; l++)
-                f[c][i][l] =
-                    P[i][0][l] * b.slope[c][0][l] + P[i][1][l] * b.slope[c][1][l] + P[i][2][l] * b.slope[c][2][l];
-    for (int l = 0; l < lanes; l++) {
-        double* first = force + 3 * size_t(b.corner[0][l]);
-        for (int c = 0; c < 3; c++) {
-            double* x = force + 3 * size_t(b.corner[c + 1][l]);
-            for (int i = 0; i < 3; i++) x[i] += f[c][i][l], first[i] -= f[c][i][l];
-        }
-    }
-}
-
-PALPATE_INLINE double least(const Lane& J) {
-    double value = J[0];
-    for (int l = 1; l < lanes; l++) value = J[l] < value ? J[l] : value;
-    return value;
-}
-
 // Numerical kernels, one block each: free functions, so that the compiler vectorises them for each instruction set.
 PALPATE_KERNEL NeoHookean::Energy block_energy(const Block& b, const double* u, double* force, double* ratio) {
     Strain s;
@@ -153,7 +91,7 @@ PALPATE_KERNEL void block_tangent(const Block& b, const double* u, const double*
 
 NeoHookean::NeoHookean(const double* nodes, int count, const int32_t* tets, int elements, const double* lambda,
                        const double* mu)
-    : count(count), size(elements), block((elements + lanes - 1) / lanes) {
+    : count(count), block((elements + lanes - 1) / lanes) {
     for (auto& b : block) b = Block{};
     for (int t = 0; t < elements; t++) {
         Block& b = block[t / lanes];
@@ -168,7 +106,7 @@ NeoHookean::NeoHookean(const double* nodes, int count, const int32_t* tets, int 
     }
 }
 
-NeoHookean::Energy NeoHookean::energy(const double* u, double* force, double* ratio) const {
+NeoHookean::Energy NeoHookean::energy(const double* u, double* force, double* ratio, double*) const {
     Energy whole{0, std::numeric_limits<double>::infinity()};
     std::fill_n(force, 3 * size_t(count), 0.0);
     for (const Block& b : block) {
@@ -190,7 +128,7 @@ double NeoHookean::least_ratio(const double* u, const double* ratio) const {
     return value;
 }
 
-void NeoHookean::tangent(const double* u, const double* v, double* out) const {
+void NeoHookean::tangent(const double* u, const double* v, double* out, double*) const {
     std::fill_n(out, 3 * size_t(count), 0.0);
     for (const Block& b : block) block_tangent(b, u, v, out);
 }

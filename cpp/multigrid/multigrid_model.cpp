@@ -10,6 +10,36 @@ namespace {
 constexpr int refresh_period = 64;  // ticks in which every row of K u is recomputed
 constexpr double small_gain = 5e-3; // MultigridState::last_gain below which one fine sweep is enough
 
+// The mesh with lambda limited, for the preconditioner of elements that do not lock.
+struct CompressibleMesh {
+    std::vector<double> lambda;
+    ElasticMesh mesh;
+};
+CompressibleMesh compressible(const ElasticMesh& given) {
+    CompressibleMesh out{{given.lam, given.lam + given.tets}, given};
+    for (int t = 0; t < given.tets; t++)
+        out.lambda[t] = std::min(out.lambda[t], MultigridModel::most_lambda * given.mu[t]);
+    out.mesh.lam = out.lambda.data();
+    return out;
+}
+
+// The matrix with node order[k] as its k-th; rows ascend.
+BlockCsr reordered(const BlockCsr& K, const std::vector<int>& order, const std::vector<int>& internal_index) {
+    BlockCsr out;
+    std::vector<std::pair<int, int>> row; // column, place in K
+    for (int i : order) {
+        row.clear();
+        for (int k = K.start[i]; k < K.start[i + 1]; k++) row.push_back({internal_index[K.column[k]], k});
+        std::sort(row.begin(), row.end());
+        for (auto [column, k] : row) {
+            out.column.push_back(column);
+            out.block.insert(out.block.end(), &K.block[9 * size_t(k)], &K.block[9 * size_t(k)] + 9);
+        }
+        out.start.push_back(int(out.column.size()));
+    }
+    return out;
+}
+
 } // namespace
 
 void MultigridState::reset() {
@@ -21,11 +51,22 @@ void MultigridState::reset() {
 }
 
 MultigridModel::MultigridModel(const ElasticMesh& mesh, double cell, int sweeps, double relaxation)
-    : MultigridModel(ColoredMesh(mesh), cell, sweeps, relaxation) {}
+    : MultigridModel(ColoredMesh(mesh), nullptr, cell, sweeps, relaxation) {}
 
-MultigridModel::MultigridModel(const ColoredMesh& o, double cell, int sweeps, double relaxation)
-    : order(o.order), internal_index(o.internal_index), K(assemble_stiffness(o.mesh)), fixed(o.fixed), position(o.node),
-      cycle(K, o.mesh, cell, sweeps, relaxation) {}
+MultigridModel::MultigridModel(const ElasticMesh& mesh, const BlockCsr& stiffness, double cell, int sweeps,
+                               double relaxation)
+    : MultigridModel(ColoredMesh(compressible(mesh).mesh), &stiffness, cell, sweeps, relaxation) {}
+
+MultigridModel::MultigridModel(const ColoredMesh& o, const BlockCsr* other, double cell, int sweeps, double relaxation)
+    : order(o.order), internal_index(o.internal_index),
+      K(other ? reordered(*other, o.order, o.internal_index) : assemble_stiffness(o.mesh)), fixed(o.fixed),
+      position(o.node), cycle(other ? assemble_stiffness(o.mesh) : K, o.mesh, cell, sweeps, relaxation),
+      own_half(other ? HalfBlockCsr(K, fixed.data()) : HalfBlockCsr()) {}
+
+void MultigridModel::apply_preconditioner(MultigridState& s, int fine_sweeps) const {
+    cycle.apply(s.work, fine_sweeps, s.rhs.data(), s.z.data(), s.Kz.data());
+    if (own_half.nodes() > 0) multiply(own_half, s.z.data(), s.Kz.data());
+}
 
 std::unique_ptr<ModelState> MultigridModel::make_state() const {
     auto s = std::make_unique<MultigridState>();
@@ -98,7 +139,7 @@ void MultigridModel::conjugate_gradients(MultigridState& s, const InitialGuess& 
         }
         round_scaled(n, -1, s.new_Ku.data(), s.rhs.data());
         add_patch_forces(s, f);
-        cycle.apply(s.work, cycle.sweep_count(), s.rhs.data(), s.z.data(), s.Kz.data());
+        apply_preconditioner(s, cycle.sweep_count());
         patch_means(s, s.z, c);
         solve_factored(s.lift_means.data(), s.pivot.data(), m, c);
         double beta = 0;
@@ -123,7 +164,7 @@ void MultigridModel::single_iteration(MultigridState& s, InitialGuess& guess) co
     for (int k = 0; k < guess.count; k++) negated[k] = -coefficient[k];
     combine(n, negated[0], s.Ku.data(), rest, guess.image + 1, negated + 1, s.rhs.data());
     add_patch_forces(s, guess.f);
-    cycle.apply(s.work, s.last_gain < small_gain ? 1 : cycle.sweep_count(), s.rhs.data(), s.z.data(), s.Kz.data());
+    apply_preconditioner(s, s.last_gain < small_gain ? 1 : cycle.sweep_count());
     patch_means(s, s.z, c);
     solve_factored(s.lift_means.data(), s.pivot.data(), m, c);
     const float* with[2 + most_columns] = {s.Kz.data(), s.rhs.data()};
@@ -142,7 +183,7 @@ void MultigridModel::single_iteration(MultigridState& s, InitialGuess& guess) co
     float *change = s.change[slot].data(), *image = s.K_change[slot].data();
     add_combination(n, coefficient[0] - 1, guess.count, guess.field + 1, coefficient + 1, order.data(),
                     s.solution.data(), change, s.u.data(), s.increment.data());
-    multiply(cycle.fine(), change, image);
+    multiply(half(), change, image);
     s.newest_change = slot;
     s.changes_kept = std::min(s.changes_kept + 1, h);
     const float* fields[most_span];
@@ -164,7 +205,7 @@ void MultigridModel::accept_increment(MultigridState& s, bool exact) const {
     const int n = nodes(), slot = (s.newest_change + 1) % MultigridState::history;
     AlignedBuffer &change = s.change[slot], &image = s.K_change[slot];
     round_scaled(n, 1, s.increment.data(), change.data());
-    multiply(cycle.fine(), change.data(), image.data());
+    multiply(half(), change.data(), image.data());
     add_scaled(n, 1, s.increment.data(), s.solution.data());
     if (exact) {
         refresh_rows(s.solution, s.Ku, 0, n);
@@ -262,8 +303,8 @@ bool MultigridModel::solve(ModelState& state, const ContactPatch* patches, int c
 }
 
 double MultigridModel::bytes_per_tick() const {
-    const HalfBlockCsr& half = cycle.fine();
-    const double product = 4.0 * (half.block.size() + half.column.size() + half.diagonal.size());
+    const double once = 4.0 * (half().block.size() + half().column.size() + half().diagonal.size());
+    const double product = own_half.nodes() > 0 ? 2 * once : once;
     constexpr double narrow = 27, wide = 6.75; // fields of the five passes around the V-cycle
     return cycle.bytes_moved(1) + product + nodes() * (16 * narrow + 32 * wide);
 }

@@ -46,6 +46,10 @@ public:
 
     // cell: edge of the finest lattice, mm. sweeps: of each level on the way down, and as many up.
     MultigridModel(const ElasticMesh& mesh, double cell, int sweeps, double relaxation);
+    // Another stiffness of the same nodes, such as that of smoothed elements: (nodes) rows that ascend and hold their
+    // diagonal. The preconditioner stays that of P1 elements, with lambda limited to `most_lambda` mu.
+    MultigridModel(const ElasticMesh& mesh, const BlockCsr& stiffness, double cell, int sweeps, double relaxation);
+    static constexpr double most_lambda = 5;
 
     int nodes() const override { return K.nodes(); }
     std::unique_ptr<ModelState> make_state() const override;
@@ -79,12 +83,15 @@ private:
         const float *field[1 + most_span], *image[most_span]; // from 1 on; room for one more field
         double coefficient[1 + most_span], f[most_columns];
     };
-    explicit MultigridModel(const ColoredMesh& mesh, double cell, int sweeps, double relaxation);
+    MultigridModel(const ColoredMesh& mesh, const BlockCsr* other, double cell, int sweeps, double relaxation);
+    void apply_preconditioner(MultigridState& s, int fine_sweeps) const; // z = B rhs, Kz = K z
+    const HalfBlockCsr& half() const { return own_half.nodes() > 0 ? own_half : cycle.fine(); } // K in float32
     const std::vector<int> order, internal_index; // the mesh's number of each node, and back
     const BlockCsr K;
     const std::vector<uint8_t> fixed;
     const std::vector<double> position;
     const VCycle cycle;
+    const HalfBlockCsr own_half; // empty where the preconditioner's matrix is K itself
     void reserve_contacts(MultigridState& s, int contacts) const;
     void set_patch(MultigridState& s, int contact, const ContactPatch& patch) const;
     bool solve_tick(MultigridState& s, const ContactPatch* patches, int contacts, const double* displacement,

@@ -72,7 +72,7 @@ void MultigridModel::compute_lift(MultigridState& s, int contact, int axis) cons
     for (int k = 0; k < patch.count; k++)
         if (!fixed[patch.node[k]]) s.rhs[4 * size_t(patch.node[k]) + axis] = float(patch.weight[k]);
     cycle.apply_coarse(s.work, s.rhs.data(), s.lift[c].data());
-    multiply(cycle.fine(), s.lift[c].data(), s.K_lift[c].data());
+    multiply(half(), s.lift[c].data(), s.K_lift[c].data());
     double spread;
     centre_and_spread(patch, position.data(), &s.lift_position[3 * size_t(c)], spread);
     s.lifted_contacts = std::max(s.lifted_contacts, contact + 1);

@@ -32,8 +32,10 @@ struct ProxyUpdate {
     SurfaceScratch& scratch;
 
     bool find_patch() {
-        if (surface.patch(proxy.at, settings.radius, scratch, proxy.patch) == ContactSurface::PatchStatus::good)
-            return true;
+        const auto status = settings.nodal_weights
+                                ? surface.nodal_patch(proxy.at, settings.radius, scratch, proxy.patch)
+                                : surface.patch(proxy.at, settings.radius, scratch, proxy.patch);
+        if (status == ContactSurface::PatchStatus::good) return true;
         proxy.state = ContactState::refused;
         return false;
     }

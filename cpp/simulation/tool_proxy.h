@@ -27,6 +27,7 @@ struct NeedleForces {
 struct ToolSettings {      // of all tools
     double radius = 5;     // of the contact, mm
     double friction = 0.3; // Coulomb coefficient of tools in space
+    bool nodal_weights = false; // ContactSurface::nodal_patch(), for records of version 0.1
     ToolMotion motion;
     NeedleForces needle;
 };

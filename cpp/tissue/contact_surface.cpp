@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <tuple>
 
 namespace palpate {
 namespace {
@@ -69,6 +70,7 @@ ContactSurface::ContactSurface(const double* nodes, int count, const int32_t* tr
         for (int k = 0; k < 3; k++) normals[3 * i + k] /= length > 0 ? length : 1;
     }
     build_adjacency();
+    link_triangles();
     leaf_order.resize(faces);
     for (int t = 0; t < faces; t++) leaf_order[t] = t;
     tree.reserve(2 * size_t(faces) + 1);
@@ -91,6 +93,27 @@ void ContactSurface::build_adjacency() {
         neighbour.push_back(b);
     }
     for (size_t i = 0; i < node.size(); i++) start[i + 1] += start[i];
+}
+
+// Where more than two triangles meet at an edge, they are linked in a circle, so that a walk across it meets them all.
+void ContactSurface::link_triangles() {
+    struct Half {
+        int low, high, place; // vertices; 3 triangle + corner
+    };
+    std::vector<Half> half;
+    for (int k = 0; k < int(corner.size()); k++) {
+        const int a = corner[k], b = corner[k % 3 == 2 ? k - 2 : k + 1];
+        half.push_back({std::min(a, b), std::max(a, b), k});
+    }
+    std::sort(half.begin(), half.end(), [](const Half& a, const Half& b) {
+        return std::tie(a.low, a.high, a.place) < std::tie(b.low, b.high, b.place);
+    });
+    across.resize(corner.size());
+    for (size_t first = 0, last; first < half.size(); first = last) {
+        for (last = first; last < half.size() && half[last].low == half[first].low && half[last].high == half[first].high;)
+            last++;
+        for (size_t k = first; k < last; k++) across[half[k].place] = half[k + 1 < last ? k + 1 : first].place / 3;
+    }
 }
 
 // A tree of boxes over the triangles: split at the median of the longest side, at most four triangles per leaf.
@@ -129,7 +152,9 @@ int ContactSurface::build_tree(int first, int count) {
 SurfaceScratch ContactSurface::scratch() const {
     SurfaceScratch s;
     s.visited.assign(node.size(), 0);
-    s.queue.resize(node.size());
+    s.visited_triangle.assign(triangles(), 0);
+    s.queue.resize(std::max(node.size(), size_t(triangles())));
+    s.entry.resize(node.size());
     return s;
 }
 
@@ -182,47 +207,6 @@ void ContactSurface::normal(const SurfacePoint& at, double out[3]) const {
     }
     double length = std::sqrt(dot(out, out));
     for (int k = 0; k < 3; k++) out[k] /= length > 0 ? length : 1;
-}
-
-ContactSurface::PatchStatus ContactSurface::patch(const SurfacePoint& at, double radius, SurfaceScratch& s,
-                                                  ContactPatch& patch) const {
-    const int* corners = &corner[3 * at.triangle];
-    double n[3], total = 0;
-    normal(at, n);
-    patch.count = 0;
-    if (++s.generation == 0) { // the counter has wrapped: clear the marks
-        std::fill(s.visited.begin(), s.visited.end(), 0);
-        s.generation = 1;
-    }
-    int head = 0, tail = 0, inside = 0;
-    for (int c = 0; c < 3; c++) s.queue[tail++] = corners[c], s.visited[corners[c]] = s.generation;
-    while (head < tail) {
-        int i = s.queue[head++];
-        double alignment = 1 + dot(n, &normals[3 * i]), square = square_of_distance(&position[3 * i], at.point);
-        double falloff = alignment > 1e-9 ? 1 - 2 * square / (alignment * radius * radius) : -1;
-        if (falloff > 0) {
-            inside++;
-            if (!fixed[i]) {
-                if (patch.count == ContactPatch::capacity) return PatchStatus::too_many_nodes;
-                patch.node[patch.count] = node[i];
-                patch.weight[patch.count++] = area[i] * falloff * falloff;
-                total += area[i] * falloff * falloff;
-            }
-        }
-        if (falloff <= 0) continue;
-        for (int k = start[i]; k < start[i + 1]; k++)
-            if (int j = neighbour[k]; s.visited[j] != s.generation) s.visited[j] = s.generation, s.queue[tail++] = j;
-    }
-    if (inside == 0)
-        for (int c = 0; c < 3; c++)
-            if (!fixed[corners[c]] && at.weight[c] > 0) {
-                patch.node[patch.count] = node[corners[c]];
-                patch.weight[patch.count++] = at.weight[c];
-                total += at.weight[c];
-            }
-    if (patch.count == 0 || total <= 0) return PatchStatus::all_fixed;
-    for (int k = 0; k < patch.count; k++) patch.weight[k] /= total;
-    return PatchStatus::good;
 }
 
 } // namespace palpate

@@ -1,5 +1,5 @@
 #pragma once
-// Linear tetrahedra. MultigridModel and NeoHookean use it when they are made, on the caller's thread.
+// Linear tetrahedra. MultigridModel and the neo-Hookean energies use it when they are made, on the caller's thread.
 #include <cstddef>
 #include <cstdint>
 

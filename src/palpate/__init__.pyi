@@ -110,8 +110,8 @@ from .tissue.lump_detectability import force_map as force_map
 from .tissue.lump_detectability import lump_map as lump_map
 from .tissue.model_selection import select_model as select_model
 from .tissue.models.registry import model as model
-from .tissue.reference.finite_strain import finite_strain as finite_strain
 from .tissue.reference.solver import finite_elements as finite_elements
+from .tissue.reference.solver import finite_strain as finite_strain
 from .tissue.spring_fitting import fit as fit
 from .tissue.tissue import SpringLaw as SpringLaw
 from .tissue.tissue import Tissue as Tissue

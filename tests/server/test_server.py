@@ -256,7 +256,7 @@ def test_wire_displacements_are_within_half_a_step():
 
     data = messages.frame_bytes(Frame)
     size = struct.calcsize(messages.code(messages.Frame))
-    step = struct.unpack_from("<f", data, 207)[0]
+    step = struct.unpack_from("<f", data, 211)[0]
     assert size % 4 == 0
     moved = step * np.frombuffer(data, "<i2", offset=size).reshape(-1, 3)
     np.testing.assert_allclose(moved, Frame.shown, atol=0.51 * 9 / 32767)

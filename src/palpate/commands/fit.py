@@ -10,6 +10,9 @@ import palpate as pp
 from palpate.commands.progress import doing, progress
 
 
+P1_NOTE = "{}: this tissue has P1 elements, which are too stiff; run palpate fit again for smoothed ones"
+
+
 def add(app: typer.Typer) -> None:
     """Adds the command to `app`."""
     app.command("fit", short_help="Gives a mesh stiffness and support, and fits springs to it.")(fit_command)
@@ -29,7 +32,9 @@ def fit_command(
     ] = None,
     region_poisson: Annotated[list[str] | None, typer.Option(help="Another Poisson's ratio: lump=0.4")] = None,
     law: Annotated[str, typer.Option(help="Of the home springs: uniform, linear, exponential.")] = "exponential",
-    element: Annotated[str, typer.Option(help="Of finite elements: P1, P2 (above 0.45), mixed (up to 0.5).")] = "P1",
+    element: Annotated[
+        str, typer.Option(help="Finite element: smoothed; P1 (too stiff); P2, mixed (up to 0.5): springs alone are touched.")
+    ] = "smoothed",
     within: Annotated[
         float | None, typer.Option(help="Also find the model whose worst node is off by no more, mm.")
     ] = None,
@@ -64,6 +69,8 @@ def fit_command(
     pp.write_tissue(output, tissue)
     with doing("trying models"):
         begin = starting_model(tissue)
+    if element == "P1":
+        typer.echo(P1_NOTE.format(output))
     typer.echo(f"palpate touch {shlex.quote(str(output))} begins with {begin.reason}")
     assert tissue.report is not None
     typer.echo(tissue.report.text())

@@ -44,12 +44,16 @@ def touch_command(
     machine only; the printed ssh line reaches it from another one. Ctrl-C
     ends the session.
     """
+    from palpate.commands.fit import P1_NOTE
     from palpate.commands.score import scored
     from palpate.simulation.training_task import target_of
 
     recorded = None if replay is None else pp.read_record(replay)
     names = [path.stem if len({p.stem for p in tissue}) == len(tissue) else str(path) for path in tissue]
     organs = {name: pp.read_tissue(path) for name, path in zip(names, tissue, strict=True)}
+    for path, organ in zip(tissue, organs.values(), strict=True):
+        if organ.element == "P1":
+            typer.echo(P1_NOTE.format(path))
     asked, solid = pp.Task(task), organs[names[0]]
     target_of(asked, solid)  # a task that this tissue cannot set is refused before anyone tries
     pp.touch(

@@ -100,7 +100,8 @@ class Frame:
     loop's clock. busy: computing time of a tick in seconds, smoothed. late, faults: ticks that began late, answers of
     the model that were not finite. model, chosen: indices in the scene's models of the one that answers and of the one that
     was chosen last, which may still be built. energy: N mm that the tools have put into the
-    tissue, stored or dissipated there. Then (count, 3) 16-bit integers: the displacements of the first `count` shown
+    tissue, stored or dissipated there. mesh_error: estimated error of the force that the mesh makes, relative to the
+    force, positive if it is too large; NaN: not known. Then (count, 3) 16-bit integers: the displacements of the first `count` shown
     nodes (0 or all) in units of `step` mm.
     """
 
@@ -118,6 +119,7 @@ class Frame:
     force: Annotated[tuple[float, ...], "12f"]
     insertion: Annotated[tuple[float, ...], "4f"]
     chosen: U8
+    mesh_error: F32
     step: F32
     count: U32
 
@@ -304,7 +306,7 @@ def flat(vectors: Any) -> tuple[float, ...]:
     return tuple(x for vector in vectors for x in vector)
 
 
-def frame_bytes(frame: Any, model: int = 0, chosen: int = 0) -> bytes:
+def frame_bytes(frame: Any, model: int = 0, chosen: int = 0, mesh_error: float = float("nan")) -> bytes:
     """A frame of the loop as a message. Without displacements it has no array.
 
     The step is the largest displacement over 32767: 0.2 µm at 5 mm, less than a pixel, at half the size of float32.
@@ -328,6 +330,7 @@ def frame_bytes(frame: Any, model: int = 0, chosen: int = 0) -> bytes:
         force=flat(frame.force),
         insertion=tuple(frame.insertion),
         chosen=chosen,
+        mesh_error=mesh_error,
         step=step,
         count=0 if at_rest else len(shown),
     )

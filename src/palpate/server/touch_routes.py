@@ -57,9 +57,11 @@ async def publish_frames(live: LiveSession) -> None:
         frame = live.session.frame()
         serial, tick = frame.serial, frame.tick + FRAME_TICKS
         model = live.current[1]
-        live.newest = frame_bytes(frame, model, model if live.is_replay else live.choice[1])
-        if comparison := live.comparison.update(live.session, frame):
-            comparison.add_done_callback(report_failure)
+        chosen = model if live.is_replay else live.choice[1]
+        for task in (live.comparison.update(live.session, frame), live.mesh_error.update(live.session, frame)):
+            if task:
+                task.add_done_callback(report_failure)
+        live.newest = frame_bytes(frame, model, chosen, live.mesh_error.newest)
         for event in live.pages.values():
             event.set()
         await asyncio.sleep(MIN_FRAME_INTERVAL)

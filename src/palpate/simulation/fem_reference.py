@@ -7,7 +7,7 @@ import numpy as np
 
 from palpate.arrays import Float32, Float64, Int32
 from palpate.simulation.pointer import ContactState
-from palpate.tissue.contact_patches import contacts
+from palpate.tissue.contact_patches import Contacts, contacts
 from palpate.tissue.models.compliance import ComplianceModel
 
 
@@ -58,6 +58,20 @@ def fem_difference(exact: ComplianceModel, tick: DisplayedTick, radius: float, s
     """
     if not tick.tools:
         return FemDifference(np.linalg.norm(tick.shown.astype(np.float64), axis=1), np.zeros((0, 3)), 0.0)
+    _, force, u = _solution(exact, tick, radius)
+    size = float(np.linalg.norm(force))
+    off = float(np.linalg.norm(tick.answers + force)) / size if size > 0 else 0.0
+    return FemDifference(np.linalg.norm(tick.shown - u[shown], axis=1), -force, off)
+
+
+def mesh_error(exact: ComplianceModel, tick: DisplayedTick, radius: float) -> float:
+    """Estimated error of the force of `tick` that the mesh makes, relative to the force. Raises as `fem_difference`."""
+    found, force, u = _solution(exact, tick, radius)
+    return exact.discretization(u, found, force)
+
+
+def _solution(exact: ComplianceModel, tick: DisplayedTick, radius: float) -> tuple[Contacts, Float64, Float64]:
+    """The contacts of `tick`, the forces (m, 3) N of its tools on the tissue, and the displacement (N, 3) mm."""
     found = contacts(exact.tissue, tick.points, tick.displacements, radius)
     force = found.forces(exact.compliance(found))
     nodes, load = exact.loads(found)
@@ -65,6 +79,4 @@ def fem_difference(exact: ComplianceModel, tick: DisplayedTick, radius: float, s
     whole[nodes] = (load @ force.ravel()).reshape(-1, 3)
     u = np.zeros(exact.tissue.mesh.nodes.shape)
     u[~exact.tissue.held] = exact.factors.solve(whole.ravel()).reshape(-1, 3)
-    size = float(np.linalg.norm(force))
-    off = float(np.linalg.norm(tick.answers + force)) / size if size > 0 else 0.0
-    return FemDifference(np.linalg.norm(tick.shown - u[shown], axis=1), -force, off)
+    return found, force, u

@@ -11,5 +11,6 @@ def session_like(record: Record, tissue: Tissue) -> Session:
     """A new session that can replay the record. Raises `DataError` if it was made on another tissue."""
     model = build(tissue, record.model, **model_settings(record))
     session = Session(model, **recorded_settings(record))
+    session.use_weights_of(record)
     check_record(record, session.first, session.settings)
     return session

@@ -18,7 +18,14 @@ from palpate.simulation.pointer import TOOLS, Command
 from palpate.simulation.recording import Record
 from palpate.simulation.replay import Replay
 from palpate.simulation.scripted_device import ScriptedDevice
-from palpate.simulation.session_compatibility import arithmetic, check_record, fingerprint, same_tissue, settings_of
+from palpate.simulation.session_compatibility import (
+    arithmetic,
+    check_record,
+    fingerprint,
+    has_nodal_weights,
+    same_tissue,
+    settings_of,
+)
 from palpate.simulation.session_journal import SessionJournal
 from palpate.tissue.models.registry import model as build
 from palpate.tissue.models.registry import name_of
@@ -238,6 +245,28 @@ class Session:
         wrong = np.flatnonzero(mine.digests != record.digests)
         return int(record.digest_ticks[wrong[0]]) if len(wrong) else None
 
+    def use_weights_of(self, record: Record) -> None:
+        """Weigh the nodes of contacts as the session of a record did: by integrals, or as version 0.1 did.
+
+        Parameters
+        ----------
+        record : Record
+            The record.
+
+        Raises
+        ------
+        DataError
+            If this session has run already.
+        """
+        if bool(self.settings.nodal_weights) == has_nodal_weights(record):
+            return
+        if self.loop.running or self._ticks or self.loop.frame().tick:
+            raise DataError("replay: this session has run already; make a fresh one for the record")
+        self.settings.nodal_weights = has_nodal_weights(record)
+        self.loop = _core.simulation.RealtimeLoop(
+            self.model.native, self.model.tissue.surface, self.shown, self.settings
+        )
+
     def replayed(self, record: Record, every: int) -> Iterator[tuple[int, Float64]]:
         """Replay a record and yield the forces. It stops also where a model changed or something was marked.
 
@@ -253,6 +282,7 @@ class Session:
         tuple of int and ndarray, (ticks, 4, 3)
             The number of ticks done, and the forces, N.
         """
+        self.use_weights_of(record)
         device = Replay(record).core
         made = {name: self.first if name == record.model else build(self.first.tissue, name) for name in _named(record)}
         changes = list(record.changes)

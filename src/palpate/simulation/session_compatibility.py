@@ -16,6 +16,7 @@ from palpate.tissue.tissue import SpringLaw, Tissue
 
 _SETTINGS = (
     "sweeps", "radius", "limit", "ramp", "approach", "reach", "friction", "puncture", "cutting", "shaft_friction",
+    "nodal_weights",
 )  # fmt: skip
 
 
@@ -35,18 +36,26 @@ def check_record(record: Record, model: TissueModel, settings: Any) -> None:
     if record.tissue != fingerprint(model):
         raise DataError(
             f"record: made on tissue {record.tissue}, not {fingerprint(model)}; open the tissue it was recorded with"
+            + ("; version 0.1 had P1 elements alone" if has_nodal_weights(record) and model.tissue.element != "P1" else "")
         )
     if record.model != name_of(model):
         raise DataError(
             f"record: made with model {record.model!r}, not {name_of(model)!r}; make the session of that model"
         )
     for name, value in settings_of(model, settings).items():
+        if name == "nodal_weights":  # a replay takes those of its record
+            continue
         if record.settings.get(name) != value:
             raise DataError(f"record: made with {name} = {record.settings.get(name)}, not {value:g}; use the record's")
 
 
+def has_nodal_weights(record: Record) -> bool:
+    """Whether the record was made with the contact weights of version 0.1, whose files do not name the weights."""
+    return bool(record.settings.get("nodal_weights", 1.0))
+
+
 def fingerprint(model: TissueModel) -> str:
-    """A hash of what the model was made of: mesh, elastic constants, held nodes, spring law."""
+    """A hash of what the model was made of: mesh, elastic constants, held nodes, element, spring law."""
     return _hash(model.tissue, getattr(model, "law", None))
 
 
@@ -62,6 +71,8 @@ def _hash(tissue: Tissue, law: SpringLaw | None) -> str:
         array = np.ascontiguousarray(part)
         hash_.update(f"{array.dtype}{array.shape}".encode() + array.tobytes())
     hash_.update(repr(law).encode())
+    if tissue.element != "P1":  # the only one of version 0.1
+        hash_.update(tissue.element.encode())
     return hash_.hexdigest()[:32]
 
 

@@ -1,6 +1,8 @@
 """Contacts: the smooth patch under each tool, and the answer to a push."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -8,6 +10,7 @@ import numpy as np
 from palpate import _core
 from palpate.arrays import ArrayLike, Float64, Int32, float64
 from palpate.errors import DataError, MaterialError
+from palpate.tissue.force_estimate import ForceEstimate
 from palpate.tissue.frictional_contact import contact_states, sliding_forces
 from palpate.tissue.tissue import Tissue
 
@@ -20,7 +23,7 @@ class Answer:
     displacement of each patch. state: a contact's "stick" (always, if glued), "slide" or "open". error: certified bound
     on the distance to the exact solution of the model's own equations, in the energy norm, relative to that solution;
     the force's relative error along the push is at most about as large (of `neo-hookean` an estimate). warm: hand it
-    to the next push to start from here.
+    to the next push to start from here. mesh_error: what `estimate` calls for the mesh's part.
     """
 
     force: Float64
@@ -31,6 +34,12 @@ class Answer:
     surface_nodes: Int32
     sweeps: int = 0
     warm: Any = None
+    mesh_error: Callable[[], float] | None = None
+
+    @cached_property
+    def estimate(self) -> ForceEstimate | None:
+        """Errors of the force, the mesh's estimated when first asked for; None of a model that is not linear elasticity."""
+        return ForceEstimate(self.mesh_error(), self.error) if self.mesh_error else None
 
     @property
     def surface_displacement(self) -> Float64:
@@ -42,7 +51,9 @@ class Answer:
 class Contacts:
     """The patches of a push, and the displacement (m, 3) mm that each is given. single: the caller gave one, bare.
 
-    normals: (m, 3) unit, outwards, where contacts may slide and open with this friction; None: they are glued.
+
+    normals: (m, 3) unit, outwards, where contacts may slide and open with this friction; None: they are glued. hits,
+    radii: middle and radius (mm) of each patch.
     """
 
     patches: "list[_core.tissue.ContactPatch]"
@@ -50,6 +61,8 @@ class Contacts:
     single: bool
     normals: Float64 | None = None
     friction: float = np.inf
+    hits: "tuple[_core.tissue.SurfacePoint, ...]" = ()
+    radii: tuple[float, ...] = ()
 
     def forces(self, C: Float64) -> Float64:
         """(m, 3) N of the tools on the tissue, C (3m, 3m) mm/N the compliance of their patches."""
@@ -64,7 +77,16 @@ class Contacts:
             W[patch.nodes, column] = patch.weights
         return W
 
-    def answer(self, tissue: Tissue, force: Float64, u: Float64, error: float, sweeps: int, warm: Any) -> Answer:
+    def answer(
+        self,
+        tissue: Tissue,
+        force: Float64,
+        u: Float64,
+        error: float,
+        sweeps: int,
+        warm: Any,
+        mesh_error: Callable[[], float] | None = None,
+    ) -> Answer:
         """The answer in the shape in which the caller asked."""
         realised = np.stack([p.weights @ u[p.nodes] for p in self.patches])
         surface = tissue.mesh.surface_nodes
@@ -72,17 +94,12 @@ class Contacts:
         if self.normals is not None:
             state = contact_states(-force, self.normals, self.friction)
         if self.single:
-            return Answer(force[0], u, realised[0], state[0], error, surface, sweeps, warm)
-        return Answer(force, u, realised, state, error, surface, sweeps, warm)
+            return Answer(force[0], u, realised[0], state[0], error, surface, sweeps, warm, mesh_error)
+        return Answer(force, u, realised, state, error, surface, sweeps, warm, mesh_error)
 
 
-def patch(tissue: Tissue, point: ArrayLike, radius: float) -> "_core.tissue.ContactPatch":
-    """The contact patch of `radius` mm about the surface point nearest to `point` (3,) mm: `.nodes` and `.weights`.
-
-    w_i ∝ a_i (1 − d²/r²)² on surface nodes closer than r (a_i mm² the node's share of the surface), held nodes 0, sum
-    1; with no node inside, the barycentric weights of the point. Raises `MaterialError` for a patch of held nodes
-    only, `DataError` for points off the surface and radii that are negative or hold more than 256 nodes.
-    """
+def surface_point(tissue: Tissue, point: ArrayLike, radius: float) -> "_core.tissue.SurfacePoint":
+    """The surface point nearest to `point` (3,) mm, for a contact of `radius` mm. Raises `DataError` as `patch` does."""
     x = float64("point", point, (3,))
     if not (np.isfinite(radius) and radius >= 0):
         raise DataError(f"radius: {radius} mm; give the tool's radius, 0 or more (1.5 to 3 edges of {tissue.edge:.3g})")
@@ -92,6 +109,21 @@ def patch(tissue: Tissue, point: ArrayLike, radius: float) -> "_core.tissue.Cont
             f"point {x.tolist()} lies {hit.distance:.3g} mm off the surface; the nearest surface point is "
             f"{np.round(hit.point, 3).tolist()}"
         )
+    return hit
+
+
+def patch(tissue: Tissue, point: ArrayLike, radius: float) -> "_core.tissue.ContactPatch":
+    """The contact patch of `radius` mm about the surface point nearest to `point` (3,) mm: `.nodes` and `.weights`.
+
+    w_a = ∫N_a φ / ∫φ over the surface, φ = (1 − d²/r²)² where d < r, else 0: the weighted mean of nodal values is the
+    field's own mean with the weight φ, and nodes just outside r have a share. Held nodes 0, sum 1; with no node inside,
+    the barycentric weights of the point. Raises `MaterialError` for a patch of held nodes
+    only, `DataError` for points off the surface and radii that are negative or hold more than 256 nodes.
+    """
+    return _patch_at(tissue, surface_point(tissue, point, radius), radius)
+
+
+def _patch_at(tissue: Tissue, hit: "_core.tissue.SurfacePoint", radius: float) -> "_core.tissue.ContactPatch":
     found = tissue.surface.patch(hit, float(radius))
     if found == "held":
         raise MaterialError(
@@ -129,9 +161,12 @@ def contacts(
         raise DataError(f"radii: expected one number or shape ({len(x)},), got {r.shape}")
     if len(x) == 0:
         raise DataError("points: no contact given; give at least one point")
-    patches = [patch(tissue, point, float(radius)) for point, radius in zip(x, np.broadcast_to(r, len(x)), strict=True)]
+    every = [float(radius) for radius in np.broadcast_to(r, len(x))]
+    hits = tuple(surface_point(tissue, point, radius) for point, radius in zip(x, every, strict=True))
+    patches = [_patch_at(tissue, hit, radius) for hit, radius in zip(hits, every, strict=True)]
     outwards = _unit_normals(tissue, x, normals, bare)
-    found = Contacts(patches, np.ascontiguousarray(d), bare, outwards if np.isfinite(friction) else None, friction)
+    sliding = outwards if np.isfinite(friction) else None
+    found = Contacts(patches, np.ascontiguousarray(d), bare, sliding, friction, hits, tuple(every))
     _refuse_overlap(found, len(tissue.mesh.nodes), x)
     return found
 

@@ -11,10 +11,9 @@ from palpate.errors import DataError
 from palpate.tissue.contact_patches import Answer
 from palpate.tissue.models.registry import model, names
 from palpate.tissue.models.tissue_model import TissueModel
-from palpate.tissue.reference.finite_strain import finite_strain
-from palpate.tissue.reference.solver import finite_elements
+from palpate.tissue.reference.solver import finite_elements, finite_strain
 from palpate.tissue.spring_fitting import scattered_points, surface_normals, tilt_half
-from palpate.tissue.tissue import Tissue
+from palpate.tissue.tissue import AT_NODES, Tissue
 
 SKIPPED = 10  # points on which `fit` chooses the springs; the trials use others
 CLOSED = 1e-6  # certified error below which more sweeps do not matter
@@ -109,7 +108,7 @@ def select_model(
     strain : {"linear", "finite"}, optional
         Strain of the finite elements; "finite" is neo-Hookean.
     models : sequence of str, optional
-        Which models. The default is all.
+        Which models. The default is all that take the tissue's element: of P2 and mixed, the springs alone.
     contacts : int, optional
         Number of pushes.
     progress : callable, optional
@@ -145,7 +144,8 @@ def select_model(
     solver = truth if strain == "linear" else finite_strain(tissue, element)
     progress("finite elements", 0.0)
     true = [solver.push(x, w, r) for x, w in zip(points, pushes, strict=True)]
-    wanted = names() if models is None else tuple(models)
+    every = names() if tissue.element in AT_NODES else ("springs",)
+    wanted = every if models is None else tuple(models)
     tried = []
     for k, name in enumerate(wanted):
         progress(f"trying {name}", k / len(wanted))

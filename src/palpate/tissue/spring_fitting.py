@@ -28,7 +28,7 @@ def fit(
     law: str = "exponential",
     weights: str = "cotangent",
     rows: str = "distance",
-    element: str = "P1",
+    element: str = "smoothed",
     radius: float | None = None,
     depth: float | None = None,
     progress: Callable[[str, float], None] | None = None,
@@ -47,8 +47,8 @@ def fit(
         As for `Tissue`.
     law, weights, rows : str, optional
         As for `SpringLaw`.
-    element : str, optional
-        Element of the finite elements.
+    element : {"smoothed", "P1", "P2", "mixed"}, optional
+        Element of the tissue, and of the finite elements that its springs are fitted to.
     radius : float, optional
         Radius of the contacts, mm. The default is two mean edges.
     depth : float, optional

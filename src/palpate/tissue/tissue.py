@@ -15,7 +15,9 @@ from palpate.tissue.boundary_conditions import rigid_rank
 from palpate.tissue.spring_fit_report import FitReport
 
 KPA = 1e-3  # N/mm² in a kPa
-ELEMENTS = ("P1", "P2", "mixed")
+ELEMENTS = ("smoothed", "P1", "P2", "mixed")
+AT_NODES = ("smoothed", "P1")
+"""Elements whose unknowns are the nodes' displacements alone. All real-time models take these, the references all."""
 
 Constant = float | ArrayLike | Mapping[int, float] | Mapping[str, float] | Mapping[int | str, float]
 
@@ -83,8 +85,10 @@ class Tissue:
         Poisson's ratio, no unit, 0 ≤ ν < 0.5; 0.5 is allowed with the mixed element.
     fixed : array_like
         Indices of the nodes that are held, or an (N,) mask.
-    element : {"P1", "P2", "mixed"}, optional
-        What `finite_elements` uses by default. P1 locks near ν = 0.5.
+    element : {"smoothed", "P1", "P2", "mixed"}, optional
+        The finite element. "smoothed" (the default) has the unknowns of "P1", averages strain over edges and dilatation
+        over nodes, and does not lock. "P1" is stiffer than the continuum, and locks near ν = 0.5. "P2" and "mixed" are
+        for `finite_elements`, which is no real-time model.
     springs : SpringLaw, optional
         The springs that `fit` found.
     report : FitReport, optional
@@ -118,7 +122,7 @@ class Tissue:
         poisson: Constant,
         fixed: ArrayLike,
         *,
-        element: str = "P1",
+        element: str = "smoothed",
         springs: SpringLaw | None = None,
         report: FitReport | None = None,
     ) -> None:
@@ -176,7 +180,7 @@ def _refuse_ratios(ratio: Float64, element: str) -> None:
         at = int(np.flatnonzero(bad)[0])
         raise MaterialError(
             f"poisson: {ratio[at]:g} at tet {at}; element {element} needs 0 <= poisson < 0.5: for a nearly "
-            f'incompressible tissue give 0.45, or up to 0.49 with element="P2"; element="mixed" takes up to 0.5 itself'
+            f'incompressible tissue give up to 0.49; element="mixed" takes up to 0.5 itself'
         )
 
 

@@ -1,5 +1,6 @@
 #include "../patch_test.h"
 #include "hyperelastic/hyperelastic_model.h"
+#include "hyperelastic/neo_hookean.h"
 #include <cmath>
 
 using namespace palpate;
@@ -34,7 +35,8 @@ TEST_CASE("the neo-Hookean model passes the patch test at large strain") {
         rows.start.push_back(int(rows.column.size()));
     }
     const SparseCholesky rest(rows, &cube.x[12]);
-    const HyperelasticModel model(cube.elements(), rest, {4, 5, 6, 7, 8});
+    const NeoHookean elements = cube.elements();
+    const HyperelasticModel model(elements, rest, {4, 5, 6, 7, 8});
     const double mu = patch_test::mu, lambda = patch_test::lambda;
     const double slope[3] = {0.4, -0.3, -0.35}, J = 1 + slope[2];
     const double traction[3] = {mu * slope[0], mu * slope[1], mu * (J - 1 / J) + lambda * std::log(J) / J};

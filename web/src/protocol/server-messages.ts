@@ -68,10 +68,11 @@ export interface Frame {
   force: number[];
   insertion: number[];
   chosen: number;
+  mesh_error: number;
   step: number;
   count: number;
 }
-export const FRAME_KIND = 2, FRAME_BYTES = 216;
+export const FRAME_KIND = 2, FRAME_BYTES = 220;
 export function encodeFrame(message: Frame): ArrayBuffer {
   const view = new DataView(new ArrayBuffer(FRAME_BYTES));
   view.setUint8(0, 2);
@@ -89,8 +90,9 @@ export function encodeFrame(message: Frame): ArrayBuffer {
   for (let i = 0; i < 12; i++) view.setFloat32(142 + 4 * i, message.force[i], true);
   for (let i = 0; i < 4; i++) view.setFloat32(190 + 4 * i, message.insertion[i], true);
   view.setUint8(206, message.chosen);
-  view.setFloat32(207, message.step, true);
-  view.setUint32(211, message.count, true);
+  view.setFloat32(207, message.mesh_error, true);
+  view.setFloat32(211, message.step, true);
+  view.setUint32(215, message.count, true);
   return view.buffer;
 }
 export function decodeFrame(view: DataView): Frame {
@@ -110,8 +112,9 @@ export function decodeFrame(view: DataView): Frame {
     force: Array.from({ length: 12 }, (_, i) => view.getFloat32(142 + 4 * i, true)),
     insertion: Array.from({ length: 4 }, (_, i) => view.getFloat32(190 + 4 * i, true)),
     chosen: view.getUint8(206),
-    step: view.getFloat32(207, true),
-    count: view.getUint32(211, true),
+    mesh_error: view.getFloat32(207, true),
+    step: view.getFloat32(211, true),
+    count: view.getUint32(215, true),
   };
 }
 

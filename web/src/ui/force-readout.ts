@@ -31,6 +31,13 @@ export function measure(frame: Frame, kind: ToolKind): Measurement | null {
   return { tool, force: force(tool), depth };
 }
 
+/** The force's estimated error as a band: at least 1 % of the force, since the estimate itself is no better. */
+function meshError(force: number, relative: number): string {
+  if (Number.isNaN(relative)) return "";
+  const part = Math.max(Math.abs(relative), 0.01);
+  return `± ${(part * force).toFixed(2)} N estimated (mesh, ${(100 * part).toFixed(0)} %)`;
+}
+
 export class ForceReadout {
   framesDrawn = 0; // since the timing was last updated
   work = 0; // ms of the page's thread for a frame, smoothed
@@ -55,6 +62,7 @@ export class ForceReadout {
     if (now - this.numbersUpdated > NUMBERS_INTERVAL) {
       this.numbersUpdated = now;
       this.updateNumbers(here, kind);
+      write("mesh-error", here ? meshError(here.force, frame.mesh_error) : "");
     }
     if (now - this.plotsUpdated < PLOTS_INTERVAL) return;
     this.plotsUpdated = now;

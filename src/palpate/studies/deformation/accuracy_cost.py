@@ -13,8 +13,7 @@ from palpate.studies.deformation.config import DEPTH, TOP, Setting, tissue
 from palpate.tissue.contact_patches import Answer
 from palpate.tissue.model_selection import select_model
 from palpate.tissue.models.registry import model, names
-from palpate.tissue.reference.finite_strain import finite_strain
-from palpate.tissue.reference.solver import finite_elements
+from palpate.tissue.reference.solver import finite_elements, finite_strain
 from palpate.tissue.spring_fitting import fit
 from palpate.tissue.tissue import Tissue
 
@@ -27,7 +26,7 @@ ASKED = ((0.3, 0.05, 10.0), (1.0, 0.2, 10.0), (0.05, 0.01, 10.0))  # mm, share o
 def fitted(setting: Setting, nodes: int) -> Tissue:
     """The cube with springs fitted to P1 elements, as `palpate fit` does."""
     solid = tissue(nodes, POISSON)
-    return fit(solid.mesh, solid.young, solid.poisson, solid.fixed, radius=setting.radius, depth=DEPTH)
+    return fit(solid.mesh, solid.young, solid.poisson, solid.fixed, element="P1", radius=setting.radius, depth=DEPTH)
 
 
 def front(setting: Setting, nodes: int) -> dict[str, list[Row]]:

@@ -77,7 +77,7 @@ def cube(nodes: int, irregular: bool = False, side: float = SIDE) -> TetMesh:
 def tissue(nodes: int, poisson: float, irregular: bool = False) -> Tissue:
     """The cube, held at its bottom."""
     mesh = cube(nodes, irregular)
-    return Tissue(mesh, YOUNG, poisson, mesh.nodes[:, 2] == 0)
+    return Tissue(mesh, YOUNG, poisson, mesh.nodes[:, 2] == 0, element="P1")
 
 
 def contact(solid: Tissue, name: str, radius: float) -> tuple[Float64, float]:

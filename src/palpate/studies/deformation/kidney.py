@@ -29,7 +29,7 @@ ASKED = (0.3, 0.05, 10.0)  # mm, share of force, mm of push
 def kidney(edge: float) -> Tissue:
     """The left kidney at this edge length, mm, its rear held, springs not fitted."""
     mesh = tetrahedralize(read_labels(sample("abdomen") / "labels.nii.gz"), label=KIDNEY_LABEL, edge=edge)
-    return Tissue(mesh, MATERIALS["kidney"].young, KIDNEY_POISSON, _fixed_nodes(mesh))
+    return Tissue(mesh, MATERIALS["kidney"].young, KIDNEY_POISSON, _fixed_nodes(mesh), element="P1")
 
 
 def _fixed_nodes(mesh: TetMesh) -> np.ndarray:
@@ -74,7 +74,7 @@ def sweep_seconds(one: TissueModel, radius: float) -> float | None:
 def fitted(setting: Setting) -> dict[str, list[Row]]:
     """The first resolution's springs fitted: their error at each surface node, and which model is needed."""
     solid = kidney(setting.kidneys[0][1])
-    tissue = fit(solid.mesh, solid.young, solid.poisson, solid.fixed)
+    tissue = fit(solid.mesh, solid.young, solid.poisson, solid.fixed, element=solid.element)
     assert tissue.report is not None
     nodes = tissue.mesh.surface_nodes
     error = [

@@ -9,8 +9,7 @@ from palpate.report.tables import Row
 from palpate.studies.deformation.config import DEPTHS, TOP, YOUNG, Setting, cube, tissue
 from palpate.studies.deformation.reference import solve_with_imposed_nodes
 from palpate.tissue.models.registry import model
-from palpate.tissue.reference.finite_strain import finite_strain
-from palpate.tissue.reference.solver import finite_elements
+from palpate.tissue.reference.solver import finite_elements, finite_strain
 from palpate.tissue.spring_fitting import fit
 from palpate.tissue.tissue import Tissue
 
@@ -23,7 +22,7 @@ TRUTH_CUBE_SIDE, TRUTH_CUBE_STRAINS = 80.0, (0.05, 0.125, 0.1825)
 def large(setting: Setting) -> dict[str, list[Row]]:
     """Every model against finite strain (Newton's method, P1) at every depth."""
     solid = tissue(setting.main, POISSON)
-    solid = fit(solid.mesh, solid.young, solid.poisson, solid.fixed, radius=setting.radius, depth=DEPTHS[0])
+    solid = fit(solid.mesh, solid.young, solid.poisson, solid.fixed, element="P1", radius=setting.radius, depth=DEPTHS[0])
     truth, rows = finite_strain(solid, "P1"), []
     models: dict[str, Any] = {"linear finite elements": finite_elements(solid, "P1")}
     models |= {name: model(solid, name) for name in ("springs", FINITE)}
@@ -53,7 +52,7 @@ def truth_cube(setting: Setting) -> dict[str, list[Row]]:
     mesh = cube(setting.main - 1 + setting.main % 2, side=TRUTH_CUBE_SIDE)
     x = mesh.nodes
     for poisson in (0.45, 0.49):
-        solid = Tissue(mesh, YOUNG, poisson, x[:, 2] == 0)
+        solid = Tissue(mesh, YOUNG, poisson, x[:, 2] == 0, element="P1")
         truth = finite_elements(solid, "P2")
         top = np.flatnonzero(x[:, 2] == TRUTH_CUBE_SIDE).astype(np.int32)
         u, force = solve_with_imposed_nodes(truth, top, np.array([0.0, 0.0, -1.0]))

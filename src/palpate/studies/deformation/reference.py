@@ -12,7 +12,7 @@ from palpate.studies.deformation.config import contact
 from palpate.tissue.contact_patches import patch
 from palpate.tissue.reference.linear_elasticity import FiniteElements
 from palpate.tissue.sparse_factor import Factors
-from palpate.tissue.tissue import KPA, SpringLaw, Tissue
+from palpate.tissue.tissue import AT_NODES, KPA, SpringLaw, Tissue
 
 
 def pushed(truth: FiniteElements, name: str, radius: float, depth: float) -> tuple[Float64, Float64]:
@@ -28,7 +28,7 @@ def pushed(truth: FiniteElements, name: str, radius: float, depth: float) -> tup
 def solve_with_imposed_nodes(truth: FiniteElements, nodes: Int32, displacement: Float64) -> tuple[Float64, Float64]:
     """As `pushed`, with every node of `nodes` (with P2 also their edges' middles) moved by `displacement` (3,) mm."""
     moved = truth.nodal[nodes]
-    if truth.element != "P1":
+    if truth.element not in AT_NODES:
         mesh = truth.space.mesh
         moved = np.concatenate([moved, truth.space.edge_dofs[:, np.isin(mesh.edges, nodes).all(axis=0)].T])
     u = np.zeros(truth.K.shape[0])

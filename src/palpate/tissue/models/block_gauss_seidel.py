@@ -1,4 +1,4 @@
-"""Model `blocks`: ring-by-ring block Gauss-Seidel on P1 finite elements."""
+"""Model `blocks`: ring-by-ring block Gauss-Seidel on linear finite elements."""
 
 from functools import cached_property
 
@@ -12,18 +12,22 @@ from palpate.errors import MaterialError
 from palpate.tissue.contact_patches import Contacts
 from palpate.tissue.error_bound import MOST_NODES, Certificate, relative
 from palpate.tissue.models.ring_relaxation import RingModel, best_relaxation, least_ritz_value, typical_contact
-from palpate.tissue.reference.linear_elasticity import basis, stiffness
+from palpate.tissue.models.tissue_model import nodal_element
+from palpate.tissue.reference.linear_elasticity import basis, lame, stiffness
+from palpate.tissue.smoothed_elements import smoothed_stiffness
 from palpate.tissue.sparse_factor import Factors
 from palpate.tissue.tissue import Tissue
 
 
 class BlockModel(RingModel):
-    """Block Gauss-Seidel with over-relaxation on linear P1 finite elements, whatever the tissue's `element`.
+    """Block Gauss-Seidel with over-relaxation on finite elements of the tissue's `element`, "smoothed" or "P1".
 
     relaxation: ω of the sweep; None: chosen from the spectrum. modes: every few sweeps the energy is also brought to
     its minimum over the body's twelve slowest shapes, so that an organ does not creep as it tilts on its support;
     False: bare sweeps. Either way the limit is the same.
     """
+
+    linear_elasticity = True
 
     def __init__(self, tissue: Tissue, relaxation: float | None = None, modes: bool = True) -> None:
         self._K = ordered_by_node(tissue)
@@ -77,8 +81,11 @@ class BlockModel(RingModel):
 
 
 def ordered_by_node(tissue: Tissue) -> bsr_array:
-    """K with unknown 3i+k for node i, in 3×3 blocks, N/mm."""
-    space = basis(tissue.mesh, "P1")
+    """K of the tissue's element with unknown 3i+k for node i, in 3×3 blocks, N/mm."""
+    element = nodal_element(tissue)
+    space = basis(tissue.mesh, element)
+    if element == "smoothed":
+        return smoothed_stiffness(tissue.mesh, *lame(tissue.young, tissue.poisson))
     K = stiffness(space, tissue.young, tissue.poisson)
     order = space.nodal_dofs.T.ravel()
     if not np.array_equal(order, np.arange(K.shape[0])):

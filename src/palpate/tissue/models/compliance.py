@@ -12,14 +12,14 @@ from palpate.errors import DataError, MaterialError
 from palpate.meshes.display_surfaces import displayed_nodes
 from palpate.tissue.contact_patches import Contacts
 from palpate.tissue.error_bound import relative
-from palpate.tissue.models.tissue_model import TissueModel
+from palpate.tissue.models.tissue_model import TissueModel, nodal_element
 from palpate.tissue.reference.linear_elasticity import FiniteElements
 from palpate.tissue.sparse_factor import Factors
 from palpate.tissue.tissue import Tissue
 
 
 class ComplianceModel(TissueModel):
-    """Linear P1 finite elements, whatever the tissue's `element`: K is factored once, then columns of K⁻¹ are made.
+    """Linear finite elements of the tissue's `element`, "smoothed" or "P1": K is factored once, then columns of K⁻¹ made.
 
     memory: MB of tables that a state may keep; the least recently used go first. A push solves in double precision, as
     `finite_elements` does. The real-time loop takes the force from 3×3 blocks of K⁻¹ between the nodes of the patch, in
@@ -30,12 +30,13 @@ class ComplianceModel(TissueModel):
     """
 
     native: "_core.compliance.ComplianceModel"
+    linear_elasticity = True
     slides = True
 
     def __init__(self, tissue: Tissue, memory: float = 256.0) -> None:
         if not (np.isfinite(memory) and memory > 0):
             raise DataError(f"memory: {memory} MB; give how much the tables may take, such as 256")
-        self.elements = FiniteElements(tissue, "P1")
+        self.elements = FiniteElements(tissue, nodal_element(tissue))
         self.factors = self.elements.factors
         self.factors.require_positive()
         self._free = np.full(len(tissue.mesh.nodes), -1, dtype=np.int32)

@@ -1,22 +1,24 @@
-"""Model `multigrid`: conjugate gradients on P1 finite elements, preconditioned by a multigrid V-cycle."""
+"""Model `multigrid`: conjugate gradients on linear finite elements, preconditioned by a multigrid V-cycle."""
 
 from functools import cached_property
 
 import numpy as np
 
 from palpate import _core
-from palpate.arrays import Float64
+from palpate.arrays import Float64, Int32
 from palpate.errors import MaterialError
 from palpate.tissue.contact_patches import Contacts
 from palpate.tissue.error_bound import MOST_NODES, Certificate, relative
 from palpate.tissue.models.block_gauss_seidel import ordered_by_node
-from palpate.tissue.models.tissue_model import IterativeModel
+from palpate.tissue.models.tissue_model import IterativeModel, nodal_element
 from palpate.tissue.reference.linear_elasticity import lame
 from palpate.tissue.tissue import Tissue
 
 
 class MultigridModel(IterativeModel):
-    """Linear P1 finite elements, whatever the tissue's `element`, by conjugate gradients with a multigrid preconditioner.
+    """Finite elements of the tissue's `element`, by conjugate gradients with a multigrid preconditioner.
+
+    The preconditioner is that of P1 elements. For smoothed ones their λ is limited to 5 μ in it, since P1 locks.
 
     cell: edge of the finest lattice's cells in mean edges of the mesh. smoothing: sweeps of block over-relaxation on
     each level on the way down, and in reverse on the way up. relaxation: their ω. In a tick a sweep is an iteration.
@@ -27,6 +29,7 @@ class MultigridModel(IterativeModel):
     """
 
     native: "_core.multigrid.MultigridModel"
+    linear_elasticity = True
     batch, growth = 3, 2
 
     def __init__(self, tissue: Tissue, cell: float = 1.9, smoothing: int = 3, relaxation: float = 1.4) -> None:
@@ -37,13 +40,21 @@ class MultigridModel(IterativeModel):
         if not 0 < relaxation < 2:
             raise MaterialError(f"relaxation: {relaxation} diverges; give a number between 0 and 2")
         if (tissue.poisson >= 0.5).any():
-            raise MaterialError("poisson: 0.5 locks linear tetrahedra altogether; give this model at most 0.49")
+            raise MaterialError("poisson: 0.5 is incompressible, which needs a pressure; give this model at most 0.49")
         lam, mu = lame(tissue.young, tissue.poisson)
         nodes, tets = np.ascontiguousarray(tissue.mesh.nodes), np.ascontiguousarray(tissue.mesh.tets, dtype=np.int32)
         held, sizes = tissue.held.view(np.uint8), (cell * tissue.edge, int(smoothing), float(relaxation))
-        native = _core.multigrid.MultigridModel(nodes, tets, lam, mu, held, *sizes)
+        native = _core.multigrid.MultigridModel(nodes, tets, lam, mu, held, *sizes, *self._stiffness(tissue))
         super().__init__(tissue, native, {"cell": cell, "smoothing": smoothing, "relaxation": relaxation})
         self.certified = int((~tissue.held).sum()) <= MOST_NODES
+
+    @staticmethod
+    def _stiffness(tissue: Tissue) -> tuple[Int32, Int32, Float64] | tuple[()]:
+        """Block rows of K, in order; nothing for P1, whose K the preconditioner has."""
+        if nodal_element(tissue) == "P1":
+            return ()
+        K = ordered_by_node(tissue)
+        return K.indptr.astype(np.int32), K.indices.astype(np.int32), K.data
 
     def certified_error(self, state: "_core.tissue.ModelState", force: Float64, found: Contacts) -> float:
         """Bound on ‖u − u*‖_K/‖u*‖_K for the state that answers `found` with `force` (m, 3) N on the tools."""

@@ -1,4 +1,4 @@
-"""Model `neo-hookean`: hyperelasticity at finite strain on linear tetrahedra."""
+"""Model `neo-hookean`: hyperelasticity at finite strain, on smoothed or P1 tetrahedra."""
 
 import numpy as np
 
@@ -6,16 +6,29 @@ from palpate import _core
 from palpate.arrays import Float64
 from palpate.errors import DataError, MaterialError
 from palpate.tissue.contact_patches import Contacts
-from palpate.tissue.models.tissue_model import TissueModel, too_many_contacts
+from palpate.tissue.models.tissue_model import TissueModel, nodal_element, too_many_contacts
 from palpate.tissue.reference.linear_elasticity import FiniteElements, lame
+from palpate.tissue.smoothed_elements import smoothing_cells
 from palpate.tissue.tissue import Tissue
 
 _BATCH = 20  # steps between checks of a tool that does not reach its target
 _GIVEN_UP = 400
 
 
+def neo_hookean_energy(tissue: Tissue) -> "_core.hyperelastic.HyperelasticEnergy":
+    """The energy of the tissue's elements, "smoothed" or "P1"."""
+    mesh, (lam, mu) = tissue.mesh, lame(tissue.young, tissue.poisson)
+    if nodal_element(tissue) == "P1":
+        return _core.hyperelastic.NeoHookean(mesh.nodes, mesh.tets, lam, mu)
+    cells = smoothing_cells(mesh, lam, mu)
+    return _core.hyperelastic.SmoothedNeoHookean(mesh.nodes, mesh.tets, mu, cells.edge, cells.node, cells.mu, cells.lam)
+
+
 class NeoHookeanModel(TissueModel):
-    """Compressible neo-Hookean tissue, W = μ/2 (tr FᵀF − 3) − μ ln J + λ/2 (ln J)², on linear (P1) elements.
+    """Compressible neo-Hookean tissue, W = μ/2 (tr FᵀF − 3) − μ ln J + λ/2 (ln J)², on the tissue's `element`.
+
+    On smoothed elements the terms with μ take the mean F about each edge, and that with λ the volume about each node; a
+    tetrahedron below 30 % of its volume resists by an energy of its own.
 
     For small pushes it is linear elasticity with the tissue's E and ν. The energy's minimum under the contacts is found
     by limited-memory BFGS steps from the factored stiffness at rest; no step turns an element inside out, and a push
@@ -31,12 +44,11 @@ class NeoHookeanModel(TissueModel):
         if (tissue.poisson >= 0.5).any():
             raise MaterialError(
                 f"poisson: 0.5 at tet {int(np.argmax(tissue.poisson))}; this energy is for compressible tissue: give "
-                f"0.45, or up to 0.49 (linear elements are too stiff beyond)"
+                f"0.45, or up to 0.49"
             )
-        rest = FiniteElements(tissue, "P1")
+        rest = FiniteElements(tissue, nodal_element(tissue))
         rest.factors.require_positive()
-        lam, mu = lame(tissue.young, tissue.poisson)
-        elements = _core.hyperelastic.NeoHookean(tissue.mesh.nodes, tissue.mesh.tets, lam, mu)
+        elements = neo_hookean_energy(tissue)
         moving = np.flatnonzero(~tissue.held).astype(np.int32)
         super().__init__(tissue, _core.hyperelastic.HyperelasticModel(elements, rest.factors.native, moving))
 

@@ -1,14 +1,16 @@
 """Base class of all tissue models: checks a push, finds its patches, and returns the answer."""
 
 from abc import ABC, abstractmethod
+from functools import cached_property
 
 import numpy as np
 
 from palpate import _core
 from palpate.arrays import ArrayLike, Float64
-from palpate.errors import DataError
+from palpate.errors import DataError, MaterialError
 from palpate.tissue.contact_patches import Answer, Contacts, contacts
-from palpate.tissue.tissue import Tissue
+from palpate.tissue.discretization_error import DiscretizationError
+from palpate.tissue.tissue import AT_NODES, Tissue
 
 
 class TissueModel(ABC):
@@ -19,6 +21,7 @@ class TissueModel(ABC):
     """
 
     slides = False  # whether contacts of finite friction can be answered
+    linear_elasticity = False  # whether it is: finite elements of the tissue's own element, whose error can be estimated
 
     def __init__(
         self, tissue: Tissue, native: "_core.tissue.TissueModel", settings: dict[str, float] | None = None
@@ -70,7 +73,14 @@ class TissueModel(ABC):
             )
         state = self.start() if warm is None else warm
         force, error, done = self.solve(found, state, tolerance, most_sweeps)
-        return found.answer(self.tissue, force, state.u.copy(), error, done, state)
+        u: Float64 = state.u.copy()
+        mesh_error = (lambda: self.discretization(u, found, -force)) if self.linear_elasticity else None
+        return found.answer(self.tissue, force, u, error, done, state, mesh_error)
+
+    @cached_property
+    def discretization(self) -> DiscretizationError:
+        """Estimates the error that the mesh makes; of models of linear elasticity."""
+        return DiscretizationError(self.tissue)
 
 
 class IterativeModel(TissueModel):
@@ -99,6 +109,16 @@ class IterativeModel(TissueModel):
             if error <= tolerance or done >= most_sweeps:
                 return force, error, done
             batch = min(max(self.batch, done // self.growth), most_sweeps - done)
+
+
+def nodal_element(tissue: Tissue) -> str:
+    """The tissue's element, "smoothed" or "P1". Raises `MaterialError` for those that real-time models do not have."""
+    if tissue.element not in AT_NODES:
+        raise MaterialError(
+            f'element: "{tissue.element}" is for pp.finite_elements; of the models, `springs` alone takes a tissue of it: '
+            f'make the tissue with element="smoothed" (the default) or "P1"'
+        )
+    return tissue.element
 
 
 def too_many_contacts(found: Contacts) -> DataError:

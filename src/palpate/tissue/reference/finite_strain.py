@@ -59,7 +59,7 @@ class FiniteStrain:
     ) -> None:
         chosen = tissue.element if element is None else element
         if chosen not in _DEGREE:
-            raise MaterialError(f'element: {chosen!r} is not built at finite strain; choose "P1" or "P2"')
+            raise MaterialError(f'element: {chosen!r} is not built at finite strain; choose "smoothed", "P1" or "P2"')
         self.tissue, self.law = tissue, law
         self.linear = FiniteElements(tissue, chosen)
         space = self.linear.space.with_element(self.linear.space.elem.elem)  # of one component
@@ -144,36 +144,3 @@ class FiniteStrain:
             if np.linalg.det(self.deformation(u)).min() <= 0:
                 return None
         return None
-
-
-def finite_strain(tissue: Tissue, element: str | None = None) -> FiniteStrain:
-    """Return a solver for a compressible neo-Hookean tissue at finite strain, by Newton's method.
-
-    Parameters
-    ----------
-    tissue : Tissue
-        The solid.
-    element : {"P1", "P2"}, optional
-        The default is the tissue's own.
-
-    Returns
-    -------
-    FiniteStrain
-        Its `push` answers as a model's does.
-
-    Raises
-    ------
-    MaterialError
-        If the element is another, or ν = 0.5.
-
-    References
-    ----------
-    Bonet & Wood, Nonlinear Continuum Mechanics for Finite Element Analysis, 2008.
-
-    Examples
-    --------
-    >>> answer = pp.finite_strain(tissue).push(top, (0, 0, -4), radii=10)
-    >>> bool(answer.force[2] > 0)
-    True
-    """
-    return FiniteStrain(tissue, element)

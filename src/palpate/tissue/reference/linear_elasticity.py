@@ -12,10 +12,12 @@ from palpate.arrays import ArrayLike, Float64, Int32
 from palpate.errors import MaterialError
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.tissue.contact_patches import Answer, Contacts, contacts
+from palpate.tissue.reference.surface_loads import surface_loads
+from palpate.tissue.smoothed_elements import smoothed_stiffness
 from palpate.tissue.sparse_factor import Factors
-from palpate.tissue.tissue import KPA, Tissue
+from palpate.tissue.tissue import AT_NODES, KPA, Tissue
 
-_SHAPES = {"P1": skfem.ElementTetP1, "P2": skfem.ElementTetP2, "mixed": skfem.ElementTetP2}
+_SHAPES = {"smoothed": skfem.ElementTetP1, "P1": skfem.ElementTetP1, "P2": skfem.ElementTetP2, "mixed": skfem.ElementTetP2}
 
 
 @skfem.BilinearForm  # type: ignore[untyped-decorator]
@@ -32,11 +34,11 @@ def lame(young: ArrayLike, poisson: ArrayLike) -> tuple[Float64, Float64]:
 
 
 def basis(mesh: TetMesh, element: str = "P1") -> Any:
-    """scikit-fem's basis of vector functions on a mesh: linear for "P1", else quadratic."""
+    """scikit-fem's basis of vector functions on a mesh: linear for "smoothed" and "P1", else quadratic."""
     tets = skfem.MeshTet(
         np.ascontiguousarray(mesh.nodes.T), np.ascontiguousarray(mesh.tets.T.astype(np.int64)), sort_t=False
     )
-    return skfem.Basis(tets, skfem.ElementVector(_SHAPES[element]()), intorder=1 if element == "P1" else 2)
+    return skfem.Basis(tets, skfem.ElementVector(_SHAPES[element]()), intorder=1 if element in AT_NODES else 2)
 
 
 def stiffness(space: Any, young: Float64, poisson: Float64) -> csr_array:
@@ -44,12 +46,16 @@ def stiffness(space: Any, young: Float64, poisson: Float64) -> csr_array:
 
     Raises `MaterialError` for ν = 0.5, which needs a pressure.
     """
+    _refuse_incompressible(poisson)
+    return assembled(space, *lame(young, poisson))
+
+
+def _refuse_incompressible(poisson: Float64) -> None:
     if (poisson >= 0.5).any():
         raise MaterialError(
             f"poisson: 0.5 at tet {int(np.argmax(poisson))} can be solved with pressure as an unknown only: "
-            f'pp.finite_elements(tissue, "mixed"); give this model 0.45, or up to 0.49'
+            f'pp.finite_elements(tissue, "mixed"); give this model up to 0.49'
         )
-    return assembled(space, *lame(young, poisson))
 
 
 def assembled(space: Any, lam: Float64, mu: Float64) -> csr_array:
@@ -62,9 +68,8 @@ def assembled(space: Any, lam: Float64, mu: Float64) -> csr_array:
 class FiniteElements:
     """The elastic equilibrium of a tissue, factored once; `push` answers like a model, exactly.
 
-    element: "P1" or "P2"; None: the tissue's own ("mixed" is `MixedElements`). The prescribed quantity is the patch's
-    weighted mean displacement Wᵀu = d, the force its multiplier. With quadratic elements the same traction (the
-    patch's weight density, linear on each triangle) acts through their basis.
+    element: "smoothed", "P1" or "P2"; None: the tissue's own ("mixed" is `MixedElements`). The prescribed quantity is the
+    patch's weighted mean displacement ∫φu/∫φ = Wᵀu = d, the force its multiplier, a traction with the density φ.
     """
 
     def __init__(self, tissue: Tissue, element: str | None = None) -> None:
@@ -76,6 +81,9 @@ class FiniteElements:
         self.free = np.setdiff1d(np.arange(self.K.shape[0]), self._held_unknowns())
 
     def _stiffness(self) -> csr_array:
+        if self.element == "smoothed":
+            _refuse_incompressible(self.tissue.poisson)
+            return csr_array(smoothed_stiffness(self.tissue.mesh, *lame(self.tissue.young, self.tissue.poisson)))
         return stiffness(self.space, self.tissue.young, self.tissue.poisson)
 
     @cached_property
@@ -91,16 +99,15 @@ class FiniteElements:
 
     def loads(self, found: Contacts) -> Float64:
         """(unknowns, 3m): column 3c+k is a unit force along axis k spread over patch c."""
-        W = found.weights(len(self.tissue.mesh.nodes))
-        out = np.zeros((self.K.shape[0], 3 * W.shape[1]))
-        if self.element == "P1":
+        out = np.zeros((self.K.shape[0], 3 * len(found.patches)))
+        if self.element in AT_NODES:
+            W = found.weights(len(self.tissue.mesh.nodes))
             for k in range(3):
                 out[self.nodal[:, k], k::3] = W
             return out
-        density = np.zeros_like(W)
-        density[self._areas[0]] = W[self._areas[0]] / self._areas[1][:, None]
-        for k in range(3):
-            out[: self.space.N, k::3] = self._surface_mass[k] @ density
+        for c, (hit, radius) in enumerate(zip(found.hits, found.radii, strict=True)):
+            for k, column in enumerate(surface_loads(self.space, self.tissue, hit, radius).T):
+                out[: self.space.N, 3 * c + k] = column
         return out
 
     def push(
@@ -125,7 +132,7 @@ class FiniteElements:
         return found.answer(self.tissue, -force.reshape(-1, 3), u[self.nodal], error, 0, None)
 
     def support_force(self, displacement: Float64) -> Float64:
-        """(3,) N of the supports on a tissue whose nodes moved by `displacement` (N, 3) mm; P1 only."""
+        """(3,) N of the supports on a tissue whose nodes moved by `displacement` (N, 3) mm; for elements `AT_NODES`."""
         u = np.zeros(self.K.shape[0])
         u[self.nodal] = displacement
         force: Float64 = (self.K @ u)[self.nodal[self.tissue.fixed]].sum(axis=0)
@@ -133,25 +140,7 @@ class FiniteElements:
 
     def _held_unknowns(self) -> Int32:
         held = [self.nodal[self.tissue.fixed].ravel()]
-        if self.element != "P1":  # an edge between two fixed nodes is fixed
+        if self.element not in AT_NODES:  # an edge between two fixed nodes is fixed
             still = self.tissue.held[self.space.mesh.edges].all(axis=0)
             held.append(self.space.edge_dofs[:, still].ravel())
         return np.concatenate(held)
-
-    @cached_property
-    def _areas(self) -> tuple[Int32, Float64]:
-        surface = self.tissue.surface
-        return surface.nodes, surface.areas
-
-    @cached_property
-    def _surface_mass(self) -> list[csr_array]:
-        """For each axis (unknowns, N): the P2 loads of a P1 traction on the boundary."""
-        mesh = self.space.mesh
-        p2 = skfem.FacetBasis(mesh, self.space.elem, intorder=3)
-        p1 = skfem.FacetBasis(mesh, skfem.ElementTetP1(), intorder=3)
-        assert (p1.nodal_dofs[0] == np.arange(len(self.tissue.mesh.nodes))).all()
-
-        def along(axis: int) -> csr_array:
-            return csr_array(skfem.BilinearForm(lambda u, v, w: u * v[axis]).assemble(p1, p2))
-
-        return [along(axis) for axis in range(3)]

@@ -1,0 +1,30 @@
+#pragma once
+// What a hyperelastic model needs of its elements: their energy, its gradient and tangent. HyperelasticModel calls it in
+// the loop's thread. Immutable: what a call writes, the caller owns.
+#include <cstddef>
+
+namespace palpate {
+
+class HyperelasticEnergy {
+public:
+    struct Energy {
+        double value; // N mm; infinite if an element is flat or inverted
+        double least; // smallest J
+    };
+    virtual ~HyperelasticEnergy() = default;
+    virtual int nodes() const = 0;
+    virtual int padded() const = 0;       // elements, rounded up
+    virtual size_t work_size() const = 0; // numbers of working memory, `work` below
+
+    // Energy of the displacement u (nodes, 3) mm, and force = dE/du (nodes, 3) N, the external force that balances it;
+    // ratio: (padded()) J of each element. If the energy is infinite, force and ratio are incomplete.
+    virtual Energy energy(const double* u, double* force, double* ratio, double* work) const = 0;
+
+    // Smallest J(u) / ratio over the elements.
+    virtual double least_ratio(const double* u, const double* ratio) const = 0;
+
+    // out = K(u) v, N: the derivative of the force along v (nodes, 3) mm. All J must be positive.
+    virtual void tangent(const double* u, const double* v, double* out, double* work) const = 0;
+};
+
+} // namespace palpate

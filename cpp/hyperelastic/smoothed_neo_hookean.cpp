@@ -1,0 +1,331 @@
+#include "hyperelastic/smoothed_neo_hookean.h"
+#include "base/vector_math.h"
+#include "tissue/tetrahedron.h"
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace palpate {
+
+constexpr int lanes = TetBlock::lanes;
+
+// Working memory: nine numbers of one tetrahedron or cell are adjacent, since cells gather them one by one.
+struct SmoothedNeoHookean::Work {
+    double *gradient, *change; // (tets, 9) V/6 grad u and V/6 grad v
+    double *volume, *growth;   // (tets) V J/4 and its change along v
+    double *stress;            // (edge cells, 9) of the tangent: its change along v
+    double *pressure, *rise;   // (node cells) dE/d(volume), and its change along v
+};
+
+namespace {
+
+using Block = SmoothedNeoHookean::Block;
+using Cells = SmoothedNeoHookean::Cells;
+
+PALPATE_INLINE double least(const Lane& J) {
+    double value = J[0];
+    for (int l = 1; l < lanes; l++) value = J[l] < value ? J[l] : value;
+    return value;
+}
+
+PALPATE_INLINE void store_nine(const Lane (&H)[3][3], const double* factor, double* out) {
+    for (int l = 0; l < lanes; l++)
+        for (int k = 0; k < 9; k++) out[9 * l + k] = factor[l] * H[k / 3][k % 3][l];
+}
+
+// The first pass, of a block of tetrahedra: their gradients and volumes. Returns the smallest J.
+PALPATE_KERNEL double block_strain(const Block& b, const double* u, double* gradients, double* volume, double* ratio) {
+    Strain s;
+    Lane sixth;
+    gradient(b, u, s.H);
+    cofactors(s);
+    for (int l = 0; l < lanes; l++) {
+        ratio[l] = s.J[l], sixth[l] = b.volume[l] / 6;
+        volume[l] = b.volume[l] * s.J[l] / 4;
+    }
+    store_nine(s.H, sixth, gradients);
+    return least(s.J);
+}
+
+// The same for a change v of u; J and its cofactors are those of u.
+PALPATE_KERNEL void block_strain_change(const Block& b, const double* u, const double* v, double* gradients,
+                                        double* growth) {
+    Strain s;
+    Lane D[3][3], sixth;
+    gradient(b, u, s.H);
+    cofactors(s);
+    gradient(b, v, D);
+    for (int l = 0; l < lanes; l++) {
+        double sum = 0;
+        for (int k = 0; k < 9; k++) sum += s.C[k / 3][k % 3][l] * D[k / 3][k % 3][l];
+        growth[l] = b.volume[l] * sum / 4, sixth[l] = b.volume[l] / 6;
+    }
+    store_nine(D, sixth, gradients);
+}
+
+// The means over `lanes` cells from `first` on; H of cells past the last one is zero.
+PALPATE_INLINE void cell_means(const Cells& cells, int first, const double* gradients, Lane (&H)[3][3]) {
+    for (int l = 0; l < lanes; l++) {
+        double sum[9] = {};
+        const int c = first + l;
+        const bool real = c < int(cells.volume.size());
+        for (int k = real ? cells.start[c] : 0; k < (real ? cells.start[c + 1] : 0); k++) {
+            const double* from = gradients + 9 * size_t(cells.tets[k]);
+            for (int e = 0; e < 9; e++) sum[e] += from[e];
+        }
+        const double inverse = real ? 1 / cells.volume[c] : 0;
+        for (int e = 0; e < 9; e++) H[e / 3][e % 3][l] = inverse * sum[e];
+    }
+}
+
+PALPATE_INLINE void constants(const Cells& cells, int first, Lane& volume, Lane& modulus) {
+    for (int l = 0; l < lanes; l++) {
+        const int c = first + l;
+        const bool real = c < int(cells.volume.size());
+        volume[l] = real ? cells.volume[c] : 0, modulus[l] = real ? cells.modulus[c] : 0;
+    }
+}
+
+// The second pass, of `lanes` edge cells: mu (F - F^-T), and the energy; infinite where a mean is inverted.
+PALPATE_KERNEL double shear_energy(const Cells& cells, int first, const double* gradients, double* stress) {
+    Strain s;
+    Lane P[3][3], volume, mu, one, sum;
+    cell_means(cells, first, gradients, s.H);
+    constants(cells, first, volume, mu);
+    cofactors(s);
+    if (!(least(s.J) > 0)) return std::numeric_limits<double>::infinity();
+    for (int l = 0; l < lanes; l++) {
+        double square = 0, trace = s.H[0][0][l] + s.H[1][1][l] + s.H[2][2][l];
+        for (int k = 0; k < 9; k++) square += s.H[k / 3][k % 3][l] * s.H[k / 3][k % 3][l];
+        sum[l] = volume[l] * mu[l] * (trace + 0.5 * square - fast_log(s.J[l]));
+        one[l] = 1;
+    }
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            for (int l = 0; l < lanes; l++)
+                P[i][j][l] = mu[l] * (s.H[i][j][l] + (i == j) - s.C[i][j][l] / s.J[l]);
+    store_nine(P, one, stress + 9 * size_t(first));
+    double total = 0;
+    for (int l = 0; l < lanes; l++) total += sum[l];
+    return total;
+}
+
+// Its change along v: mu (D + G D' G), G = F^-T.
+PALPATE_KERNEL void shear_change(const Cells& cells, int first, const double* gradients, const double* changes,
+                                 double* stress) {
+    Strain s;
+    Lane D[3][3], T[3][3], P[3][3], volume, mu, one;
+    cell_means(cells, first, gradients, s.H);
+    cell_means(cells, first, changes, D);
+    constants(cells, first, volume, mu);
+    cofactors(s);
+    for (int k = 0; k < 9; k++)
+        for (int l = 0; l < lanes; l++) s.C[k / 3][k % 3][l] /= s.J[l], one[l] = 1; // C is G now
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            for (int l = 0; l < lanes; l++)
+                T[i][j][l] = s.C[i][0][l] * D[j][0][l] + s.C[i][1][l] * D[j][1][l] + s.C[i][2][l] * D[j][2][l];
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            for (int l = 0; l < lanes; l++)
+                P[i][j][l] = mu[l] * (D[i][j][l] + T[i][0][l] * s.C[0][j][l] + T[i][1][l] * s.C[1][j][l] +
+                                      T[i][2][l] * s.C[2][j][l]);
+    store_nine(P, one, stress + 9 * size_t(first));
+}
+
+// The second pass, of `lanes` node cells: lambda ln J / J and the energy. For a change of volume, its change too.
+PALPATE_KERNEL double bulk_energy(const Cells& cells, int first, const double* volumes, const double* growths,
+                                  double* pressure, double* rise) {
+    Lane volume, lambda, J, change, sum;
+    constants(cells, first, volume, lambda);
+    for (int l = 0; l < lanes; l++) {
+        const int c = first + l;
+        const bool real = c < int(cells.volume.size());
+        double now = 0, more = 0;
+        for (int k = real ? cells.start[c] : 0; k < (real ? cells.start[c + 1] : 0); k++) {
+            now += volumes[cells.tets[k]];
+            if (growths) more += growths[cells.tets[k]];
+        }
+        J[l] = real ? now / cells.volume[c] : 1, change[l] = real ? more / cells.volume[c] : 0;
+    }
+    for (int l = 0; l < lanes; l++) {
+        const double logarithm = fast_log(J[l]);
+        sum[l] = 0.5 * volume[l] * lambda[l] * logarithm * logarithm;
+        pressure[first + l] = lambda[l] * logarithm / J[l];
+        if (growths) rise[first + l] = lambda[l] * (1 - logarithm) / (J[l] * J[l]) * change[l];
+    }
+    double total = 0;
+    for (int l = 0; l < lanes; l++) total += sum[l];
+    return total;
+}
+
+// V/6 times the sum of the stresses of a tetrahedron's six edge cells, and V/4 times that of a number of its node cells.
+PALPATE_INLINE void cell_sums(const Block& b, const double* stress, const double* pressure, Lane (&P)[3][3], Lane& p) {
+    for (int l = 0; l < lanes; l++) {
+        double sum[9] = {};
+        for (const auto& edge : b.edge) {
+            const double* from = stress + 9 * size_t(edge[l]);
+            for (int k = 0; k < 9; k++) sum[k] += from[k];
+        }
+        for (int k = 0; k < 9; k++) P[k / 3][k % 3][l] = b.volume[l] / 6 * sum[k];
+        p[l] = 0;
+        for (const auto& node : b.node) p[l] += b.volume[l] / 4 * pressure[node[l]];
+    }
+}
+
+// The third pass: the forces of a block. Returns the energy of its barriers.
+PALPATE_KERNEL double block_force(const Block& b, const double* u, const double* stress, const double* pressure,
+                                  double* force) {
+    constexpr double start = SmoothedNeoHookean::barrier_start;
+    Strain s;
+    Lane P[3][3], p, sum;
+    gradient(b, u, s.H);
+    cofactors(s);
+    cell_sums(b, stress, pressure, P, p);
+    for (int l = 0; l < lanes; l++) {
+        const double below = s.J[l] < start ? fast_log(s.J[l] / start) : 0;
+        sum[l] = b.mu[l] * below * below;
+        p[l] += 2 * b.mu[l] * below / s.J[l];
+    }
+    for (int k = 0; k < 9; k++)
+        for (int l = 0; l < lanes; l++) P[k / 3][k % 3][l] += p[l] * s.C[k / 3][k % 3][l];
+    scatter(b, P, force);
+    double total = 0;
+    for (int l = 0; l < lanes; l++) total += sum[l];
+    return total;
+}
+
+// The changes of a block's forces along v.
+PALPATE_KERNEL void block_force_change(const Block& b, const double* u, const double* v, const double* stress,
+                                       const double* pressure, const double* rise, double* out) {
+    constexpr double start = SmoothedNeoHookean::barrier_start;
+    Strain s;
+    Lane P[3][3], D[3][3], p, q;
+    gradient(b, u, s.H);
+    cofactors(s);
+    gradient(b, v, D);
+    cell_sums(b, stress, pressure, P, p);
+    for (int l = 0; l < lanes; l++) {
+        double growth = 0;
+        for (int k = 0; k < 9; k++) growth += s.C[k / 3][k % 3][l] * D[k / 3][k % 3][l];
+        const double below = s.J[l] < start ? fast_log(s.J[l] / start) : 0;
+        const double bends = s.J[l] < start ? 2 * b.mu[l] * (1 - below) / (s.J[l] * s.J[l]) : 0;
+        p[l] += 2 * b.mu[l] * below / s.J[l];
+        q[l] = bends * growth;
+        for (const auto& node : b.node) q[l] += b.volume[l] / 4 * rise[node[l]];
+    }
+    for (int i = 0; i < 3; i++) {
+        const int i1 = (i + 1) % 3, i2 = (i + 2) % 3;
+        for (int j = 0; j < 3; j++) {
+            const int j1 = (j + 1) % 3, j2 = (j + 2) % 3;
+            const double a = i1 == j1, d = i2 == j2, e = i1 == j2, f = i2 == j1; // of the identity in F
+            for (int l = 0; l < lanes; l++)
+                P[i][j][l] += q[l] * s.C[i][j][l] +
+                              p[l] * (D[i1][j1][l] * (s.H[i2][j2][l] + d) + (s.H[i1][j1][l] + a) * D[i2][j2][l] -
+                                      D[i1][j2][l] * (s.H[i2][j1][l] + f) - (s.H[i1][j2][l] + e) * D[i2][j1][l]);
+        }
+    }
+    scatter(b, P, out);
+}
+
+PALPATE_KERNEL double block_ratio(const Block& b, const double* u, const double* ratio) {
+    Strain s;
+    gradient(b, u, s.H);
+    cofactors(s);
+    for (int l = 0; l < lanes; l++) s.J[l] /= ratio[l];
+    return least(s.J);
+}
+
+// Which tetrahedra are in each cell.
+Cells cells_of(const int32_t* cell, int per_tet, int tets, int count, const double* volume, const double* modulus) {
+    Cells out{std::vector<int>(count + 1, 0), std::vector<int>(size_t(per_tet) * tets), std::vector<double>(count, 0),
+              {modulus, modulus + count}};
+    for (int k = 0; k < per_tet * tets; k++) {
+        out.start[cell[k] + 1]++;
+        out.volume[cell[k]] += volume[k / per_tet] / per_tet;
+    }
+    for (int c = 0; c < count; c++) out.start[c + 1] += out.start[c];
+    std::vector<int> next(out.start.begin(), out.start.end() - 1);
+    for (int k = 0; k < per_tet * tets; k++) out.tets[next[cell[k]]++] = k / per_tet;
+    return out;
+}
+
+int rounded_up(int n) { return (n + lanes - 1) / lanes * lanes; }
+
+} // namespace
+
+SmoothedNeoHookean::SmoothedNeoHookean(const double* nodes, int count, const int32_t* tets, int elements,
+                                       const double* mu, const SmoothingCells& cells)
+    : count(count), block(rounded_up(elements) / lanes), edge_lanes(rounded_up(cells.edges)),
+      node_lanes(rounded_up(cells.nodes)) {
+    std::vector<double> volume(elements);
+    for (auto& b : block) b = Block{};
+    for (int t = 0; t < elements; t++) {
+        Block& b = block[t / lanes];
+        const int l = t % lanes;
+        double slope[3][3];
+        volume[t] = shape_gradients(nodes, tets + 4 * size_t(t), slope);
+        for (int c = 0; c < 4; c++) b.corner[c][l] = tets[4 * size_t(t) + c];
+        for (int c = 0; c < 3; c++)
+            for (int k = 0; k < 3; k++) b.slope[c][k][l] = slope[c][k];
+        for (int k = 0; k < 6; k++) b.edge[k][l] = cells.edge[6 * size_t(t) + k];
+        for (int k = 0; k < 4; k++) b.node[k][l] = cells.node[4 * size_t(t) + k];
+        b.volume[l] = volume[t];
+        b.mu[l] = mu[t] * volume[t];
+    }
+    edges = cells_of(cells.edge, 6, elements, cells.edges, volume.data(), cells.mu);
+    nodal = cells_of(cells.node, 4, elements, cells.nodes, volume.data(), cells.lambda);
+}
+
+SmoothedNeoHookean::Work SmoothedNeoHookean::divide(double* work) const {
+    const size_t n = padded();
+    Work w{};
+    w.gradient = work, w.change = w.gradient + 9 * n, w.volume = w.change + 9 * n, w.growth = w.volume + n;
+    w.stress = w.growth + n, w.pressure = w.stress + 9 * size_t(edge_lanes), w.rise = w.pressure + node_lanes;
+    return w;
+}
+
+SmoothedNeoHookean::Energy SmoothedNeoHookean::energy(const double* u, double* force, double* ratio,
+                                                      double* work) const {
+    constexpr double infinite = std::numeric_limits<double>::infinity();
+    const Work w = divide(work);
+    Energy whole{0, infinite};
+    std::fill_n(force, 3 * size_t(count), 0.0);
+    for (size_t k = 0; k < block.size(); k++) {
+        const size_t at = k * lanes;
+        const double part = block_strain(block[k], u, w.gradient + 9 * at, w.volume + at, ratio + at);
+        whole.least = std::min(whole.least, part);
+        if (!(part > 0)) return {infinite, part};
+    }
+    for (int c = 0; c < edge_lanes; c += lanes) whole.value += shear_energy(edges, c, w.gradient, w.stress);
+    if (!std::isfinite(whole.value)) return {infinite, whole.least};
+    for (int c = 0; c < node_lanes; c += lanes)
+        whole.value += bulk_energy(nodal, c, w.volume, nullptr, w.pressure, nullptr);
+    for (const Block& b : block) whole.value += block_force(b, u, w.stress, w.pressure, force);
+    return whole;
+}
+
+double SmoothedNeoHookean::least_ratio(const double* u, const double* ratio) const {
+    double value = std::numeric_limits<double>::infinity();
+    for (const Block& b : block) {
+        value = std::min(value, block_ratio(b, u, ratio));
+        ratio += lanes;
+    }
+    return value;
+}
+
+void SmoothedNeoHookean::tangent(const double* u, const double* v, double* out, double* work) const {
+    const Work w = divide(work);
+    std::fill_n(out, 3 * size_t(count), 0.0);
+    for (size_t k = 0; k < block.size(); k++) {
+        const size_t at = k * lanes;
+        double ratio[lanes];
+        block_strain(block[k], u, w.gradient + 9 * at, w.volume + at, ratio);
+        block_strain_change(block[k], u, v, w.change + 9 * at, w.growth + at);
+    }
+    for (int c = 0; c < edge_lanes; c += lanes) shear_change(edges, c, w.gradient, w.change, w.stress);
+    for (int c = 0; c < node_lanes; c += lanes) bulk_energy(nodal, c, w.volume, w.growth, w.pressure, w.rise);
+    for (const Block& b : block) block_force_change(b, u, v, w.stress, w.pressure, w.rise, out);
+}
+
+} // namespace palpate

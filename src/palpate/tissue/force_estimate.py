@@ -1,0 +1,34 @@
+"""The errors of a contact force, one by one."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class ForceEstimate:
+    """Errors of the force of a push, relative to the force.
+
+    Parameters
+    ----------
+    mesh : float
+        How far finite elements on this mesh are from the continuum: estimated, not bounded. Positive if the force is too
+        large.
+    solver : float
+        How far the answer is from the exact solution of its own equations: `Answer.error`.
+    linearisation : float or None
+        How far linear elasticity is from finite strain; None if it is not known.
+
+    Examples
+    --------
+    >>> estimate = pp.model(tissue, "compliance").push(top, (0, 0, -1), 10).estimate
+    >>> bool(estimate.total >= abs(estimate.mesh))
+    True
+    """
+
+    mesh: float
+    solver: float
+    linearisation: float | None = None
+
+    @property
+    def total(self) -> float:
+        """Sum of the sizes of those that are known."""
+        return abs(self.mesh) + self.solver + abs(self.linearisation or 0.0)
