@@ -49,6 +49,7 @@ def write_tissue(path: str | Path, tissue: Tissue) -> None:
         "element": tissue.element,
         "springs": None if tissue.springs is None else asdict(tissue.springs),
         "report": None if tissue.report is None else tissue.report.plain(),
+        "materials": {str(region): name for region, name in tissue.materials.items()},
     }
     with replacing(path) as temporary:
         write_mesh(temporary, tissue.mesh, nodal, {"young": tissue.young, "poisson": tissue.poisson})
@@ -100,9 +101,9 @@ def read_tissue(path: str | Path) -> Tissue:
         springs = None if text["springs"] is None else SpringLaw(**text["springs"])
         report = None if text["report"] is None else FitReport.from_plain(text["report"], stored.point_data["error"])
         held = np.asarray(stored.point_data["fixed"]).astype(bool)
-        return Tissue(
-            mesh, fields["young"], fields["poisson"], held, element=text["element"], springs=springs, report=report
-        )
+        materials = {int(region): str(name) for region, name in text.get("materials", {}).items()}
+        constants = (fields["young"], fields["poisson"], held)
+        return Tissue(mesh, *constants, element=text["element"], springs=springs, report=report, materials=materials)
     except (MaterialError, DataError) as problem:
         raise type(problem)(f"{path}: {problem}") from None
     except (KeyError, TypeError, ValueError, AttributeError) as problem:
