@@ -48,7 +48,7 @@ def fit_command(
     region_poisson: Annotated[list[str] | None, typer.Option(help="Another Poisson's ratio: lump=0.4")] = None,
     region_tissue: Annotated[list[str] | None, typer.Option(help="Another tissue: lump=liver-carcinoma")] = None,
     stiffness: Annotated[
-        Path | None, typer.Option(help="Map of the stiffness, kPa, instead of --young: .nii.gz, .nrrd, DICOM, ...")
+        Path | None, typer.Option(help="Map of the stiffness, kPa, instead of --young: .nii.gz, .nrrd, .mha.")
     ] = None,
     quantity: Annotated[str | None, typer.Option(help="What the map holds: shear (MR elastography), young.")] = None,
     law: Annotated[str, typer.Option(help="Of the home springs: uniform, linear, exponential.")] = "exponential",
