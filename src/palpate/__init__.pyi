@@ -110,11 +110,15 @@ from .tissue.lump_detectability import force_map as force_map
 from .tissue.lump_detectability import lump_map as lump_map
 from .tissue.model_selection import select_model as select_model
 from .tissue.models.registry import model as model
+from .tissue.named_tissues import tissue_properties as tissue_properties
 from .tissue.reference.solver import finite_elements as finite_elements
 from .tissue.reference.solver import finite_strain as finite_strain
 from .tissue.spring_fitting import fit as fit
+from .tissue.stiffness_map import stiffness_from_map as stiffness_from_map
 from .tissue.tissue import SpringLaw as SpringLaw
 from .tissue.tissue import Tissue as Tissue
+from .tissue.tissue_properties import Measured as Measured
+from .tissue.tissue_properties import TissueProperties as TissueProperties
 from .version import __version__ as __version__
 from .volumes.grid import Grid as Grid
 from .volumes.image_metrics import contrast_to_noise as contrast_to_noise

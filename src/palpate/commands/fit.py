@@ -1,13 +1,19 @@
 """`palpate fit`."""
 
 import shlex
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
 import palpate as pp
 from palpate.commands.progress import doing, progress
+
+if TYPE_CHECKING:
+    from palpate.tissue.tissue import Constant
+
+T = TypeVar("T", float, str)
 
 
 P1_NOTE = "{}: this tissue has P1 elements, which are too stiff; run palpate fit again for smoothed ones"
@@ -18,11 +24,23 @@ def add(app: typer.Typer) -> None:
     app.command("fit", short_help="Gives a mesh stiffness and support, and fits springs to it.")(fit_command)
 
 
+def list_tissues(wanted: bool) -> None:
+    """Prints the table of tissues and ends."""
+    if wanted:
+        from palpate.tissue.named_tissues import tissue_list
+
+        typer.echo(tissue_list())
+        raise typer.Exit
+
+
 def fit_command(
     mesh: Annotated[Path, typer.Argument(help="Mesh of tetrahedra: .vtu, .vtk or .msh.", show_default=False)],
     output: Annotated[Path, typer.Option("-o", "--output", help="Tissue to write: .vtu.", show_default=False)],
-    young: Annotated[float, typer.Option(help="Young's modulus, kPa.", show_default=False)],
-    poisson: Annotated[float, typer.Option(help="Poisson's ratio, from 0 to below 0.5.")] = 0.45,
+    young: Annotated[float | None, typer.Option(help="Young's modulus, kPa.", show_default=False)] = None,
+    poisson: Annotated[
+        float | None, typer.Option(help="Poisson's ratio, from 0 to below 0.5. Default: the tissue's, else 0.45.")
+    ] = None,
+    tissue: Annotated[str | None, typer.Option(help="Constants of a named tissue: kidney. See --list-tissues.")] = None,
     rest_on: Annotated[str, typer.Option(help="Way to the table that holds it: x,y,z.")] = "0,0,-1",
     depth: Annotated[
         float | None, typer.Option(help="Nodes so near the table are held, mm. Default: 10 % of the extent.")
@@ -31,15 +49,26 @@ def fit_command(
         list[str] | None, typer.Option(help="Another modulus for a region, by name or number: lump=20")
     ] = None,
     region_poisson: Annotated[list[str] | None, typer.Option(help="Another Poisson's ratio: lump=0.4")] = None,
+    region_tissue: Annotated[list[str] | None, typer.Option(help="Another tissue: lump=liver-carcinoma")] = None,
+    stiffness: Annotated[
+        Path | None, typer.Option(help="Map of the stiffness, kPa, instead of --young: .nii.gz, .nrrd, .mha.")
+    ] = None,
+    quantity: Annotated[str | None, typer.Option(help="What the map holds: shear (MR elastography), young.")] = None,
     law: Annotated[str, typer.Option(help="Of the home springs: uniform, linear, exponential.")] = "exponential",
     element: Annotated[
-        str, typer.Option(help="Finite element: smoothed; P1 (too stiff); P2, mixed (up to 0.5): springs alone are touched.")
+        str,
+        typer.Option(
+            help="Finite element: smoothed; P1 (too stiff); P2, mixed (up to 0.5): springs alone are touched."
+        ),
     ] = "smoothed",
     within: Annotated[
         float | None, typer.Option(help="Also find the model whose worst node is off by no more, mm.")
     ] = None,
     force_within: Annotated[float, typer.Option(help="And whose force is off by no more, %.")] = 5.0,
     up_to: Annotated[float, typer.Option(help="For pushes so deep, mm.")] = 10.0,
+    show_tissues: Annotated[
+        bool, typer.Option("--list-tissues", help="Print the named tissues.", callback=list_tissues, is_eager=True)
+    ] = False,
 ) -> None:
     """Example: [bold]palpate fit kidney.vtu --young 15 --rest-on 0,1,0 --depth 12 -o tissue.vtu[/bold]
 
@@ -51,34 +80,43 @@ def fit_command(
 
     With a stiff lump:
     palpate fit breast.vtu --young 3.25 --region-young lump=42.5 -o tissue.vtu
+
+    With constants from the literature, and from an elastogram:
+    palpate fit liver.vtu --tissue liver --region-tissue lump=liver-carcinoma -o tissue.vtu
+    palpate fit liver.vtu --stiffness elastogram.nii.gz --quantity shear -o tissue.vtu
     """
     from palpate.atomic_write import writable
     from palpate.errors import FileError
     from palpate.simulation.starting_model import starting_model
+    from palpate.tissue.named_tissues import material_lines
 
     writable(output)
     if output.suffix.lower() != ".vtu":
         raise FileError(f"{output}: tissue is written as .vtu; name it so")
     solid = pp.read_mesh(mesh)
-    regions = sorted(set(solid.region.tolist()))
-    E = _by_region(solid.names, regions, "--region-young", young, region_young)
-    nu = _by_region(solid.names, regions, "--region-poisson", poisson, region_poisson)
+    kinds = _by_region(solid, "--region-tissue", str, tissue, region_tissue)
+    nu = _by_region(solid, "--region-poisson", float, poisson, region_poisson)
+    E: Constant = _by_region(solid, "--region-young", float, young, region_young, region_tissue)
+    if stiffness is not None or quantity is not None:
+        E = _from_map(solid, stiffness, quantity, E, nu, kinds)
     fixed = pp.resting_on(solid, _numbers("--rest-on", rest_on), depth)
     with progress() as say:
-        tissue = pp.fit(solid, E, nu, fixed, law=law, element=element, progress=say)
-    pp.write_tissue(output, tissue)
+        fitted = pp.fit(solid, E, nu, fixed, law=law, element=element, progress=say, tissue=kinds)
+    pp.write_tissue(output, fitted)
     with doing("trying models"):
-        begin = starting_model(tissue)
+        begin = starting_model(fitted)
     if element == "P1":
         typer.echo(P1_NOTE.format(output))
     typer.echo(f"palpate touch {shlex.quote(str(output))} begins with {begin.reason}")
-    assert tissue.report is not None
-    typer.echo(tissue.report.text())
+    for line in material_lines(fitted):
+        typer.echo(line)
+    assert fitted.report is not None
+    typer.echo(fitted.report.text())
     if within is not None:
         with progress() as say:
-            found = pp.select_model(tissue, within, force_within / 100, up_to, progress=say)
+            found = pp.select_model(fitted, within, force_within / 100, up_to, progress=say)
         typer.echo(found.text())
-    typer.echo(f"{len(solid.nodes)} nodes, {len(tissue.fixed)} held; wrote {output}")
+    typer.echo(f"{len(solid.nodes)} nodes, {len(fitted.fixed)} held; wrote {output}")
 
 
 def _numbers(option: str, text: str) -> list[float]:
@@ -92,18 +130,50 @@ def _numbers(option: str, text: str) -> list[float]:
 
 
 def _by_region(
-    names: dict[int, str], regions: list[int], option: str, value: float, others: list[str] | None
-) -> dict[int | str, float]:
-    """One value for every region of the mesh, then those that `others` ("name=value") change."""
-    values: dict[int | str, float] = dict.fromkeys(regions, value)
-    numbers = {name: number for number, name in names.items()}
+    mesh: pp.TetMesh,
+    option: str,
+    kind: Callable[[str], T],
+    value: T | None,
+    others: list[str] | None,
+    named: list[str] | None = None,
+) -> dict[int | str, T]:
+    """`value` for each region, save those that `named` gives a tissue of their own; then those of `others`: "name=value"."""
+    regions = sorted(set(mesh.region.tolist()))
+    own = _by_region(mesh, "--region-tissue", str, None, named) if named else {}
+    values: dict[int | str, T] = {} if value is None else {r: value for r in regions if r not in own}
+    numbers = {name: number for number, name in mesh.names.items()}
     for text in others or []:
-        name, _, number = text.rpartition("=")
+        name, _, word = text.rpartition("=")
         try:
             region = numbers[name] if name in numbers else int(name)
-            values[region] = float(number)
+            values[region] = kind(word)
         except ValueError:
-            known = ", ".join(f"{r} ({names[r]})" if r in names else str(r) for r in regions)
+            known = ", ".join(f"{r} ({mesh.names[r]})" if r in mesh.names else str(r) for r in regions)
             hint = f"give region=value; the mesh has regions {known}"
             raise typer.BadParameter(f"{text!r}: {hint}", param_hint=option) from None
     return values
+
+
+def _from_map(
+    mesh: pp.TetMesh,
+    stiffness: Path | None,
+    quantity: str | None,
+    young: "Constant",
+    poisson: dict[int | str, float],
+    tissue: dict[int | str, str],
+) -> "Constant":
+    """Young's modulus of each tet from a map, which is then the only thing that gives it."""
+    import numpy as np
+
+    if stiffness is None:
+        raise typer.BadParameter("says what a map holds; give the map with --stiffness", param_hint="--quantity")
+    if young:
+        hint = "the map gives Young's modulus; leave out --young and --region-young"
+        raise typer.BadParameter(hint, param_hint="--stiffness")
+    volume = pp.read_volume(stiffness, unit="kPa")
+    E = pp.stiffness_from_map(mesh, volume, quantity or "", poisson, tissue)
+    typer.echo(
+        f"Young's modulus {E.min():.3g} to {E.max():.3g} kPa, median {np.median(E):.3g}, from {stiffness}. MR elastography "
+        f"vibrates at 40 to 60 Hz most often: tissue is stiffer there than under a slow press."
+    )
+    return E

@@ -26,7 +26,7 @@ from palpate.scans.importers import import_scan
 from palpate.scans.io import read_scan, write_scan
 from palpate.scans.scan import Scan
 from palpate.tissue.boundary_conditions import resting_on
-from palpate.tissue.literature_stiffness import MATERIALS
+from palpate.tissue.named_tissues import tissue_properties
 from palpate.tissue.tissue import Tissue
 from palpate.volumes.grid import Grid
 from palpate.volumes.io import read_labels, write_labels
@@ -119,8 +119,8 @@ def _tissue(stages: Stages, labels: Labels, mesh_name: str, name: str, radius: f
     options = {"label": "breast", "edge": EDGE, "inclusions": ["lesion"], "closed_at_border": True, "fine": fine}
     mesh = mesh_stage(stages, labels, mesh_name, **options)
     young: dict[int | str, float] = {
-        "breast": MATERIALS["breast fibroglandular"].young,
-        "lesion": MATERIALS["breast carcinoma, ductal, high grade"].young,
+        "breast": tissue_properties("gland").required("young"),
+        "lesion": tissue_properties("breast-carcinoma").required("young"),
     }
     return fit_stage(stages, mesh, name, young, POISSON, fixed_nodes(mesh))
 
@@ -177,9 +177,9 @@ def _volume_section(volume: Volume, labels: Labels, lesion: Inclusion, steps: li
 
 
 def _assumptions(tissue: Tissue) -> list[str]:
-    plain, stiff = MATERIALS["breast fibroglandular"], MATERIALS["breast carcinoma, ductal, high grade"]
+    plain, stiff = (tissue_properties(name).described("young") for name in ("gland", "breast-carcinoma"))
     return [
-        f"Young's modulus {plain.young:g} kPa for the breast and {stiff.young:g} kPa for the lesion: {stiff.source}.",
+        f"Young's modulus of the breast {plain}, and of the lesion {stiff}.",
         f"Poisson's ratio {POISSON:g}. The numerical breast has no stiffness: a carcinoma is assumed.",
         f"Assumed: the breast rests on the panel and goes on into the chest wall; the {len(tissue.fixed)} nodes there are "
         f"held still.",

@@ -7,7 +7,7 @@ from palpate.report.html_report import Section, write_report
 from palpate.report.stages import Stages
 from palpate.samples import KIDNEY_BED, KIDNEY_LABEL, KIDNEY_POISSON, sample
 from palpate.tissue.boundary_conditions import resting_on
-from palpate.tissue.literature_stiffness import MATERIALS
+from palpate.tissue.named_tissues import tissue_properties
 from palpate.tissue.tissue import Tissue
 from palpate.volumes.io import read_labels, read_volume, write_labels, write_volume
 from palpate.volumes.volume import Labels
@@ -24,9 +24,9 @@ def kidney(stages: Stages) -> Mapping[str, Tissue]:
     mesh = mesh_stage(stages, labels, "kidney.vtu", label=KIDNEY_LABEL, edge=EDGE)
     back = (0.0, 1.0, 0.0)  # LPS: y grows towards the back
     extent = float(mesh.nodes[:, 1].max() - mesh.nodes[:, 1].min())
-    material = MATERIALS["kidney"]
+    known = tissue_properties("kidney")
     fixed = resting_on(mesh, back, depth=KIDNEY_BED * extent)
-    tissue = fit_stage(stages, mesh, "tissue.vtu", material.young, KIDNEY_POISSON, fixed)
+    tissue = fit_stage(stages, mesh, "tissue.vtu", known.required("young"), KIDNEY_POISSON, fixed)
     organ = labels.values == labels.value_of(KIDNEY_LABEL)
     middle = [int(i.mean()) for i in organ.nonzero()]
     outline = Labels(organ.astype(int), labels.grid)
@@ -48,7 +48,7 @@ def kidney(stages: Stages) -> Mapping[str, Tissue]:
         tissue_section(
             tissue,
             [
-                f"Young's modulus {material.young:g} kPa ({material.source}), Poisson's ratio {KIDNEY_POISSON:g}.",
+                f"Young's modulus {known.described('young')}, Poisson's ratio {KIDNEY_POISSON:g}.",
                 f"Assumed: the rear {KIDNEY_BED:.0%} of the kidney is bedded in fat and muscle, and its {len(fixed)} nodes "
                 "are held still.",
             ],

@@ -101,8 +101,8 @@ class Frame:
     the model that were not finite. model, chosen: indices in the scene's models of the one that answers and of the one that
     was chosen last, which may still be built. energy: N mm that the tools have put into the
     tissue, stored or dissipated there. mesh_error: estimated error of the force that the mesh makes, relative to the
-    force, positive if it is too large; NaN: not known. Then (count, 3) 16-bit integers: the displacements of the first `count` shown
-    nodes (0 or all) in units of `step` mm.
+    force, positive if it is too large; NaN: not known. Then (count, 3) 16-bit integers: the displacements of the first
+    `count` shown nodes (0 or all) in units of `step` mm.
     """
 
     model: U8

@@ -111,7 +111,9 @@ class DiscretizationError:
         return rows.ravel(), share.ravel() / total
 
 
-def _patch_quadrature(tissue: Tissue, hit: "_core.tissue.SurfacePoint", radius: float) -> tuple[Int32, Float64, Float64]:
+def _patch_quadrature(
+    tissue: Tissue, hit: "_core.tissue.SurfacePoint", radius: float
+) -> tuple[Int32, Float64, Float64]:
     """Triangles (T, 3) of a patch, barycentric points (3, q), and φ times their weights (T, q), mm²."""
     triangles = tissue.mesh.surface[tissue.surface.patch_triangles(hit, radius)]
     corner = tissue.mesh.nodes[triangles]

@@ -49,6 +49,7 @@ def write_tissue(path: str | Path, tissue: Tissue) -> None:
         "element": tissue.element,
         "springs": None if tissue.springs is None else asdict(tissue.springs),
         "report": None if tissue.report is None else tissue.report.plain(),
+        "materials": {str(region): name for region, name in tissue.materials.items()},
     }
     with replacing(path) as temporary:
         write_mesh(temporary, tissue.mesh, nodal, {"young": tissue.young, "poisson": tissue.poisson})
@@ -100,8 +101,10 @@ def read_tissue(path: str | Path) -> Tissue:
         springs = None if text["springs"] is None else SpringLaw(**text["springs"])
         report = None if text["report"] is None else FitReport.from_plain(text["report"], stored.point_data["error"])
         held = np.asarray(stored.point_data["fixed"]).astype(bool)
+        materials = {int(region): str(name) for region, name in text.get("materials", {}).items()}
+        constants = (fields["young"], fields["poisson"], held)
         return Tissue(
-            mesh, fields["young"], fields["poisson"], held, element=text.get("element", "P1"), springs=springs, report=report
+            mesh, *constants, element=text.get("element", "P1"), springs=springs, report=report, materials=materials
         )
     except (MaterialError, DataError) as problem:
         raise type(problem)(f"{path}: {problem}") from None

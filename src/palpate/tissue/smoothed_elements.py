@@ -96,8 +96,12 @@ def smoothed_stiffness(mesh: TetMesh, lam: Float64, mu: Float64) -> bsr_array:
     Liu & Nguyen-Thoi, Smoothed Finite Element Methods, CRC Press, 2010.
     """
     cells, nodes = smoothing_cells(mesh, lam, mu), len(mesh.nodes)
-    shear = _squared(cells.edge, cells.volumes / 6, np.sqrt(cells.mu / cells.edge_volumes), cells.slopes, mesh.tets, nodes)
-    bulk = _squared(cells.node, cells.volumes / 4, np.sqrt(cells.lam / cells.node_volumes), cells.slopes, mesh.tets, nodes)
+    shear = _squared(
+        cells.edge, cells.volumes / 6, np.sqrt(cells.mu / cells.edge_volumes), cells.slopes, mesh.tets, nodes
+    )
+    bulk = _squared(
+        cells.node, cells.volumes / 4, np.sqrt(cells.lam / cells.node_volumes), cells.slopes, mesh.tets, nodes
+    )
     blocks = shear.data.swapaxes(1, 2).copy()  # 2 ε:ε = |H|² + H:Hᵀ, H the gradient of u
     blocks += np.trace(shear.data, axis1=1, axis2=2)[:, None, None] * np.eye(3)
     K = bsr_array((blocks, shear.indices, shear.indptr), shape=shear.shape) + bulk

@@ -11,6 +11,7 @@ from palpate.errors import DataError, MaterialError
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.tissue.contact_patches import Answer
 from palpate.tissue.models.mass_spring import SpringModel
+from palpate.tissue.named_tissues import Named, named_materials, poisson_of, young_of
 from palpate.tissue.reference.linear_elasticity import FiniteElements
 from palpate.tissue.reference.solver import finite_elements
 from palpate.tissue.spring_fit_report import FitReport
@@ -22,9 +23,9 @@ _TRAINING, _HELD_OUT = 10, 8
 
 def fit(
     mesh: TetMesh,
-    young: Constant,
-    poisson: Constant,
-    fixed: ArrayLike,
+    young: Constant | None = None,
+    poisson: Constant | None = None,
+    fixed: ArrayLike = (),
     law: str = "exponential",
     weights: str = "cotangent",
     rows: str = "distance",
@@ -32,6 +33,8 @@ def fit(
     radius: float | None = None,
     depth: float | None = None,
     progress: Callable[[str, float], None] | None = None,
+    *,
+    tissue: Named | None = None,
 ) -> Tissue:
     """Return a tissue whose springs are as close to finite elements as their law allows.
 
@@ -44,7 +47,7 @@ def fit(
     mesh : TetMesh
         The solid.
     young, poisson, fixed : optional
-        As for `Tissue`.
+        As for `Tissue`. A region without a value has that of its named tissue; without one, Poisson's ratio is 0.45.
     law, weights, rows : str, optional
         As for `SpringLaw`.
     element : {"smoothed", "P1", "P2", "mixed"}, optional
@@ -55,16 +58,18 @@ def fit(
         Depth of the pushes, mm. The default is 5 % of the mesh's diagonal.
     progress : callable, optional
         Called with what is done and the share done.
+    tissue : str or dict, optional
+        Name of a tissue of `tissue_properties`, or a dict of names by region. What is given in numbers wins.
 
     Returns
     -------
     Tissue
-        With `springs` and `report`.
+        With `springs` and `report`, and `materials` where tissues are named.
 
     Raises
     ------
     MaterialError
-        If a constant or support is not valid.
+        If a constant or support is not valid, or Young's modulus is neither given nor known.
     DataError
         If a contact is not possible.
 
@@ -77,29 +82,34 @@ def fit(
     >>> soft = pp.fit(mesh, young=5, poisson=0.4, fixed=pp.resting_on(mesh, (0, 0, -1)))
     >>> soft.springs.law
     'exponential'
+    >>> pp.fit(mesh, tissue={"organ": "liver", "lump": "liver-carcinoma"}, fixed=soft.fixed).materials
+    {1: 'liver', 2: 'liver-carcinoma'}
     """
     say = progress or (lambda what, share: None)
-    tissue = Tissue(mesh, young, poisson, fixed, element=element)
+    materials = named_materials(mesh, tissue)
+    E, nu = young_of(mesh, young, materials), poisson_of(mesh, poisson, materials)
+    solid = Tissue(mesh, E, nu, fixed, element=element, materials=materials)
     start = SpringLaw(law, {"exponential": -0.1}.get(law, 0.1), weights, rows)
     size = float(np.linalg.norm(np.ptp(mesh.nodes, axis=0)))
-    r = 2 * tissue.edge if radius is None else radius
+    r = 2 * solid.edge if radius is None else radius
     d = 0.05 * size if depth is None else depth
     if not (np.isfinite(d) and d > 0):
         raise DataError(f"depth: {d} mm; give how deep the fit's contacts push, more than 0")
-    points = scattered_points(tissue, _TRAINING + _HELD_OUT)
+    points = scattered_points(solid, _TRAINING + _HELD_OUT)
     held_out = np.arange(len(points)) >= _TRAINING
-    inward = -d * surface_normals(tissue, points)
+    inward = -d * surface_normals(solid, points)
     say("finite elements", 0.0)
-    truth = finite_elements(tissue)
+    truth = finite_elements(solid)
     true = []
     for k, (x, w) in enumerate(zip(points[~held_out], inward[~held_out], strict=True), 1):
         true.append(truth.push(x, w, r))
         say("finite elements", 0.4 * k / _TRAINING)
-    springs = _fitted(tissue, start, points[~held_out], inward[~held_out], r, true, say)
+    springs = _fitted(solid, start, points[~held_out], inward[~held_out], r, true, say)
     say("report on other contacts", 0.8)
-    report = compare(truth, SpringModel(tissue, springs), points[held_out], tilt_half(inward[held_out]), r, d)
+    report = compare(truth, SpringModel(solid, springs), points[held_out], tilt_half(inward[held_out]), r, d)
     say("springs fitted", 1.0)
-    return Tissue(mesh, tissue.young, tissue.poisson, tissue.fixed, element=element, springs=springs, report=report)
+    constants = (solid.young, solid.poisson, solid.fixed)
+    return Tissue(mesh, *constants, element=element, springs=springs, report=report, materials=materials)
 
 
 def compare(truth: FiniteElements, model: SpringModel, points: Float64, push: Float64, r: float, d: float) -> FitReport:

@@ -93,6 +93,8 @@ class Tissue:
         The springs that `fit` found.
     report : FitReport, optional
         The report of `fit`.
+    materials : dict of int to str, optional
+        Name of the tissue of each region, for those that `fit` was given by name.
 
     Raises
     ------
@@ -114,6 +116,7 @@ class Tissue:
     element: str
     springs: SpringLaw | None
     report: FitReport | None
+    materials: dict[int, str]
 
     def __init__(
         self,
@@ -125,9 +128,10 @@ class Tissue:
         element: str = "smoothed",
         springs: SpringLaw | None = None,
         report: FitReport | None = None,
+        materials: Mapping[int, str] | None = None,
     ) -> None:
-        modulus = _constants("young", young, mesh)
-        ratio = _constants("poisson", poisson, mesh)
+        modulus = constant_per_tet("young", young, mesh)
+        ratio = constant_per_tet("poisson", poisson, mesh)
         if (modulus <= 0).any():
             bad = int(np.argmin(modulus))
             raise MaterialError(
@@ -147,6 +151,7 @@ class Tissue:
             object.__setattr__(self, name, value)
         for name, thing in (("mesh", mesh), ("element", element), ("springs", springs), ("report", report)):
             object.__setattr__(self, name, thing)
+        object.__setattr__(self, "materials", dict(materials or {}))
 
     @cached_property
     def held(self) -> Bool:
@@ -190,7 +195,8 @@ def mesh_edges(mesh: TetMesh) -> Int32:
     return np.unique(np.sort(pairs, axis=1), axis=0).astype(np.int32)
 
 
-def _constants(name: str, value: Constant, mesh: TetMesh) -> Float64:
+def constant_per_tet(name: str, value: Constant, mesh: TetMesh) -> Float64:
+    """(M,) of a constant that is given as one number, for each tet, or by region; raises `MaterialError`."""
     count = len(mesh.tets)
     if not isinstance(value, Mapping):
         array = float64(name, value)

@@ -12,11 +12,11 @@ from palpate.samples import KIDNEY_BED, KIDNEY_LABEL, KIDNEY_POISSON, sample
 from palpate.studies.deformation.accuracy_cost import timed
 from palpate.studies.deformation.config import DEPTH, Setting
 from palpate.tissue.boundary_conditions import resting_on
-from palpate.tissue.literature_stiffness import MATERIALS
 from palpate.tissue.model_selection import select_model
 from palpate.tissue.models.registry import model, names
 from palpate.tissue.models.ring_relaxation import RingModel
 from palpate.tissue.models.tissue_model import TissueModel
+from palpate.tissue.named_tissues import tissue_properties
 from palpate.tissue.spring_fitting import fit, scattered_points, surface_normals
 from palpate.tissue.tissue import Tissue
 from palpate.volumes.io import read_labels
@@ -29,7 +29,8 @@ ASKED = (0.3, 0.05, 10.0)  # mm, share of force, mm of push
 def kidney(edge: float) -> Tissue:
     """The left kidney at this edge length, mm, its rear held, springs not fitted."""
     mesh = tetrahedralize(read_labels(sample("abdomen") / "labels.nii.gz"), label=KIDNEY_LABEL, edge=edge)
-    return Tissue(mesh, MATERIALS["kidney"].young, KIDNEY_POISSON, _fixed_nodes(mesh), element="P1")
+    young = tissue_properties("kidney").required("young")
+    return Tissue(mesh, young, KIDNEY_POISSON, _fixed_nodes(mesh), element="P1")
 
 
 def _fixed_nodes(mesh: TetMesh) -> np.ndarray:

@@ -21,7 +21,9 @@ class TissueModel(ABC):
     """
 
     slides = False  # whether contacts of finite friction can be answered
-    linear_elasticity = False  # whether it is: finite elements of the tissue's own element, whose error can be estimated
+    linear_elasticity = (
+        False  # whether it is: finite elements of the tissue's own element, whose error can be estimated
+    )
 
     def __init__(
         self, tissue: Tissue, native: "_core.tissue.TissueModel", settings: dict[str, float] | None = None
