@@ -3,7 +3,7 @@
     python -m benchmarks.certificate_soundness --cases 1000 --seed 0
 
 The truth shares nothing with the models but the mesh and the patches' weights: stiffness from the strain matrices of
-linear tetrahedra in numpy, and the saddle point of K and W factored by SuperLU.
+P1 and smoothed tetrahedra in numpy, and the saddle point of K and W factored by SuperLU.
 """
 
 import argparse
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import bmat, coo_array, csc_array
+from scipy.sparse import bmat, coo_array, csc_array, diags_array
 from scipy.sparse.linalg import splu
 
 import palpate as pp
@@ -104,7 +104,8 @@ def cases(count: int, seed: int) -> Iterator[Case]:
         try:
             mesh = organ(rng) if stuffed else brick(rng)
             way = rng.standard_normal(3) if stuffed else np.eye(3)[rng.integers(3)] * rng.choice([-1, 1])
-            tissue = pp.Tissue(mesh, *material(rng, mesh), pp.resting_on(mesh, way, depth=None))
+            fixed, element = pp.resting_on(mesh, way, depth=None), ("smoothed", "P1")[number % 2]
+            tissue = pp.Tissue(mesh, *material(rng, mesh), fixed, element=element)
             m = int(rng.choice([1, 1, 2, 3]))
             free = mesh.surface_nodes[~tissue.held[mesh.surface_nodes]]
             points = mesh.nodes[rng.choice(free, m, replace=False)]
@@ -120,29 +121,44 @@ def cases(count: int, seed: int) -> Iterator[Case]:
             return
 
 
+def shares(tissue: pp.Tissue, corners: int) -> csc_array:
+    """(cells, M) mm³ that each tet gives to the cells of its edges (2 corners), its nodes (1) or itself (4), by region."""
+    number: dict[tuple[int, ...], int] = {}
+    rows, columns, parts = [], [], []
+    for t, (tet, region) in enumerate(zip(tissue.mesh.tets.tolist(), tissue.mesh.region.tolist(), strict=True)):
+        sides = list(itertools.combinations(sorted(tet), corners))
+        for side in sides:
+            rows.append(number.setdefault((region, *side), len(number)))
+            columns.append(t)
+            parts.append(float(tissue.mesh.volumes[t]) / len(sides))
+    return csc_array(coo_array((parts, (rows, columns)), shape=(len(number), len(tissue.mesh.tets))))
+
+
 def stiffness(tissue: pp.Tissue) -> csc_array:
-    """K = Σ V BᵀDB by strain matrices, unknown 3i+k, N/mm."""
+    """K = Σ V B̄ᵀD B̄ by mean strain matrices of the element's cells, unknown 3i+k, N/mm; of P1 each tet is a cell."""
     mesh = tissue.mesh
     inverse = np.linalg.inv(mesh.nodes[mesh.tets[:, 1:]] - mesh.nodes[mesh.tets[:, :1]]).transpose(0, 2, 1)
     slope = np.concatenate([-inverse.sum(axis=1, keepdims=True), inverse], axis=1)
-    B = np.zeros((len(mesh.tets), 6, 12))
+    B = np.zeros((6, len(mesh.tets), 12))
     for a in range(4):
         g = slope[:, a]
         for k in range(3):
-            B[:, k, 3 * a + k] = g[:, k]
+            B[k, :, 3 * a + k] = g[:, k]
             i, j = (k + 1) % 3, (k + 2) % 3
-            B[:, 3 + k, 3 * a + i], B[:, 3 + k, 3 * a + j] = g[:, j], g[:, i]
+            B[3 + k, :, 3 * a + i], B[3 + k, :, 3 * a + j] = g[:, j], g[:, i]
+    at = (3 * mesh.tets[:, :, None] + np.arange(3)).reshape(-1, 12)
+    shape, row = (len(mesh.tets), 3 * len(mesh.nodes)), np.repeat(np.arange(len(mesh.tets)), 12)
+    strain = [csc_array(coo_array((b.ravel(), (row, at.ravel())), shape=shape)) for b in B]
     E, nu = tissue.young * 1e-3, tissue.poisson
     lam, mu = E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
-    D = np.zeros((len(E), 6, 6))
-    D[:, :3, :3] = lam[:, None, None]
-    D[:, range(3), range(3)] += 2 * mu[:, None]
-    D[:, range(3, 6), range(3, 6)] = mu[:, None]
-    k = np.einsum("tki,tkl,tlj->tij", B, D, B) * mesh.volumes[:, None, None]
-    at = (3 * mesh.tets[:, :, None] + np.arange(3)).reshape(-1, 12)
-    rows, columns = np.broadcast_arrays(at[:, :, None], at[:, None, :])
-    n = 3 * len(mesh.nodes)
-    return csc_array(coo_array((k.ravel(), (rows.ravel(), columns.ravel())), shape=(n, n)))
+    shear, bulk = (shares(tissue, n) for n in ((2, 1) if tissue.element == "smoothed" else (4, 4)))
+    volume, K = shear.sum(axis=1), csc_array((shape[1], shape[1]))
+    for k in range(6):
+        mean = diags_array(1 / volume) @ shear @ strain[k]
+        K = K + mean.T @ diags_array((2 if k < 3 else 1) * (shear @ mu)) @ mean
+    volume = bulk.sum(axis=1)
+    mean = diags_array(1 / volume) @ bulk @ (strain[0] + strain[1] + strain[2])
+    return csc_array(K + mean.T @ diags_array(volume**2 / (bulk @ (1 / lam))) @ mean)
 
 
 def exact(case: Case) -> tuple[Array, csc_array]:

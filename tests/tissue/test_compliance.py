@@ -29,7 +29,7 @@ def cube():
 @functools.cache
 def lumpy():
     tissue = organ(11)
-    return pp.finite_elements(tissue, "P1"), pp.model(tissue, "compliance")
+    return pp.finite_elements(tissue), pp.model(tissue, "compliance")
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -205,14 +205,14 @@ def test_a_session_shows_and_keeps_the_whole_field():
 
 def test_the_budget_is_kept_and_what_is_in_use_stays():
     truth, model = cube()
-    model = ComplianceModel(model.tissue, memory=0.06)
+    model = ComplianceModel(model.tissue, memory=0.2)
     state = model.start()
     most = 0
     for x in line(60, (5.0, 5.0, 50.0), (45.0, 45.0, 50.0)):
         force = model.native.relax(state, spot(model, x), PUSH, 1)
         most = max(most, state.bytes)
     assert state.made[2] > 10  # the path needs more than the budget holds
-    assert most < 0.06 * 2**20
+    assert most < 0.2 * 2**20
     expected = truth.push(x, PUSH, 10.0).force
     assert np.abs(force - expected).max() < 1e-4 * np.abs(expected).max()
     for x in line(60, (45.0, 45.0, 50.0), (5.0, 5.0, 50.0)):

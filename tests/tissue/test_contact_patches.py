@@ -13,15 +13,63 @@ from palpate.tissue.contact_patches import patch
 TISSUE = block(11)
 
 
-def test_the_weights_on_a_plane_are_the_stated_kernel():
+def integrals(mesh, point, radius, pieces=40):
+    """(N,) ∫N_a φ over the surface by the middles of pieces² parts of each triangle, for a patch on a plane."""
+    up = [((i + 1 / 3) / pieces, (j + 1 / 3) / pieces) for i in range(pieces) for j in range(pieces - i)]
+    down = [((i + 2 / 3) / pieces, (j + 2 / 3) / pieces) for i in range(pieces - 1) for j in range(pieces - 1 - i)]
+    part = np.array(up + down)
+    part = np.column_stack([part, 1 - part.sum(axis=1)])
+    found = np.zeros(len(mesh.nodes))
+    for triangle in mesh.surface:
+        x = mesh.nodes[triangle]
+        if np.linalg.norm(x - point, axis=1).min() > radius + np.ptp(x, axis=0).max():
+            continue
+        phi = np.clip(1 - ((part @ x - point) ** 2).sum(axis=1) / radius**2, 0, None) ** 2
+        area = np.linalg.norm(np.cross(x[1] - x[0], x[2] - x[0])) / 2
+        found[triangle] += area * (phi[:, None] * part).mean(axis=0)
+    return found
+
+
+@pytest.mark.parametrize("radius", [4.0, 7.5, 11.0, 15.0])
+def test_the_weights_are_integrals_of_the_shape_functions(radius):
+    for point in ([23.7, 26.1, 50.0], [25.0, 25.0, 50.0], [22.0, 28.5, 50.0]):
+        found, expected = patch(TISSUE, point, radius), integrals(TISSUE.mesh, np.array(point), radius)
+        weights = np.zeros(len(expected))
+        weights[found.nodes] = found.weights
+        assert found.weights.sum() == pytest.approx(1, abs=1e-14)
+        assert found.weights.min() > 0
+        assert np.abs(weights - expected / expected.sum()).max() < 3e-4 * weights.max()
+
+
+def test_the_weighted_mean_of_nodal_values_is_the_mean_of_the_field():
+    """For linear fields: the patch's middle; for the whole of φ on a plane: ∫φ = π r²/3."""
     point, radius = np.array([23.7, 26.1, 50.0]), 11.0
     found = patch(TISSUE, point, radius)
-    x = TISSUE.mesh.nodes
-    d2 = ((x - point) ** 2).sum(axis=1)
-    inside = np.flatnonzero((x[:, 2] == 50) & (d2 < radius**2))
-    np.testing.assert_array_equal(np.sort(found.nodes), inside)
-    expected = (1 - d2[inside] / radius**2) ** 2  # every inner node of the regular top owns the same area
-    np.testing.assert_allclose(found.weights[np.argsort(found.nodes)], expected / expected.sum(), rtol=1e-12)
+    np.testing.assert_allclose(found.weights @ TISSUE.mesh.nodes[found.nodes], point, atol=1e-4 * radius)
+    assert integrals(TISSUE.mesh, point, radius).sum() == pytest.approx(np.pi * radius**2 / 3, rel=1e-3)
+
+
+def test_inside_the_radius_the_integrals_are_exact():
+    """Seven points are exact to degree five, the degree of N_a φ: one coarse triangle wholly inside a large patch."""
+    corners = np.array([[0.0, 0, 0], [4.0, 0, 0], [1.0, 3.0, 0]])
+    surface = _core.tissue.ContactSurface(corners, np.array([[0, 1, 2]], np.int32), np.zeros(3, np.uint8))
+    found = surface.patch(surface.closest(np.array([1.0, 1.0, 0.0])), 5.0)
+    rule, weight = np.polynomial.legendre.leggauss(8)  # on the square that collapses onto the triangle
+    s, t = (g.ravel() for g in np.meshgrid((rule + 1) / 2, (rule + 1) / 2))
+    w = np.outer(weight, weight).ravel() * (1 - s)
+    part = np.column_stack([s, (1 - s) * t, (1 - s) * (1 - t)])
+    phi = (1 - ((part @ corners - [1.0, 1.0, 0.0]) ** 2).sum(axis=1) / 25) ** 2
+    expected = (w * phi) @ part / (w @ phi)
+    np.testing.assert_allclose(found.weights[np.argsort(found.nodes)], expected, rtol=1e-13)
+
+
+def test_a_sliding_contact_changes_its_weights_without_a_step():
+    before = None
+    for x in np.linspace(20, 30, 400):
+        found, weights = patch(TISSUE, [x, 24.0, 50.0], 9.0), np.zeros(len(TISSUE.mesh.nodes))
+        weights[found.nodes] = found.weights
+        assert before is None or np.abs(weights - before).max() < 2e-3  # 0.025 mm of a 9 mm patch
+        before = weights
 
 
 def test_areas_share_out_the_whole_surface():
@@ -54,7 +102,8 @@ def test_facing_walls_of_a_slit_are_not_joined():
     tissue = pp.Tissue(mesh, 5, 0.3, mesh.nodes[:, 2] == 0)
     found = patch(tissue, [10.0, 4.0, 28.0], 6.0)
     assert len(found.nodes) > 3
-    assert (mesh.nodes[found.nodes, 0] == 10).all()
+    assert (mesh.nodes[found.nodes, 0] <= 10).all()  # of the other arm none; the patch reaches round its own arm's edges
+    assert found.weights[mesh.nodes[found.nodes, 0] == 10].sum() > 0.9
 
 
 def test_a_shelf_below_that_faces_the_same_way_is_not_joined():
@@ -67,7 +116,8 @@ def test_a_shelf_below_that_faces_the_same_way_is_not_joined():
     tissue = pp.Tissue(mesh, 5, 0.3, mesh.nodes[:, 0] == 0)
     found = patch(tissue, [15.0, 5.0, 6.0], 6.0)
     assert len(found.nodes) > 10
-    assert (mesh.nodes[found.nodes, 2] == 6).all()
+    assert (mesh.nodes[found.nodes, 2] >= 4).all()  # of the lower shelf none; the patch reaches round the upper one's edges
+    assert found.weights[mesh.nodes[found.nodes, 2] == 6].sum() > 0.9
 
 
 def test_held_nodes_carry_no_weight():
@@ -154,7 +204,7 @@ def test_a_patch_holds_what_the_native_model_says():
 @pytest.mark.parametrize("name", ["springs", "blocks"])
 def test_felt_stiffness_does_not_ripple_as_the_contact_slides(name):
     # 56 points over 23 mm, more than four edges of 5 mm, past nodes, edges and faces; patch of two lattice edges.
-    model, s = pp.model(TISSUE, name), np.linspace(0, 1, 56)
+    model, s = pp.model(block(11, element="P1"), name), np.linspace(0, 1, 56)  # the weights are what is tried
     path = np.stack([14 + 22 * s, 21 + 8 * s, np.full(56, 50.0)], axis=1)
     stiffness = np.array([model.push(p, [0, 0, -1.0], 10.0, tolerance=0.01).force[2] for p in path])
     smooth = np.polyval(np.polyfit(s, stiffness, 2), s)  # the cube itself is softer near its rim
@@ -169,7 +219,8 @@ def test_nor_does_it_on_a_mesh_by_stuffing(name):
     values = np.zeros(grid.shape, dtype=int)
     values[3:25, 2:26, 2:26] = 1
     mesh = pp.tetrahedralize(pp.Labels(values, grid), 1, 5.0)
-    tissue, s = pp.Tissue(mesh, 5.0, 0.45, pp.resting_on(mesh, (0, 0, -1), depth=2.0)), np.linspace(0, 1, 60)
+    tissue = pp.Tissue(mesh, 5.0, 0.45, pp.resting_on(mesh, (0, 0, -1), depth=2.0), element="P1")  # the weights' test
+    s = np.linspace(0, 1, 60)
     path = np.stack([14 + 23 * s, 21 + 9 * s, np.full(60, mesh.nodes[:, 2].max())], axis=1)
     model = pp.model(tissue, name)
     stiffness = np.array([model.push(p, [0, 0, -1.0], 10.0, tolerance=0.01).force[2] for p in path])

@@ -149,7 +149,7 @@ def test_linear_and_quadratic_elements_approach_each_other():
         for t in (block(5), block(9))
     )  # fmt: skip
     assert near < 0.5 * far
-    assert near < 0.05
+    assert near < 0.1  # P1 is still this stiff; weights at the nodes, which soften, once hid half of it
 
 
 def test_a_mirrored_push_gives_the_mirrored_field(truth):

@@ -71,7 +71,7 @@ def test_at_finite_strain_the_finite_model_is_needed():
         TISSUE, **(ASKED | {"depth": 9.0, "within": 0.2}), strain="finite", models=["blocks", "neo-hookean"]
     )
     assert [r.enough for r in deep.trials] == [False, True]
-    assert "P1, finite strain" in deep.text()
+    assert "smoothed, finite strain" in deep.text()
     with pytest.raises(ValueError, match="strain: 'plastic'"):
         pp.select_model(TISSUE, strain="plastic")
 

@@ -12,6 +12,7 @@ from support.brick_meshes import block, brick
 import palpate as pp
 from palpate import _core
 from palpate.errors import DataError, MaterialError
+from palpate.tissue.models.neo_hookean import neo_hookean_energy
 from palpate.tissue.reference.finite_strain import NEO_HOOKEAN
 from palpate.tissue.reference.linear_elasticity import lame
 
@@ -19,15 +20,15 @@ TOP = np.array([25.0, 25.0, 50.0])
 RADIUS = 14.0
 
 
-def elements_of(tissue):
-    return _core.hyperelastic.NeoHookean(tissue.mesh.nodes, tissue.mesh.tets, *lame(tissue.young, tissue.poisson))
+elements_of = neo_hookean_energy
 
 
-@pytest.fixture(scope="module")
-def mixed():
+@pytest.fixture(scope="module", params=["smoothed", "P1"])
+def mixed(request):
     """An irregular block of two materials and 33 tets past a whole number of lanes."""
     mesh = brick((3, 4, 5), (30, 40, 50), warp=0.3, region=lambda x: 1 + (x[:, 2] > 25))
-    return pp.Tissue(mesh, {1: 5.0, 2: 20.0}, {1: 0.45, 2: 0.2}, mesh.nodes[:, 2] == 0)
+    bottom = mesh.nodes[:, 2] == 0
+    return pp.Tissue(mesh, {1: 5.0, 2: 20.0}, {1: 0.45, 2: 0.2}, bottom, element=request.param)
 
 
 def bent(tissue, size, seed=0):
@@ -37,7 +38,9 @@ def bent(tissue, size, seed=0):
     return size * (smooth + 0.05 * rng.standard_normal(x.shape))
 
 
-def test_the_energy_is_the_stated_one(mixed):
+def test_the_energy_of_linear_elements_is_the_stated_one(mixed):
+    """That of smoothed ones: test_smoothed_elements.py."""
+    mixed = pp.Tissue(mixed.mesh, mixed.young, mixed.poisson, mixed.fixed, element="P1")
     u = bent(mixed, 4.0)
     edges = [(mixed.mesh.nodes + w)[mixed.mesh.tets] for w in (0 * u, u)]
     X, x = ((e[:, 1:] - e[:, :1]).transpose(0, 2, 1) for e in edges)
@@ -64,7 +67,7 @@ def test_force_is_the_slope_of_the_energy_and_the_tangent_that_of_the_force(mixe
 
 
 def test_at_rest_the_tangent_is_the_linear_stiffness(mixed):
-    fe, way = pp.finite_elements(mixed, "P1"), bent(mixed, 1.0)
+    fe, way = pp.finite_elements(mixed), bent(mixed, 1.0)
     flat = np.zeros(fe.K.shape[0])
     flat[fe.nodal] = way
     linear = (fe.K @ flat)[fe.nodal]

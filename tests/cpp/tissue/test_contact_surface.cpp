@@ -104,10 +104,10 @@ struct Found {
     SurfacePoint at;
     ContactPatch patch;
     ContactSurface::PatchStatus status;
-    Found(const ContactSurface& surface, const Vec& p, double radius) {
+    Found(const ContactSurface& surface, const Vec& p, double radius, bool nodal = false) {
         auto scratch = surface.scratch();
         at = surface.closest(p.data());
-        status = surface.patch(at, radius, scratch, patch);
+        status = nodal ? surface.nodal_patch(at, radius, scratch, patch) : surface.patch(at, radius, scratch, patch);
     }
     double total() const {
         double sum = 0;
@@ -156,12 +156,12 @@ TEST_CASE("interior nodes of the mesh are no vertices, and the surface keeps the
     CHECK(surface.area[0] + surface.area[1] + surface.area[2] == doctest::Approx(6)); // 4 * 3 / 2
 }
 
-TEST_CASE("a patch on a plane: weights area (1 - d^2/r^2)^2 over their sum, by hand") {
+TEST_CASE("a patch of version 0.1 on a plane: weights area (1 - d^2/r^2)^2 over their sum, by hand") {
     const double step = 1, radius = 3.3;
     Mesh mesh = plane(15, step);
     mesh.fixed[7 * 15 + 8] = 1;
     const ContactSurface surface = mesh.surface();
-    const Found found(surface, {7.2, 7.4, 1}, radius);
+    const Found found(surface, {7.2, 7.4, 1}, radius, true);
     REQUIRE(found.status == ContactSurface::PatchStatus::good);
     std::vector<double> expected(mesh.count(), 0.0);
     double sum = 0;
@@ -177,7 +177,33 @@ TEST_CASE("a patch on a plane: weights area (1 - d^2/r^2)^2 over their sum, by h
     CHECK(found.total() == doctest::Approx(1).epsilon(1e-14));
 }
 
-TEST_CASE("a patch on the torus: positive weights of sum 1, nodes once each, inside the radius, none fixed") {
+TEST_CASE("a patch on a plane: the integrals of the shape functions times (1 - d^2/r^2)^2 by many points") {
+    const int n = 12, pieces = 60;
+    const double radius = 3.3, centre[2] = {5.2, 5.4};
+    const Mesh mesh = plane(n, 1);
+    const Found found(mesh.surface(), {centre[0], centre[1], 1}, radius);
+    REQUIRE(found.status == ContactSurface::PatchStatus::good);
+    std::vector<double> expected(mesh.count(), 0.0), weight(mesh.count(), 0.0);
+    double sum = 0, mean[2] = {0, 0};
+    for (int t = 0; t < mesh.faces(); t++) // all triangles have the same area
+        for (int i = 0; i < pieces; i++)
+            for (int j = 0; j < pieces - i; j++) {
+                const double a = (i + 1 / 3.0) / pieces, b = (j + 1 / 3.0) / pieces, part[3] = {a, b, 1 - a - b};
+                Vec x = {-centre[0], -centre[1], 0};
+                for (int c = 0; c < 3; c++) x = x + part[c] * mesh.at(mesh.triangles[3 * t + c]);
+                const double f = std::max(0.0, 1 - dot(x, x) / (radius * radius)), phi = f * f;
+                for (int c = 0; c < 3; c++) expected[mesh.triangles[3 * t + c]] += phi * part[c], sum += phi * part[c];
+            }
+    for (int k = 0; k < found.patch.count; k++) weight[found.patch.node[k]] += found.patch.weight[k];
+    for (int i = 0; i < mesh.count(); i++) {
+        CHECK(weight[i] == doctest::Approx(expected[i] / sum).epsilon(0.02).scale(0.001));
+        for (int c = 0; c < 2; c++) mean[c] += weight[i] * mesh.at(i)[c];
+    }
+    for (int c = 0; c < 2; c++) CHECK(mean[c] == doctest::Approx(centre[c]).epsilon(1e-4)); // a linear field's mean
+    CHECK(found.total() == doctest::Approx(1).epsilon(1e-14));
+}
+
+TEST_CASE("a patch on the torus: positive weights of sum 1, nodes once each, near the radius, none fixed") {
     Mesh mesh = torus();
     for (int i = 0; i < mesh.count(); i += 5) mesh.fixed[i] = 1;
     const ContactSurface surface = mesh.surface();
@@ -197,7 +223,7 @@ TEST_CASE("a patch on the torus: positive weights of sum 1, nodes once each, ins
             sum += patch.weight[i];
             CHECK(patch.weight[i] > 0);
             CHECK(mesh.fixed[patch.node[i]] == 0);
-            CHECK(norm(mesh.at(patch.node[i]) - Vec{at.point[0], at.point[1], at.point[2]}) < 7);
+            CHECK(norm(mesh.at(patch.node[i]) - Vec{at.point[0], at.point[1], at.point[2]}) < 7 + 9); // an edge more
         }
         std::sort(nodes.begin(), nodes.end());
         CHECK(std::adjacent_find(nodes.begin(), nodes.end()) == nodes.end());
@@ -212,7 +238,7 @@ TEST_CASE("a patch on a thin plate stays on its side") {
     });
     const Found found(mesh.surface(), {8.3, 5.6, -1}, 4);
     REQUIRE(found.status == ContactSurface::PatchStatus::good);
-    for (int k = 0; k < found.patch.count; k++) CHECK(found.patch.node[k] < n * n);
+    for (int k = 0; k < found.patch.count; k++) CHECK(found.patch.node[k] < n * n + n); // and the joint's own nodes
 }
 
 TEST_CASE("a radius smaller than a triangle gives the barycentric weights") {
