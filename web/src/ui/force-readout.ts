@@ -33,9 +33,9 @@ export function measure(frame: Frame, kind: ToolKind): Measurement | null {
 
 /** The force's estimated error as a band: at least 1 % of the force, since the estimate itself is no better. */
 function meshError(force: number, relative: number): string {
-  if (Number.isNaN(relative)) return "";
+  if (Number.isNaN(relative)) return "–";
   const part = Math.max(Math.abs(relative), 0.01);
-  return `± ${(part * force).toFixed(2)} N estimated (mesh, ${(100 * part).toFixed(0)} %)`;
+  return `± ${(part * force).toFixed(2)} N (${(100 * part).toFixed(0)} %)`;
 }
 
 export class ForceReadout {
@@ -62,7 +62,7 @@ export class ForceReadout {
     if (now - this.numbersUpdated > NUMBERS_INTERVAL) {
       this.numbersUpdated = now;
       this.updateNumbers(here, kind);
-      write("mesh-error", here ? meshError(here.force, frame.mesh_error) : "");
+      write("mesh-error", here ? meshError(here.force, frame.mesh_error) : "–");
     }
     if (now - this.plotsUpdated < PLOTS_INTERVAL) return;
     this.plotsUpdated = now;
