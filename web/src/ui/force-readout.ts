@@ -34,8 +34,7 @@ export function measure(frame: Frame, kind: ToolKind): Measurement | null {
 /** The force's estimated error as a band: at least 1 % of the force, since the estimate itself is no better. */
 function meshError(force: number, relative: number): string {
   if (Number.isNaN(relative)) return "–";
-  const part = Math.max(Math.abs(relative), 0.01);
-  return `± ${(part * force).toFixed(2)} N (${(100 * part).toFixed(0)} %)`;
+  return `± ${(Math.max(Math.abs(relative), 0.01) * force).toFixed(2)} N`;
 }
 
 export class ForceReadout {
