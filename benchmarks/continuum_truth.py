@@ -10,6 +10,7 @@ import numpy as np
 import skfem
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
+from scipy.spatial import cKDTree
 from skfem.helpers import ddot, sym_grad, trace
 
 import palpate as pp
@@ -34,7 +35,7 @@ def compliance(tissue: pp.Tissue, point: Array, radius: float, levels: int = 1, 
     align = np.zeros(len(tissue.mesh.nodes))
     align[tissue.surface.nodes] = 1 + tissue.surface.normals @ tissue.surface.normal(hit)
     align, held = _carried(coarse, mesh, align), _carried(coarse, mesh, tissue.held.astype(float)) > 1 - 1e-9
-    parent = coarse.element_finder()(*mesh.p[:, mesh.t].mean(axis=1))
+    parent, _ = _located(coarse, mesh.p[:, mesh.t].mean(axis=1))
     space = skfem.Basis(mesh, skfem.ElementVector(skfem.ElementTetP2()), intorder=2)
     free, load = _free(space, held), _loads(space, align, hit.point, radius)
     E, nu = tissue.young[parent] * 1e-3, tissue.poisson[parent]
@@ -51,10 +52,23 @@ def _carried(coarse: Any, fine: Any, values: Array) -> Array:
     """The values at the coarse nodes, interpolated to the fine ones, of which the coarse ones come first."""
     count = coarse.p.shape[1]
     assert (fine.p[:, :count] == coarse.p).all()
-    out = np.concatenate([values, np.zeros(fine.p.shape[1] - count)])
-    if len(out) > count:
-        out[count:] = skfem.Basis(coarse, skfem.ElementTetP1()).probes(fine.p[:, count:]) @ values
-    return out
+    tet, share = _located(coarse, fine.p[:, count:])
+    return np.concatenate([values, (values[coarse.t[:, tet]] * share).sum(axis=0)])
+
+
+def _located(mesh: Any, x: Array) -> tuple[NDArray[np.int64], Array]:
+    """The tet of each point x (3, n), which may lie on the surface up to rounding, and its barycentric coordinates (4, n)."""
+    middle = mesh.p[:, mesh.t].mean(axis=1)
+    near = cKDTree(middle.T).query(x.T, k=min(40, middle.shape[1]))[1].T  # (k, n)
+    corner = mesh.p[:, mesh.t[:, near]]  # (3, 4, k, n)
+    sides = np.moveaxis(corner[:, 1:] - corner[:, :1], (0, 1), (-2, -1))
+    part = np.linalg.solve(sides, np.moveaxis(x[:, None] - corner[:, 0], 0, -1)[..., None])[..., 0]
+    share = np.concatenate([1 - part.sum(axis=-1, keepdims=True), part], axis=-1)  # (k, n, 4)
+    best = share.min(axis=-1).argmax(axis=0)
+    each = np.arange(x.shape[1])
+    found = share[best, each]
+    assert (found > -1e-6).all()
+    return near[best, each], found.T
 
 
 def _free(space: Any, held: NDArray[np.bool_]) -> NDArray[np.int64]:
