@@ -29,7 +29,8 @@ def compliance(tissue: pp.Tissue, point: Array, radius: float, levels: int = 1, 
     coarse = _mesh(tissue)
     mesh = coarse
     for level in range(levels):
-        near = np.linalg.norm(mesh.p[:, mesh.t].mean(axis=1) - hit.point[:, None], axis=0) < reach * radius / (1 + level / 2)
+        apart = np.linalg.norm(mesh.p[:, mesh.t].mean(axis=1) - hit.point[:, None], axis=0)
+        near = apart < reach * radius / (1 + level / 2)
         mesh = mesh.refined(np.flatnonzero(near))
     align = np.zeros(len(tissue.mesh.nodes))
     align[tissue.surface.nodes] = 1 + tissue.surface.normals @ tissue.surface.normal(hit)
@@ -59,7 +60,8 @@ def _carried(coarse: Any, fine: Any, values: Array) -> Array:
 
 def _free(space: Any, held: NDArray[np.bool_]) -> NDArray[np.int64]:
     """Unknowns that may move: not of held nodes, nor of edges between two of them."""
-    still = np.concatenate([space.nodal_dofs[:, held].ravel(), space.edge_dofs[:, held[space.mesh.edges].all(axis=0)].ravel()])
+    edges = held[space.mesh.edges].all(axis=0)
+    still = np.concatenate([space.nodal_dofs[:, held].ravel(), space.edge_dofs[:, edges].ravel()])
     return np.setdiff1d(np.arange(space.N), still)
 
 

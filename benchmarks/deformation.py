@@ -24,8 +24,8 @@ from benchmarks.peer_process import settled
 from benchmarks.settling_time import Settled, least
 from palpate import _core
 from palpate.tissue.contact_patches import patch
-from palpate.tissue.reference.solver import finite_strain
 from palpate.tissue.reference.linear_elasticity import FiniteElements
+from palpate.tissue.reference.solver import finite_strain
 from palpate.tissue.sparse_factor import Factors
 
 sys.path.append(str(Path(__file__).parents[1] / "tests"))

@@ -108,7 +108,8 @@ void bind_hyperelastic(nb::module_& m) {
                                                "Neo-Hookean equilibrium under prescribed patch means.")
         .def(
             "__init__",
-            [](HyperelasticModel* self, const HyperelasticEnergy& elements, const SparseCholesky& rest, In<int32_t, 1> moving) {
+            [](HyperelasticModel* self, const HyperelasticEnergy& elements, const SparseCholesky& rest,
+               In<int32_t, 1> moving) {
                 std::vector<int> free(moving.data(), moving.data() + moving.shape(0));
                 if (!rest.positive || rest.tree.nodes() != int(free.size()))
                     throw std::invalid_argument("rest: expected positive factors of the nodes `moving`");

@@ -9,7 +9,6 @@ import typer
 import palpate as pp
 from palpate.commands.progress import doing, progress
 
-
 P1_NOTE = "{}: this tissue has P1 elements, which are too stiff; run palpate fit again for smoothed ones"
 
 
@@ -32,9 +31,7 @@ def fit_command(
     ] = None,
     region_poisson: Annotated[list[str] | None, typer.Option(help="Another Poisson's ratio: lump=0.4")] = None,
     law: Annotated[str, typer.Option(help="Of the home springs: uniform, linear, exponential.")] = "exponential",
-    element: Annotated[
-        str, typer.Option(help="Finite element: smoothed; P1 (too stiff); P2, mixed (up to 0.5): springs alone are touched.")
-    ] = "smoothed",
+    element: Annotated[str, typer.Option(help="smoothed; P1: too stiff; P2, mixed: for springs alone.")] = "smoothed",
     within: Annotated[
         float | None, typer.Option(help="Also find the model whose worst node is off by no more, mm.")
     ] = None,

@@ -42,7 +42,9 @@ class Answer:
 class Contacts:
     """The patches of a push, and the displacement (m, 3) mm that each is given. single: the caller gave one, bare.
 
-@@    """
+    hits, radii: the patches' centres on the surface, and mm; references integrate over them. normals: (m, 3) unit,
+    outwards, where contacts may slide and open with this friction; None: they are glued.
+    """
 
     patches: "list[_core.tissue.ContactPatch]"
     displacement: Float64

@@ -101,7 +101,13 @@ def read_tissue(path: str | Path) -> Tissue:
         report = None if text["report"] is None else FitReport.from_plain(text["report"], stored.point_data["error"])
         held = np.asarray(stored.point_data["fixed"]).astype(bool)
         return Tissue(
-            mesh, fields["young"], fields["poisson"], held, element=text.get("element", "P1"), springs=springs, report=report
+            mesh,
+            fields["young"],
+            fields["poisson"],
+            held,
+            element=text.get("element", "P1"),
+            springs=springs,
+            report=report,
         )
     except (MaterialError, DataError) as problem:
         raise type(problem)(f"{path}: {problem}") from None

@@ -22,7 +22,9 @@ TRUTH_CUBE_SIDE, TRUTH_CUBE_STRAINS = 80.0, (0.05, 0.125, 0.1825)
 def large(setting: Setting) -> dict[str, list[Row]]:
     """Every model against finite strain (Newton's method, P1) at every depth."""
     solid = tissue(setting.main, POISSON)
-    solid = fit(solid.mesh, solid.young, solid.poisson, solid.fixed, element="P1", radius=setting.radius, depth=DEPTHS[0])
+    solid = fit(
+        solid.mesh, solid.young, solid.poisson, solid.fixed, element="P1", radius=setting.radius, depth=DEPTHS[0]
+    )
     truth, rows = finite_strain(solid, "P1"), []
     models: dict[str, Any] = {"linear finite elements": finite_elements(solid, "P1")}
     models |= {name: model(solid, name) for name in ("springs", FINITE)}

@@ -17,7 +17,12 @@ from palpate.tissue.smoothed_elements import smoothed_stiffness
 from palpate.tissue.sparse_factor import Factors
 from palpate.tissue.tissue import AT_NODES, KPA, Tissue
 
-_SHAPES = {"smoothed": skfem.ElementTetP1, "P1": skfem.ElementTetP1, "P2": skfem.ElementTetP2, "mixed": skfem.ElementTetP2}
+_SHAPES = {
+    "smoothed": skfem.ElementTetP1,
+    "P1": skfem.ElementTetP1,
+    "P2": skfem.ElementTetP2,
+    "mixed": skfem.ElementTetP2,
+}
 
 
 @skfem.BilinearForm  # type: ignore[untyped-decorator]
