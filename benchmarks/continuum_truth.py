@@ -4,6 +4,7 @@ It shares the polyhedron, the support and the contact's density φ with the mode
 quadrature: displacement is quadratic, and φ itself stands at the points of a rule on each small facet.
 """
 
+import logging
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from palpate.tissue.sparse_factor import Factors
 
 Array = NDArray[np.float64]
 _ORDER = 8  # of the rule on each facet
+logging.getLogger("skfem").setLevel(logging.ERROR)  # it tells of each array that it copies
 
 
 def compliance(tissue: pp.Tissue, point: Array, radius: float, levels: int = 1, reach: float = 1.7) -> Array:
