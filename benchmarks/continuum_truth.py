@@ -1,9 +1,12 @@
-"""The force of the continuum: quadratic elements on a mesh that is bisected under the contact.
+"""The force of the continuum: Taylor-Hood elements on a mesh that is bisected under the contact.
 
 It shares the polyhedron, the support and the contact's density φ with the models, but no element, no weights and no
-quadrature: displacement is quadratic, and φ itself stands at the points of a rule on each small facet.
+quadrature: displacement is quadratic, and φ itself stands at the points of a rule on each small facet. The pressure is
+linear and continuous within a region, so that coarse tets far from the contact do not lock: quadratic displacements alone
+do, by 2 % of the force on kidneys of 6 mm edges at ν = 0.49, and bisection under the contact does not show it.
 """
 
+import logging
 from typing import Any
 
 import numpy as np
@@ -11,13 +14,14 @@ import skfem
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
-from skfem.helpers import ddot, sym_grad, trace
+from skfem.helpers import ddot, div, sym_grad
 
 import palpate as pp
 from palpate.tissue.sparse_factor import Factors
 
 Array = NDArray[np.float64]
 _ORDER = 8  # of the rule on each facet
+logging.getLogger("skfem").setLevel(logging.ERROR)  # it tells of each array that it copies
 
 
 def compliance(tissue: pp.Tissue, point: Array, radius: float, levels: int = 1, reach: float = 1.7) -> Array:
@@ -30,7 +34,8 @@ def compliance(tissue: pp.Tissue, point: Array, radius: float, levels: int = 1, 
     coarse = _mesh(tissue)
     mesh = coarse
     for level in range(levels):
-        near = np.linalg.norm(mesh.p[:, mesh.t].mean(axis=1) - hit.point[:, None], axis=0) < reach * radius / (1 + level / 2)
+        apart = np.linalg.norm(mesh.p[:, mesh.t].mean(axis=1) - hit.point[:, None], axis=0)
+        near = apart < reach * radius / (1 + level / 2)
         mesh = mesh.refined(np.flatnonzero(near))
     align = np.zeros(len(tissue.mesh.nodes))
     align[tissue.surface.nodes] = 1 + tissue.surface.normals @ tissue.surface.normal(hit)
@@ -39,9 +44,28 @@ def compliance(tissue: pp.Tissue, point: Array, radius: float, levels: int = 1, 
     space = skfem.Basis(mesh, skfem.ElementVector(skfem.ElementTetP2()), intorder=2)
     free, load = _free(space, held), _loads(space, align, hit.point, radius)
     E, nu = tissue.young[parent] * 1e-3, tissue.poisson[parent]
-    K = _stiffness(space, E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu)))
-    factors = Factors(K[free][:, free], space.doflocs[:, free[::3]].T)
-    return np.asarray(load[free].T @ factors.solve(load[free]))
+    lam, mu = E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
+    shear, (B, C, like) = _shear_stiffness(space, mu), _pressure(space, lam, mu, tissue.mesh.region[parent])
+    factors = Factors(shear[free][:, free], space.doflocs[:, free[::3]].T)
+    return np.asarray(load[free].T @ _solved(factors, csr_array(B[:, free]), C, like, load[free]))
+
+
+def _solved(factors: Factors, B: csr_array, C: csr_array, like: Array, load: Array) -> Array:
+    """u of A u + Bᵀp = load, B u = C p: conjugate gradients on (B A⁻¹ Bᵀ + C) p = B A⁻¹ load, `like` its diagonal."""
+    u = factors.solve(load)
+    p, r = np.zeros((B.shape[0], load.shape[1])), B @ u
+    z = r / like[:, None]
+    way, size = z.copy(), (r * z).sum(axis=0)
+    enough = 1e-12 * size
+    while (size > enough).any():
+        moved = factors.solve(B.T @ way)
+        image = B @ moved + C @ way
+        step = size / (way * image).sum(axis=0)
+        p, u, r = p + step * way, u - step * moved, r - step * image
+        z = r / like[:, None]
+        before, size = size, (r * z).sum(axis=0)
+        way = z + size / before * way
+    return u
 
 
 def _mesh(tissue: pp.Tissue) -> Any:
@@ -73,18 +97,32 @@ def _located(mesh: Any, x: Array) -> tuple[NDArray[np.int64], Array]:
 
 def _free(space: Any, held: NDArray[np.bool_]) -> NDArray[np.int64]:
     """Unknowns that may move: not of held nodes, nor of edges between two of them."""
-    still = np.concatenate([space.nodal_dofs[:, held].ravel(), space.edge_dofs[:, held[space.mesh.edges].all(axis=0)].ravel()])
+    edges = held[space.mesh.edges].all(axis=0)
+    still = np.concatenate([space.nodal_dofs[:, held].ravel(), space.edge_dofs[:, edges].ravel()])
     return np.setdiff1d(np.arange(space.N), still)
 
 
-def _stiffness(space: Any, lam: Array, mu: Array) -> csr_array:
-    points = space.dx.shape[1]
-
+def _shear_stiffness(space: Any, mu: Array) -> csr_array:
     @skfem.BilinearForm
     def elastic(u: Any, v: Any, w: Any) -> Any:
-        return 2 * w.mu * ddot(sym_grad(u), sym_grad(v)) + w.lam * trace(sym_grad(u)) * trace(sym_grad(v))
+        return 2 * w.mu * ddot(sym_grad(u), sym_grad(v))
 
-    return csr_array(elastic.assemble(space, lam=np.tile(lam[:, None], points), mu=np.tile(mu[:, None], points)))
+    return csr_array(elastic.assemble(space, mu=np.tile(mu[:, None], space.dx.shape[1])))
+
+
+def _pressure(space: Any, lam: Array, mu: Array, region: NDArray[np.int32]) -> tuple[csr_array, csr_array, Array]:
+    """∫q div u, ∫pq/λ, and the diagonal ∫q (1/λ + 1/2μ), with one pressure for each node of a region."""
+    broken = space.with_element(skfem.ElementDG(skfem.ElementTetP1()))
+    own = space.mesh.t * (int(region.max()) + 1) + region
+    number = np.unique(own, return_inverse=True)[1].reshape(own.shape)
+    gather = csr_array((np.ones(own.size), (number.ravel(), broken.element_dofs.ravel())))
+
+    def mass(factor: Array) -> csr_array:
+        form = skfem.BilinearForm(lambda p, q, w: w.factor * p * q)
+        return csr_array(gather @ form.assemble(broken, factor=np.tile(factor[:, None], space.dx.shape[1])) @ gather.T)
+
+    B = skfem.BilinearForm(lambda u, q, w: div(u) * q).assemble(space, broken)
+    return csr_array(gather @ B), mass(1 / lam), np.asarray(mass(1 / lam + 0.5 / mu).sum(axis=1))
 
 
 def _loads(space: Any, align: Array, centre: Array, radius: float) -> Array:

@@ -90,7 +90,8 @@ void bind_hyperelastic(nb::module_& m) {
                                                "Neo-Hookean equilibrium under prescribed patch means.")
         .def(
             "__init__",
-            [](HyperelasticModel* self, const HyperelasticEnergy& elements, const SparseCholesky& rest, In<int32_t, 1> moving) {
+            [](HyperelasticModel* self, const HyperelasticEnergy& elements, const SparseCholesky& rest,
+               In<int32_t, 1> moving) {
                 expect(rest.positive && rest.tree.nodes() == int(moving.size()),
                        "rest: expected positive factors of the nodes `moving`");
                 expect_numbers(moving, size_t(elements.nodes()), "moving: no such node");

@@ -49,8 +49,7 @@ struct Driven { // the loop and the surface it looks at
                 std::copy_n(&surface.position[3 * v], 3, at.point);
                 const auto status = tools.nodal_weights ? surface.nodal_patch(at, tools.radius, scratch, patch)
                                                         : surface.patch(at, tools.radius, scratch, patch);
-                if (status == ContactSurface::PatchStatus::too_many_nodes)
-                    return surface.node[v];
+                if (status == ContactSurface::PatchStatus::too_many_nodes) return surface.node[v];
             }
         return -1;
     }
@@ -213,10 +212,10 @@ void bind_simulation(nb::module_& m) {
         .def_rw("ramp", &SimulationSettings::ramp)
         .def_prop_rw(
             "nodal_weights", [](const SimulationSettings& s) { return s.tools.nodal_weights; },
-            [](SimulationSettings& s, bool value) { s.tools.nodal_weights = value; }) PALPATE_TOOL_SETTING("radius", radius)
-            PALPATE_TOOL_SETTING("friction", friction) PALPATE_TOOL_SETTING("approach", motion.approach)
-                PALPATE_TOOL_SETTING("reach", motion.reach) PALPATE_TOOL_SETTING("puncture", needle.puncture)
-                    PALPATE_TOOL_SETTING("cutting", needle.cutting)
+            [](SimulationSettings& s, bool value) { s.tools.nodal_weights = value; })
+            PALPATE_TOOL_SETTING("radius", radius) PALPATE_TOOL_SETTING("friction", friction)
+                PALPATE_TOOL_SETTING("approach", motion.approach) PALPATE_TOOL_SETTING("reach", motion.reach)
+                    PALPATE_TOOL_SETTING("puncture", needle.puncture) PALPATE_TOOL_SETTING("cutting", needle.cutting)
                         PALPATE_TOOL_SETTING("shaft_friction", needle.friction);
     nb::class_<Driven>(m, "RealtimeLoop",
                        "A model, a surface and a tool: by the clock (start, stop) or in lockstep (step).")

@@ -1,6 +1,6 @@
 #pragma once
-// What a hyperelastic model needs of its elements: their energy, its gradient and tangent. HyperelasticModel calls it in
-// the loop's thread. Immutable: what a call writes, the caller owns.
+// What a hyperelastic model needs of its elements: their energy, its gradient and tangent. HyperelasticModel calls it
+// in the loop's thread. Immutable: what a call writes, the caller owns.
 #include <cstddef>
 
 namespace palpate {

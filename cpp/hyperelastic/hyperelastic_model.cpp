@@ -34,8 +34,7 @@ HyperelasticState::HyperelasticState(const HyperelasticEnergy& e, const Supernod
 
 HyperelasticModel::HyperelasticModel(const HyperelasticEnergy& elements, const SparseCholesky& rest,
                                      std::vector<int> free_nodes)
-    : elements(elements), tree(rest.tree), free_nodes(std::move(free_nodes)), fixed(nodes(), 1),
-      value(rest.rounded()) {
+    : elements(elements), tree(rest.tree), free_nodes(std::move(free_nodes)), fixed(nodes(), 1), value(rest.rounded()) {
     for (int i : this->free_nodes) fixed[i] = 0;
 }
 

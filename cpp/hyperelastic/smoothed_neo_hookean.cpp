@@ -13,25 +13,13 @@ constexpr int lanes = TetBlock::lanes;
 struct SmoothedNeoHookean::Work {
     double *gradient, *change; // (tets, 9) V/6 grad u and V/6 grad v
     double *volume, *growth;   // (tets) V J/4 and its change along v
-    double *stress;            // (edge cells, 9) of the tangent: its change along v
+    double* stress;            // (edge cells, 9) of the tangent: its change along v
     double *pressure, *rise;   // (node cells) dE/d(volume), and its change along v
 };
 
 namespace {
 
 using Block = SmoothedNeoHookean::Block;
-using Cells = SmoothedNeoHookean::Cells;
-
-PALPATE_INLINE double least(const Lane& J) {
-    double value = J[0];
-    for (int l = 1; l < lanes; l++) value = J[l] < value ? J[l] : value;
-    return value;
-}
-
-PALPATE_INLINE void store_nine(const Lane (&H)[3][3], const double* factor, double* out) {
-    for (int l = 0; l < lanes; l++)
-        for (int k = 0; k < 9; k++) out[9 * l + k] = factor[l] * H[k / 3][k % 3][l];
-}
 
 // The first pass, of a block of tetrahedra: their gradients and volumes. Returns the smallest J.
 PALPATE_KERNEL double block_strain(const Block& b, const double* u, double* gradients, double* volume, double* ratio) {
@@ -63,103 +51,8 @@ PALPATE_KERNEL void block_strain_change(const Block& b, const double* u, const d
     store_nine(D, sixth, gradients);
 }
 
-// The means over `lanes` cells from `first` on; H of cells past the last one is zero.
-PALPATE_INLINE void cell_means(const Cells& cells, int first, const double* gradients, Lane (&H)[3][3]) {
-    for (int l = 0; l < lanes; l++) {
-        double sum[9] = {};
-        const int c = first + l;
-        const bool real = c < int(cells.volume.size());
-        for (int k = real ? cells.start[c] : 0; k < (real ? cells.start[c + 1] : 0); k++) {
-            const double* from = gradients + 9 * size_t(cells.tets[k]);
-            for (int e = 0; e < 9; e++) sum[e] += from[e];
-        }
-        const double inverse = real ? 1 / cells.volume[c] : 0;
-        for (int e = 0; e < 9; e++) H[e / 3][e % 3][l] = inverse * sum[e];
-    }
-}
-
-PALPATE_INLINE void constants(const Cells& cells, int first, Lane& volume, Lane& modulus) {
-    for (int l = 0; l < lanes; l++) {
-        const int c = first + l;
-        const bool real = c < int(cells.volume.size());
-        volume[l] = real ? cells.volume[c] : 0, modulus[l] = real ? cells.modulus[c] : 0;
-    }
-}
-
-// The second pass, of `lanes` edge cells: mu (F - F^-T), and the energy; infinite where a mean is inverted.
-PALPATE_KERNEL double shear_energy(const Cells& cells, int first, const double* gradients, double* stress) {
-    Strain s;
-    Lane P[3][3], volume, mu, one, sum;
-    cell_means(cells, first, gradients, s.H);
-    constants(cells, first, volume, mu);
-    cofactors(s);
-    if (!(least(s.J) > 0)) return std::numeric_limits<double>::infinity();
-    for (int l = 0; l < lanes; l++) {
-        double square = 0, trace = s.H[0][0][l] + s.H[1][1][l] + s.H[2][2][l];
-        for (int k = 0; k < 9; k++) square += s.H[k / 3][k % 3][l] * s.H[k / 3][k % 3][l];
-        sum[l] = volume[l] * mu[l] * (trace + 0.5 * square - fast_log(s.J[l]));
-        one[l] = 1;
-    }
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++)
-            for (int l = 0; l < lanes; l++)
-                P[i][j][l] = mu[l] * (s.H[i][j][l] + (i == j) - s.C[i][j][l] / s.J[l]);
-    store_nine(P, one, stress + 9 * size_t(first));
-    double total = 0;
-    for (int l = 0; l < lanes; l++) total += sum[l];
-    return total;
-}
-
-// Its change along v: mu (D + G D' G), G = F^-T.
-PALPATE_KERNEL void shear_change(const Cells& cells, int first, const double* gradients, const double* changes,
-                                 double* stress) {
-    Strain s;
-    Lane D[3][3], T[3][3], P[3][3], volume, mu, one;
-    cell_means(cells, first, gradients, s.H);
-    cell_means(cells, first, changes, D);
-    constants(cells, first, volume, mu);
-    cofactors(s);
-    for (int k = 0; k < 9; k++)
-        for (int l = 0; l < lanes; l++) s.C[k / 3][k % 3][l] /= s.J[l], one[l] = 1; // C is G now
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++)
-            for (int l = 0; l < lanes; l++)
-                T[i][j][l] = s.C[i][0][l] * D[j][0][l] + s.C[i][1][l] * D[j][1][l] + s.C[i][2][l] * D[j][2][l];
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++)
-            for (int l = 0; l < lanes; l++)
-                P[i][j][l] = mu[l] * (D[i][j][l] + T[i][0][l] * s.C[0][j][l] + T[i][1][l] * s.C[1][j][l] +
-                                      T[i][2][l] * s.C[2][j][l]);
-    store_nine(P, one, stress + 9 * size_t(first));
-}
-
-// The second pass, of `lanes` node cells: lambda ln J / J and the energy. For a change of volume, its change too.
-PALPATE_KERNEL double bulk_energy(const Cells& cells, int first, const double* volumes, const double* growths,
-                                  double* pressure, double* rise) {
-    Lane volume, lambda, J, change, sum;
-    constants(cells, first, volume, lambda);
-    for (int l = 0; l < lanes; l++) {
-        const int c = first + l;
-        const bool real = c < int(cells.volume.size());
-        double now = 0, more = 0;
-        for (int k = real ? cells.start[c] : 0; k < (real ? cells.start[c + 1] : 0); k++) {
-            now += volumes[cells.tets[k]];
-            if (growths) more += growths[cells.tets[k]];
-        }
-        J[l] = real ? now / cells.volume[c] : 1, change[l] = real ? more / cells.volume[c] : 0;
-    }
-    for (int l = 0; l < lanes; l++) {
-        const double logarithm = fast_log(J[l]);
-        sum[l] = 0.5 * volume[l] * lambda[l] * logarithm * logarithm;
-        pressure[first + l] = lambda[l] * logarithm / J[l];
-        if (growths) rise[first + l] = lambda[l] * (1 - logarithm) / (J[l] * J[l]) * change[l];
-    }
-    double total = 0;
-    for (int l = 0; l < lanes; l++) total += sum[l];
-    return total;
-}
-
-// V/6 times the sum of the stresses of a tetrahedron's six edge cells, and V/4 times that of a number of its node cells.
+// V/6 times the sum of the stresses of a tetrahedron's six edge cells, and V/4 times that of a number of its node
+// cells.
 PALPATE_INLINE void cell_sums(const Block& b, const double* stress, const double* pressure, Lane (&P)[3][3], Lane& p) {
     for (int l = 0; l < lanes; l++) {
         double sum[9] = {};
@@ -236,20 +129,6 @@ PALPATE_KERNEL double block_ratio(const Block& b, const double* u, const double*
     return least(s.J);
 }
 
-// Which tetrahedra are in each cell.
-Cells cells_of(const int32_t* cell, int per_tet, int tets, int count, const double* volume, const double* modulus) {
-    Cells out{std::vector<int>(count + 1, 0), std::vector<int>(size_t(per_tet) * tets), std::vector<double>(count, 0),
-              {modulus, modulus + count}};
-    for (int k = 0; k < per_tet * tets; k++) {
-        out.start[cell[k] + 1]++;
-        out.volume[cell[k]] += volume[k / per_tet] / per_tet;
-    }
-    for (int c = 0; c < count; c++) out.start[c + 1] += out.start[c];
-    std::vector<int> next(out.start.begin(), out.start.end() - 1);
-    for (int k = 0; k < per_tet * tets; k++) out.tets[next[cell[k]]++] = k / per_tet;
-    return out;
-}
-
 int rounded_up(int n) { return (n + lanes - 1) / lanes * lanes; }
 
 } // namespace
@@ -273,8 +152,8 @@ SmoothedNeoHookean::SmoothedNeoHookean(const double* nodes, int count, const int
         b.volume[l] = volume[t];
         b.mu[l] = mu[t] * volume[t];
     }
-    edges = cells_of(cells.edge, 6, elements, cells.edges, volume.data(), cells.mu);
-    nodal = cells_of(cells.node, 4, elements, cells.nodes, volume.data(), cells.lambda);
+    edges = CellTets(cells.edge, 6, elements, cells.edges, volume.data(), cells.mu);
+    nodal = CellTets(cells.node, 4, elements, cells.nodes, volume.data(), cells.lambda);
 }
 
 SmoothedNeoHookean::Work SmoothedNeoHookean::divide(double* work) const {

@@ -4,24 +4,16 @@
 // T. Nguyen-Thoi, Smoothed Finite Element Methods, 2010 (strain averaged over edges).
 #include "base/aligned_buffer.h"
 #include "hyperelastic/hyperelastic_energy.h"
-#include "hyperelastic/tet_block.h"
-#include <vector>
+#include "hyperelastic/smoothing_cells.h"
 
 namespace palpate {
-
-// The cells in which strain and volume are averaged, and their constants.
-struct SmoothingCells {
-    const int32_t *edge, *node; // (elements, 6) and (elements, 4) cell of each edge and corner
-    int edges, nodes;           // cells of each kind
-    const double *mu, *lambda;  // (edges), (nodes) N/mm^2
-};
 
 // The energy of NeoHookean with its two parts on two kinds of cells, in the configuration at rest:
 //
 //     E = sum_g V_g [mu_g/2 (tr F'F - 3) - mu_g ln det F]  +  sum_a V_a lambda_a/2 (ln J_a)^2  +  sum_e V_e b_e
 //
-// F is the mean gradient of a cell g, to which each tetrahedron at an edge gives a sixth of its volume; J_a is the volume
-// of a cell a over that at rest, to which each tetrahedron at a node gives a quarter. At rest its tangent is the
+// F is the mean gradient of a cell g, to which each tetrahedron at an edge gives a sixth of its volume; J_a is the
+// volume of a cell a over that at rest, to which each tetrahedron at a node gives a quarter. At rest its tangent is the
 // stiffness of smoothed elements for small strain. Averages do not keep a single tetrahedron from inverting, so
 // b_e = mu_e (ln J_e/J_0)^2 below J_0 = 0.3, and 0 above.
 class SmoothedNeoHookean : public HyperelasticEnergy {
@@ -38,21 +30,19 @@ public:
 
     int nodes() const override { return count; }
     int padded() const override { return int(block.size()) * TetBlock::lanes; }
-    size_t work_size() const override { return 20 * size_t(padded()) + 9 * size_t(edge_lanes) + 2 * size_t(node_lanes); }
+    size_t work_size() const override {
+        return 20 * size_t(padded()) + 9 * size_t(edge_lanes) + 2 * size_t(node_lanes);
+    }
 
     struct Block : TetBlock {
         int32_t edge[6][lanes], node[4][lanes]; // cells
         double volume[lanes], mu[lanes];        // mm^3; mu times the volume, N mm
     };
-    struct Cells {                    // of one kind
-        std::vector<int> start, tets; // those of cell c: tets[start[c]] .. tets[start[c + 1] - 1]
-        std::vector<double> volume, modulus;
-    };
 
 private:
     const int count;
     std::vector<Block, CacheAlignedAllocator<Block>> block;
-    Cells edges, nodal;
+    CellTets edges, nodal;
     int edge_lanes, node_lanes; // numbers of cells, rounded up
     struct Work;
     Work divide(double* work) const;

@@ -76,4 +76,10 @@ PALPATE_INLINE double least(const Lane& J) {
     return value;
 }
 
+// The nine numbers of each lane, adjacent, times its factor.
+PALPATE_INLINE void store_nine(const Lane (&H)[3][3], const double* factor, double* out) {
+    for (int l = 0; l < TetBlock::lanes; l++)
+        for (int k = 0; k < 9; k++) out[9 * l + k] = factor[l] * H[k / 3][k % 3][l];
+}
+
 } // namespace palpate

@@ -84,7 +84,7 @@ private:
         double coefficient[1 + most_span], f[most_columns];
     };
     MultigridModel(const ColoredMesh& mesh, const BlockCsr* other, double cell, int sweeps, double relaxation);
-    void apply_preconditioner(MultigridState& s, int fine_sweeps) const; // z = B rhs, Kz = K z
+    void apply_preconditioner(MultigridState& s, int fine_sweeps) const;                        // z = B rhs, Kz = K z
     const HalfBlockCsr& half() const { return own_half.nodes() > 0 ? own_half : cycle.fine(); } // K in float32
     const std::vector<int> order, internal_index; // the mesh's number of each node, and back
     const BlockCsr K;

@@ -24,9 +24,9 @@ struct NeedleForces {
     double friction = 0.02; // N for each mm of shaft in the tissue
 };
 
-struct ToolSettings {      // of all tools
-    double radius = 5;     // of the contact, mm
-    double friction = 0.3; // Coulomb coefficient of tools in space
+struct ToolSettings {           // of all tools
+    double radius = 5;          // of the contact, mm
+    double friction = 0.3;      // Coulomb coefficient of tools in space
     bool nodal_weights = false; // ContactSurface::nodal_patch(), for records of version 0.1
     ToolMotion motion;
     NeedleForces needle;

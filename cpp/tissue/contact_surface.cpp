@@ -110,7 +110,8 @@ void ContactSurface::link_triangles() {
     });
     across.resize(corner.size());
     for (size_t first = 0, last; first < half.size(); first = last) {
-        for (last = first; last < half.size() && half[last].low == half[first].low && half[last].high == half[first].high;)
+        for (last = first;
+             last < half.size() && half[last].low == half[first].low && half[last].high == half[first].high;)
             last++;
         for (size_t k = first; k < last; k++) across[half[k].place] = half[k + 1 < last ? k + 1 : first].place / 3;
     }

@@ -1,6 +1,6 @@
 #pragma once
-// The surface of a mesh at rest: closest points (contact_surface.cpp) and contact patches (contact_weights.cpp). Made once
-// per mesh; the loop's thread queries it.
+// The surface of a mesh at rest: closest points (contact_surface.cpp) and contact patches (contact_weights.cpp). Made
+// once per mesh; the loop's thread queries it.
 #include "tissue/contact_patch.h"
 #include <cstdint>
 #include <vector>
@@ -45,14 +45,14 @@ public:
     void normal(const SurfacePoint& at, double out[3]) const;
 
     enum class PatchStatus { good, all_fixed, too_many_nodes };
-    // The smooth patch of `radius` mm around a surface point, phi = (1 - d^2/radius^2)^2 inside the radius and 0 outside:
-    // the weight of node a is the integral of N_a phi over the surface, divided by that of phi, so that the weighted mean
-    // of nodal values is the mean of the field weighted by phi. Fixed nodes have weight 0, and the others share the sum
-    // of 1. d^2 is the squared distance times 2 / (1 + n.n_q), n the contact's normal and n_q the normal at the point: on
-    // a plane the distance itself, on a sphere the stereographic one, and infinite on the far side of a thin wall. Only
-    // triangles that hang together with the contact inside the patch count. If no vertex is inside, the patch is the
-    // contact's triangle with the barycentric weights. all_fixed: no node inside can move. too_many_nodes: more than
-    // ContactPatch::capacity. Allocates nothing.
+    // The smooth patch of `radius` mm around a surface point, phi = (1 - d^2/radius^2)^2 inside the radius and 0
+    // outside: the weight of node a is the integral of N_a phi over the surface, divided by that of phi, so that the
+    // weighted mean of nodal values is the mean of the field weighted by phi. Fixed nodes have weight 0, and the others
+    // share the sum of 1. d^2 is the squared distance times 2 / (1 + n.n_q), n the contact's normal and n_q the normal
+    // at the point: on a plane the distance itself, on a sphere the stereographic one, and infinite on the far side of
+    // a thin wall. Only triangles that hang together with the contact inside the patch count. If no vertex is inside,
+    // the patch is the contact's triangle with the barycentric weights. all_fixed: no node inside can move.
+    // too_many_nodes: more than ContactPatch::capacity. Allocates nothing.
     PatchStatus patch(const SurfacePoint& at, double radius, SurfaceScratch& scratch, ContactPatch& patch) const;
 
     // The same patch with the weights of version 0.1, area_a phi(x_a), which are no integrals and change with the place
@@ -66,7 +66,7 @@ public:
     std::vector<uint8_t> fixed;        // (vertices) 1: cannot move
     std::vector<int> corner;           // (triangles, 3) vertices
     std::vector<int> start, neighbour; // edge neighbours of vertex i: neighbour[start[i] .. start[i + 1]]
-    std::vector<int> across;           // (triangles, 3) the triangle beyond the edge from corner c to the next; itself if none
+    std::vector<int> across; // (triangles, 3) the triangle beyond the edge from corner c to the next; itself if none
 
 private:
     struct Box {

@@ -1,6 +1,6 @@
-// Weights of contact patches: the integral of each shape function against the patch's falloff, and those of version 0.1.
-// Called by ToolProxy in the loop's thread, and from Python; allocates nothing.
-// Quadrature: J. Radon, Zur mechanischen Kubatur, Monatsh. Math. 52 (1948) 286: seven points, exact to degree five.
+// Weights of contact patches: the integral of each shape function against the patch's falloff, and those of version
+// 0.1. Called by ToolProxy in the loop's thread, and from Python; allocates nothing. Quadrature: J. Radon, Zur
+// mechanischen Kubatur, Monatsh. Math. 52 (1948) 286: seven points, exact to degree five.
 #include "base/cpu_dispatch.h"
 #include "base/vec3.h"
 #include "tissue/contact_surface.h"
@@ -42,13 +42,12 @@ private:
         for (int i = 0; i < points; i++) {
             part[k].weight[i] = share * w[i];
             for (int j = 0; j < 3; j++)
-                part[k].at[j][i] =
-                    local[i][0] * corner[0][j] + local[i][1] * corner[1][j] + local[i][2] * corner[2][j];
+                part[k].at[j][i] = local[i][0] * corner[0][j] + local[i][1] * corner[1][j] + local[i][2] * corner[2][j];
         }
         for (int c = 0; c < 3; c++) std::copy_n(corner[c], 3, part[k].corner[c]);
     }
     void cut(int k) {
-        const double(&from)[3][3] = part[k].corner;
+        const double (&from)[3][3] = part[k].corner;
         const double share = k == 0 ? 1 / 4.0 : 1 / 16.0;
         double middle[3][3]; // of the edge opposite to each corner
         for (int c = 0; c < 3; c++)

@@ -102,17 +102,17 @@ def test_force_of_the_loop_is_that_of_finite_elements(make):
 
 
 def test_a_patch_of_one_node_is_felt_too():
-    """Its nodes are no distance apart, so its table reaches nowhere; in lockstep, and by a thread of its own."""
+    """A radius of 0 at a node, so its table reaches nowhere; in lockstep, and by a thread of its own."""
     _, model = cube()
     x, push = np.array([[25.0, 25.0, 50.0]]), np.array([0.1, 0.0, -0.5])
-    expected = model.push(x[0], push, 0.5).force
+    expected = model.push(x[0], push, 0.0).force
     state = model.start()
-    under = spot(model, x[0], 0.5)
+    under = spot(model, x[0], 0.0)
     assert len(under.nodes) == 1
     assert np.abs(model.native.relax(state, under, push, 1) - expected).max() < 1e-4 * np.abs(expected).max()
     surface = model.tissue.surface
     _, _, force, cold, _ = _core.benchmark.time_stroke(
-        model.native, model.start(), surface, 0.5, x.repeat(600, 0), push, 1, 1, True
+        model.native, model.start(), surface, 0.0, x.repeat(600, 0), push, 1, 1, True
     )
     assert not cold[-1]
     assert np.abs(force[-1] - expected).max() < 1e-4 * np.abs(expected).max()

@@ -100,11 +100,11 @@ def test_it_does_not_lock():
     off = {}
     for element in ("smoothed", "P1"):
         for nu in (0.3, 0.49):
-            tissue = block(9, poisson=nu, element=element)
-            truth = pp.finite_elements(tissue, "P2").push(TOP, [0, 0, -1.0], 15.0).force[2]
-            off[element, nu] = pp.finite_elements(tissue).push(TOP, [0, 0, -1.0], 15.0).force[2] / truth - 1
-    assert abs(off["smoothed", 0.3]) < 0.01
-    assert abs(off["smoothed", 0.49]) < 0.01
+            tissue = block(7, poisson=nu, element=element)
+            truth = pp.finite_elements(tissue, "P2").push(TOP, [0, 0, -1.0], 20.0).force[2]
+            off[element, nu] = pp.finite_elements(tissue).push(TOP, [0, 0, -1.0], 20.0).force[2] / truth - 1
+    assert abs(off["smoothed", 0.3]) < 0.015
+    assert abs(off["smoothed", 0.49]) < 0.015
     assert off["P1", 0.3] > 0.1
     assert off["P1", 0.49] > 0.35
 

@@ -55,12 +55,7 @@ def fit_command(
     ] = None,
     quantity: Annotated[str | None, typer.Option(help="What the map holds: shear (MR elastography), young.")] = None,
     law: Annotated[str, typer.Option(help="Of the home springs: uniform, linear, exponential.")] = "exponential",
-    element: Annotated[
-        str,
-        typer.Option(
-            help="Finite element: smoothed; P1 (too stiff); P2, mixed (up to 0.5): springs alone are touched."
-        ),
-    ] = "smoothed",
+    element: Annotated[str, typer.Option(help="smoothed; P1: too stiff; P2, mixed: for springs alone.")] = "smoothed",
     within: Annotated[
         float | None, typer.Option(help="Also find the model whose worst node is off by no more, mm.")
     ] = None,

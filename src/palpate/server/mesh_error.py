@@ -1,6 +1,7 @@
 """The estimated error of the force that the mesh makes, computed in a thread beside the loop."""
 
 import asyncio
+import contextlib
 from time import monotonic
 from typing import Any
 
@@ -42,10 +43,8 @@ class MeshErrorEstimate:
 
     async def _estimate(self, model: ComplianceModel, tick: DisplayedTick, radius: float) -> None:
         began, found = monotonic(), UNKNOWN
-        try:
+        with contextlib.suppress(DataError):  # contacts that no force can tell apart
             found = await asyncio.to_thread(mesh_error, model, tick, radius)
-        except DataError:  # contacts that no force can tell apart
-            pass
         self._due = monotonic() + max(MIN_INTERVAL, (monotonic() - began) * (1 / TIME_SHARE - 1))
         if model is self._model:
             self.newest = found

@@ -36,11 +36,7 @@ def check_record(record: Record, model: TissueModel, settings: Any) -> None:
     if record.tissue != fingerprint(model):
         raise DataError(
             f"record: made on tissue {record.tissue}, not {fingerprint(model)}; open the tissue it was recorded with"
-            + (
-                "; version 0.1 had P1 elements alone"
-                if has_nodal_weights(record) and model.tissue.element != "P1"
-                else ""
-            )
+            f"{' (version 0.1 had P1 elements alone)' if has_nodal_weights(record) else ''}"
         )
     if record.model != name_of(model):
         raise DataError(

@@ -51,9 +51,8 @@ class Answer:
 class Contacts:
     """The patches of a push, and the displacement (m, 3) mm that each is given. single: the caller gave one, bare.
 
-
-    normals: (m, 3) unit, outwards, where contacts may slide and open with this friction; None: they are glued. hits,
-    radii: middle and radius (mm) of each patch.
+    hits, radii: the patches' centres on the surface, and mm; references integrate over them. normals: (m, 3) unit,
+    outwards, where contacts may slide and open with this friction; None: they are glued.
     """
 
     patches: "list[_core.tissue.ContactPatch]"

@@ -1,6 +1,7 @@
 """Smoothed linear tetrahedra: strain averaged over edges and dilatation over nodes, with the unknowns of P1."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.sparse import bsr_array, coo_array, csr_array
@@ -63,8 +64,8 @@ def smoothing_cells(mesh: TetMesh, lam: Float64, mu: Float64) -> SmoothingCells:
     ends = np.sort(tets[:, EDGES], axis=2)
     edge = _numbered((region * count + ends[:, :, 0]) * count + ends[:, :, 1])
     node = _numbered(region * count + tets)
-    edge_volumes = np.bincount(edge.ravel(), np.repeat(volumes / 6, 6))
-    node_volumes = np.bincount(node.ravel(), np.repeat(volumes / 4, 4))
+    edge_volumes = np.bincount(edge.ravel(), np.repeat(volumes / 6, 6)).astype(np.float64)
+    node_volumes = np.bincount(node.ravel(), np.repeat(volumes / 4, 4)).astype(np.float64)
     with np.errstate(divide="ignore"):  # ν = 0 has λ = 0, and so has the mean
         softness = np.bincount(node.ravel(), np.repeat(volumes / 4 / lam, 4))
     mean = np.bincount(edge.ravel(), np.repeat(volumes / 6 * mu, 6)) / edge_volumes
@@ -104,14 +105,15 @@ def smoothed_stiffness(mesh: TetMesh, lam: Float64, mu: Float64) -> bsr_array:
     )
     blocks = shear.data.swapaxes(1, 2).copy()  # 2 ε:ε = |H|² + H:Hᵀ, H the gradient of u
     blocks += np.trace(shear.data, axis1=1, axis2=2)[:, None, None] * np.eye(3)
-    K = bsr_array((blocks, shear.indices, shear.indptr), shape=shear.shape) + bulk
+    K: bsr_array = bsr_array((blocks, shear.indices, shear.indptr), shape=shear.shape) + bulk
     K.sort_indices()
     return K
 
 
-def _numbered(key: Float64) -> Int32:
+def _numbered(key: Any) -> Int32:
     """The keys' numbers from 0, in their order."""
-    return np.unique(key, return_inverse=True)[1].reshape(key.shape).astype(np.int32)
+    number: Int32 = np.unique(key, return_inverse=True)[1].reshape(key.shape).astype(np.int32)
+    return number
 
 
 def _squared(cell: Int32, part: Float64, root: Float64, slopes: Float64, tets: Int32, nodes: int) -> bsr_array:

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.sparse import bsr_array, coo_array, csr_array, diags_array
 
-from palpate.arrays import Float64
+from palpate.arrays import Float64, Int32
 from palpate.tissue.reference.finite_strain import NEO_HOOKEAN, FiniteStrain
 from palpate.tissue.reference.linear_elasticity import FiniteElements, lame
 from palpate.tissue.smoothed_elements import smoothing_cells
@@ -70,7 +70,8 @@ class SmoothedFiniteStrain(FiniteStrain):
     def _pressures(self, u: Float64) -> tuple[Float64, Float64, Float64]:
         """dE/dJ of each tet (M,); d²E/dJ² of each node's cell, and of each tet by its barrier."""
         cells, J = self._cells, self._ratios(u)[1]
-        average, below = self._average @ J, np.log(np.minimum(J / BARRIER_START, 1))
+        average: Float64 = np.asarray(self._average @ J)
+        below = np.log(np.minimum(J / BARRIER_START, 1))
         slope = cells.node_volumes * cells.lam * np.log(average) / average
         bulk = cells.node_volumes * cells.lam * (1 - np.log(average)) / average**2
         stiff = 2 * cells.volumes * self._mu
@@ -88,7 +89,7 @@ class SmoothedFiniteStrain(FiniteStrain):
         return csr_array(coo_array((local.ravel(), (row, column)), shape=(len(u), len(u))))
 
 
-def _gradients(cell: Float64, share: Float64, slopes: Float64, unknown: Float64) -> csr_array:
+def _gradients(cell: Int32, share: Float64, slopes: Float64, unknown: Int32) -> csr_array:
     """(9 cells, unknowns): row 9g + 3i + j is the mean of ∂u_i/∂X_j in cell g."""
     value = np.broadcast_to(
         share[:, :, None, None, None] * slopes.swapaxes(1, 2)[:, None, None], (*cell.shape, 3, 3, 4)

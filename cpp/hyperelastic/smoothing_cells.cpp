@@ -1,0 +1,118 @@
+#include "hyperelastic/smoothing_cells.h"
+#include "base/vector_math.h"
+#include <limits>
+
+namespace palpate {
+namespace {
+
+constexpr int lanes = TetBlock::lanes;
+
+// The means over `lanes` cells from `first` on; H of cells past the last one is zero.
+PALPATE_INLINE void cell_means(const CellTets& cells, int first, const double* gradients, Lane (&H)[3][3]) {
+    for (int l = 0; l < lanes; l++) {
+        double sum[9] = {};
+        const int c = first + l;
+        const bool real = c < int(cells.volume.size());
+        for (int k = real ? cells.start[c] : 0; k < (real ? cells.start[c + 1] : 0); k++) {
+            const double* from = gradients + 9 * size_t(cells.tets[k]);
+            for (int e = 0; e < 9; e++) sum[e] += from[e];
+        }
+        const double inverse = real ? 1 / cells.volume[c] : 0;
+        for (int e = 0; e < 9; e++) H[e / 3][e % 3][l] = inverse * sum[e];
+    }
+}
+
+PALPATE_INLINE void constants(const CellTets& cells, int first, Lane& volume, Lane& modulus) {
+    for (int l = 0; l < lanes; l++) {
+        const int c = first + l;
+        const bool real = c < int(cells.volume.size());
+        volume[l] = real ? cells.volume[c] : 0, modulus[l] = real ? cells.modulus[c] : 0;
+    }
+}
+
+} // namespace
+
+CellTets::CellTets(const int32_t* cell, int per_tet, int elements, int count, const double* whole,
+                   const double* modulus)
+    : start(count + 1, 0), tets(size_t(per_tet) * elements), volume(count, 0), modulus(modulus, modulus + count) {
+    for (int k = 0; k < per_tet * elements; k++) {
+        start[cell[k] + 1]++;
+        volume[cell[k]] += whole[k / per_tet] / per_tet;
+    }
+    for (int c = 0; c < count; c++) start[c + 1] += start[c];
+    std::vector<int> next(start.begin(), start.end() - 1);
+    for (int k = 0; k < per_tet * elements; k++) tets[next[cell[k]]++] = k / per_tet;
+}
+
+// Numerical kernels.
+
+PALPATE_KERNEL double shear_energy(const CellTets& cells, int first, const double* gradients, double* stress) {
+    Strain s;
+    Lane P[3][3], volume, mu, one, sum;
+    cell_means(cells, first, gradients, s.H);
+    constants(cells, first, volume, mu);
+    cofactors(s);
+    if (!(least(s.J) > 0)) return std::numeric_limits<double>::infinity();
+    for (int l = 0; l < lanes; l++) {
+        double square = 0, trace = s.H[0][0][l] + s.H[1][1][l] + s.H[2][2][l];
+        for (int k = 0; k < 9; k++) square += s.H[k / 3][k % 3][l] * s.H[k / 3][k % 3][l];
+        sum[l] = volume[l] * mu[l] * (trace + 0.5 * square - fast_log(s.J[l]));
+        one[l] = 1;
+    }
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            for (int l = 0; l < lanes; l++) P[i][j][l] = mu[l] * (s.H[i][j][l] + (i == j) - s.C[i][j][l] / s.J[l]);
+    store_nine(P, one, stress + 9 * size_t(first));
+    double total = 0;
+    for (int l = 0; l < lanes; l++) total += sum[l];
+    return total;
+}
+
+PALPATE_KERNEL void shear_change(const CellTets& cells, int first, const double* gradients, const double* changes,
+                                 double* stress) {
+    Strain s;
+    Lane D[3][3], T[3][3], P[3][3], volume, mu, one;
+    cell_means(cells, first, gradients, s.H);
+    cell_means(cells, first, changes, D);
+    constants(cells, first, volume, mu);
+    cofactors(s);
+    for (int k = 0; k < 9; k++)
+        for (int l = 0; l < lanes; l++) s.C[k / 3][k % 3][l] /= s.J[l], one[l] = 1; // C is G now
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            for (int l = 0; l < lanes; l++)
+                T[i][j][l] = s.C[i][0][l] * D[j][0][l] + s.C[i][1][l] * D[j][1][l] + s.C[i][2][l] * D[j][2][l];
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            for (int l = 0; l < lanes; l++)
+                P[i][j][l] = mu[l] * (D[i][j][l] + T[i][0][l] * s.C[0][j][l] + T[i][1][l] * s.C[1][j][l] +
+                                      T[i][2][l] * s.C[2][j][l]);
+    store_nine(P, one, stress + 9 * size_t(first));
+}
+
+PALPATE_KERNEL double bulk_energy(const CellTets& cells, int first, const double* volumes, const double* growths,
+                                  double* pressure, double* rise) {
+    Lane volume, lambda, J, change, sum;
+    constants(cells, first, volume, lambda);
+    for (int l = 0; l < lanes; l++) {
+        const int c = first + l;
+        const bool real = c < int(cells.volume.size());
+        double now = 0, more = 0;
+        for (int k = real ? cells.start[c] : 0; k < (real ? cells.start[c + 1] : 0); k++) {
+            now += volumes[cells.tets[k]];
+            if (growths) more += growths[cells.tets[k]];
+        }
+        J[l] = real ? now / cells.volume[c] : 1, change[l] = real ? more / cells.volume[c] : 0;
+    }
+    for (int l = 0; l < lanes; l++) {
+        const double logarithm = fast_log(J[l]);
+        sum[l] = 0.5 * volume[l] * lambda[l] * logarithm * logarithm;
+        pressure[first + l] = lambda[l] * logarithm / J[l];
+        if (growths) rise[first + l] = lambda[l] * (1 - logarithm) / (J[l] * J[l]) * change[l];
+    }
+    double total = 0;
+    for (int l = 0; l < lanes; l++) total += sum[l];
+    return total;
+}
+
+} // namespace palpate

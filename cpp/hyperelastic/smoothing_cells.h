@@ -1,0 +1,40 @@
+#pragma once
+// The cells of smoothed tetrahedra, and the energies of their mean strain and volume. SmoothedNeoHookean calls them in
+// the loop's thread. Sources: J. Bonet & A. J. Burton, Commun. Numer. Methods Eng. 14 (1998) 437; G. R. Liu & T.
+// Nguyen-Thoi, Smoothed Finite Element Methods, 2010.
+#include "hyperelastic/tet_block.h"
+#include <vector>
+
+namespace palpate {
+
+// Which cell the edges and corners of each tetrahedron belong to.
+struct SmoothingCells {
+    const int32_t *edge, *node; // (elements, 6) and (elements, 4)
+    int edges, nodes;           // cells of each kind
+    const double *mu, *lambda;  // (edges), (nodes) N/mm^2
+};
+
+// The tetrahedra of the cells of one kind; each gives the same part of its volume to its per_tet cells.
+struct CellTets {
+    CellTets() = default;
+    CellTets(const int32_t* cell, int per_tet, int elements, int count, const double* volume, const double* modulus);
+    std::vector<int> start, tets; // those of cell c: tets[start[c]] .. tets[start[c + 1] - 1]
+    std::vector<double> volume, modulus;
+};
+
+// Each of these works on the cells first .. first + TetBlock::lanes - 1; what lies past the last cell counts as
+// nothing.
+
+// gradients: (elements, 9), the gradient of each tetrahedron times a sixth of its volume. stress: (cells, 9) becomes
+// mu (F - F^-T), F the mean. Returns the energy V mu [(tr F'F - 3)/2 - ln det F]; infinite where a mean is inverted.
+double shear_energy(const CellTets& edges, int first, const double* gradients, double* stress);
+
+// stress becomes its change where the gradients change by `changes`: mu (D + G D' G), G = F^-T.
+void shear_change(const CellTets& edges, int first, const double* gradients, const double* changes, double* stress);
+
+// volumes: (elements) a quarter of each one's volume. pressure: (cells) becomes lambda ln J / J. Returns the energy
+// V lambda/2 (ln J)^2. growths: the change of the volumes, or null; rise becomes the change of the pressures.
+double bulk_energy(const CellTets& nodes, int first, const double* volumes, const double* growths, double* pressure,
+                   double* rise);
+
+} // namespace palpate
