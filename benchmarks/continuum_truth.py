@@ -36,7 +36,7 @@ def compliance(tissue: pp.Tissue, point: Array, radius: float, levels: int = 1, 
         mesh = mesh.refined(np.flatnonzero(near))
     align = np.zeros(len(tissue.mesh.nodes))
     align[tissue.surface.nodes] = 1 + tissue.surface.normals @ tissue.surface.normal(hit)
-    align, held = _carried(coarse, mesh, align), _carried(coarse, mesh, tissue.held.astype(float)) > 1 - 1e-9
+    align, held = _carried(coarse, mesh, align), _carried(coarse, mesh, tissue.held.astype(float)) > 1 - 1e-5
     parent = coarse.element_finder()(*mesh.p[:, mesh.t].mean(axis=1))
     space = skfem.Basis(mesh, skfem.ElementVector(skfem.ElementTetP2()), intorder=2)
     free, load = _free(space, held), _loads(space, align, hit.point, radius)
@@ -56,7 +56,11 @@ def _carried(coarse: Any, fine: Any, values: Array) -> Array:
     assert (fine.p[:, :count] == coarse.p).all()
     out = np.concatenate([values, np.zeros(fine.p.shape[1] - count)])
     if len(out) > count:
-        out[count:] = skfem.Basis(coarse, skfem.ElementTetP1()).probes(fine.p[:, count:]) @ values
+        tet = np.zeros(len(out), dtype=np.int64)
+        tet[fine.t] = np.arange(fine.t.shape[1])
+        middle = fine.p[:, fine.t].mean(axis=1)[:, tet[count:]]
+        inside = fine.p[:, count:] + 1e-7 * (middle - fine.p[:, count:])  # rounding puts nodes of the surface outside
+        out[count:] = skfem.Basis(coarse, skfem.ElementTetP1()).probes(inside) @ values
     return out
 
 
