@@ -39,7 +39,7 @@ def compliance(tissue: pp.Tissue, point: Array, radius: float, levels: int = 1, 
         mesh = mesh.refined(np.flatnonzero(near))
     align = np.zeros(len(tissue.mesh.nodes))
     align[tissue.surface.nodes] = 1 + tissue.surface.normals @ tissue.surface.normal(hit)
-    align, held = _carried(coarse, mesh, align), _carried(coarse, mesh, tissue.held.astype(float)) > 1 - 1e-9
+    align, held = _carried(coarse, mesh, align), _carried(coarse, mesh, tissue.held.astype(float)) > 1 - 1e-6
     parent, _ = _located(coarse, mesh.p[:, mesh.t].mean(axis=1))
     space = skfem.Basis(mesh, skfem.ElementVector(skfem.ElementTetP2()), intorder=2)
     free, load = _free(space, held), _loads(space, align, hit.point, radius)

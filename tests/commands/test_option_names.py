@@ -39,7 +39,7 @@ CASES = {
     "reconstruct scan.h5 -o v.nii.gz --thickness 4 --levels 0": "--levels",
     "reconstruct scan.h5 -o v.nii.gz --thickness 4 --neighbours 5": "neighbours: expected 6, 18 or 26",
     "reconstruct scan.h5 -o v.nii.gz --thickness 4 --relaxation 3 --method sart": "--relaxation",
-    "fit mesh.vtu -o t.vtu --young 5 --poisson 0.5": "--element P2",
+    "fit mesh.vtu -o t.vtu --young 5 --poisson 0.5": "--element mixed",
     "fit mesh.vtu -o t.vtu --young -5": "--young",
     "scan simulate --views 0 -o s.h5": "--views: expected a whole number",
     "scan simulate --distance -5 -o s.h5": "--distance",

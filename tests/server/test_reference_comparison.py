@@ -89,7 +89,7 @@ def test_who_asks_gets_the_distance_to_the_direct_solution(springs):
         page.send(ASK)
         force, off, distance = settled(page)
     tissue, shown = live.session.first.tissue, live.session.shown
-    truth = pp.finite_elements(tissue, "P1").push(TOP, (0, 0, -3.0), 10.0)
+    truth = pp.finite_elements(tissue).push(TOP, (0, 0, -3.0), 10.0)
     mine = pp.model(tissue, "springs").push(TOP, (0, 0, -3.0), 10.0, tolerance=1e-5)
     expected = np.linalg.norm(mine.displacement - truth.displacement, axis=1)[shown]
     np.testing.assert_allclose(distance, expected, atol=0.01 * expected.max())
@@ -209,7 +209,7 @@ def test_another_organ_has_a_reference_of_its_own():
             wait(lambda: not live.pages)
         radius = live.session.settings.radius
     for tissue, force, r in ((soft, forces[0], 10.0), (hard, forces[1], radius)):
-        truth = pp.finite_elements(tissue, "P1").push((25.0, 25.0, 50.0), (0, 0, -3.0), r)
+        truth = pp.finite_elements(tissue).push((25.0, 25.0, 50.0), (0, 0, -3.0), r)
         assert force == pytest.approx(truth.force[2], rel=1e-4)
 
 

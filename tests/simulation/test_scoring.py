@@ -72,9 +72,12 @@ def test_a_lump_is_found_where_it_is(models, tissue):
     assert "1 of 1 found, 2 wrong" in found.text()
 
 
-@pytest.mark.parametrize("depth", [2.0, 5.0, 9.0, 12.0, 17.0, 30.0])
+@pytest.mark.parametrize("depth", [2.0, 6.0, 10.0, 12.0, 17.0, 30.0])
 def test_a_sample_is_right_where_the_tip_is_in_the_lump_as_it_lies_then(models, tissue, depth):
-    """Beside a finger that pushes the tissue aside; by the tet of the deformed body in which the tip is."""
+    """Beside a finger that pushes the tissue aside; by the tet of the deformed body in which the tip is.
+
+    With smoothed elements the organ gives way more, so that a needle pierces it at 6 mm; of P1 it did at 5.
+    """
     session = session_of(models["compliance"])
     aside = hold((14.0, 0.0, 23.0), (-5.0, 0, -4.0))
     stepped(session, [[aside, needle(d)] for d in np.linspace(0, depth, 600)] + [[aside, needle(depth)]] * 200)
@@ -92,7 +95,7 @@ def test_a_sample_is_right_where_the_tip_is_in_the_lump_as_it_lies_then(models, 
     np.testing.assert_allclose(tip, frame.tip[1], atol=0.2)
     label = in_which_region(tissue.mesh, tissue.mesh.nodes + session.displacement, tip)
     assert claim.right == (label == 2)
-    assert claim.right == (depth in (9.0, 12.0, 17.0)), claim
+    assert claim.right == (depth in (10.0, 12.0, 17.0)), claim
     assert (claim.distance == 0) == claim.right
     if depth == 30:
         assert claim.distance > 1

@@ -80,7 +80,7 @@ def read_tissue(path: str | Path) -> Tissue:
     --------
     >>> pp.write_tissue("tissue.vtu", tissue)
     >>> pp.read_tissue("tissue.vtu").element
-    'P1'
+    'smoothed'
     """
     path = Path(path)
     if path.suffix.lower() != ".vtu":

@@ -185,7 +185,7 @@ def _refuse_ratios(ratio: Float64, element: str) -> None:
         at = int(np.flatnonzero(bad)[0])
         raise MaterialError(
             f"poisson: {ratio[at]:g} at tet {at}; element {element} needs 0 <= poisson < 0.5: for a nearly "
-            f'incompressible tissue give up to 0.49; element="mixed" takes up to 0.5 itself'
+            f'incompressible tissue give 0.45, or up to 0.49; element="mixed" takes up to 0.5'
         )
 
 
