@@ -8,13 +8,14 @@ from palpate.reconstruction.alternatives import alternatives, other_values
 from palpate.reconstruction.coarse_fit import ITERATIONS, OFFSET, Fit, fit_object
 from palpate.reconstruction.default_grid import covering_grid
 from palpate.reconstruction.multiresolution import coarser_scan
+from palpate.reconstruction.open_beam_check import check_open_beam
 from palpate.reconstruction.projector import Projector
 from palpate.scans.consistency import CentreOfMass, centre_of_mass, outline, whole_views
 from palpate.scans.finding import Finding
 from palpate.scans.grid_placement import check_grid, field_in_grid
 from palpate.scans.intensity_correction import line_integrals
 from palpate.scans.object_placement import check_field, check_outline
-from palpate.scans.plausibility import check_counts, check_geometry
+from palpate.scans.plausibility import check_counts, check_distance, check_geometry
 from palpate.scans.scan import Scan
 from palpate.scans.views import Views
 from palpate.volumes.grid import Grid
@@ -103,9 +104,12 @@ def check_scan(
         if not better and fit.misfit > HOPELESS:
             words = f"{fit.misfit:.0%} of the views' contrast fits no object: check angles, panel and the order of the files"
             found.append(Finding("unknown", words))
+    if not found:
+        found += check_open_beam(coarse, fit.grid)
     if grid is not None and not found:
         found += _check_placement(medium, l, centre, grid)
-    return found + _check_attenuation(fit, attenuation) + _left_handed(scan.views)
+    found += _check_attenuation(fit, attenuation) + check_distance(scan.views) + _left_handed(scan.views)
+    return list({finding.cause: finding for finding in reversed(found)}.values())[::-1]  # the first of each cause
 
 
 def _at_most(scan: Scan, most: int) -> tuple[Scan, int]:

@@ -10,6 +10,7 @@ from palpate.scans.views import Views
 
 WIDEST, SMALLEST = 1000.0, 25.0  # mm, a panel's longer side
 NEAREST, FARTHEST = 150.0, 5000.0  # mm, from a panel to its focal spot
+SHORT = 500.0  # mm, the same: mammographs have 600 to 700, C-arms 900 to 1300, chest stands up to 2000
 LEAST_SWEEP, MOST_SWEEP = 3.0, 150.0  # degrees, between the two views that differ most
 STEEPEST = 75.0  # degrees, of a central ray from the panel's normal
 ABOVE = 0.02  # share of the pixels that may count more than the open beam
@@ -78,6 +79,18 @@ def check_geometry(views: Views) -> list[Finding]:
             )
         )
     return found
+
+
+def check_distance(views: Views) -> list[Finding]:
+    """A note on focal spots that are nearer to the panel than those of units for patients; benches have such."""
+    far = float(np.median([abs((s - p.origin) @ p.normal) for s, p in zip(views.source, views.panels, strict=True)]))
+    if far >= SHORT:
+        return []
+    words = (
+        f"the focal spots are {far:.3g} mm from the panel, in units for patients 600 to 2000 mm: check lengths and distances, "
+        f"for no data can tell the distance of focal spots whose path is scaled too"
+    )
+    return [Finding("length units", words, alarm=False)]
 
 
 def largest_angle(views: Views) -> float:
