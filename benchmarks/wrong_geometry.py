@@ -3,9 +3,9 @@
     python -m benchmarks.wrong_geometry --first 100 --last 200
 
 Each seed draws a geometry and an object, and makes each of thirty mistakes: fifteen kinds in two sizes. A mistake is named
-if the first or the second finding is its cause, or the effect of one that is a gauge. A note counts, so
-the notes on right scans are counted too. Every seed's right scan is checked with plain noise, with scatter and with gains
-that drift. Thresholds were set on seeds 0-99.
+if the first or the second finding is its cause, or the effect of one that is a gauge. A note counts, so the notes on right
+scans are counted too. Every seed's right scan is checked with plain noise, with scatter and with gains that drift. Thresholds
+were set on seeds 0-99.
 """
 
 import argparse

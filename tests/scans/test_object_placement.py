@@ -50,7 +50,7 @@ def test_a_grid_as_wide_as_the_field_is_expected_there():
     assert check_field(2 * field + (0, 9), GRID, 2.0) == []  # a part of the field was asked for
 
 
-@pytest.mark.parametrize("seed", [0, 1, 28])  # a head that 3 of 8 views show whole, one that all show, a truncated trunk
+@pytest.mark.parametrize("seed", [0, 1, 28])  # a head that 3 of 8 views show whole; that all show; a truncated trunk
 def test_a_common_shift_by_five_pixels_is_named_by_its_effect(seed):
     found = setting(seed)
     case = mistaken(found, "all views shifted", 0, np.random.default_rng(0))

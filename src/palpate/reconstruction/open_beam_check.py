@@ -1,7 +1,5 @@
 """Whether `incident` is too large where no view shows air: a constant in all line integrals that no object has."""
 
-from typing import cast
-
 import numpy as np
 
 from palpate.arrays import Float32
@@ -15,7 +13,10 @@ AIR = 0.6  # net counts over incident of the brightest pixels: above it, air or 
 BRIGHT = 0.995  # of the pixels: the brightest
 ITERATIONS = 20
 LEAST, SURE = 0.35, 2.0  # of the constant: as much may be scatter or the beam's fault; and standard deviations above it
-DRIFT, BLUNT = 0.012, 0.01  # standard deviation of a gain that drifts by 2 %; least trace of a constant that tells something
+DRIFT, BLUNT = (
+    0.012,
+    0.01,
+)  # standard deviation of a gain that drifts by 2 %; least trace of a constant that tells something
 
 
 def check_open_beam(scan: Scan, grid: Grid) -> list[Finding]:
@@ -62,4 +63,4 @@ def _unexplained(A: Projector, p: Float32, w: Float32) -> Float32:
         slope = A.T(w * left)
         before, steep = steep, float(np.vdot(slope, slope))
         direction = slope + np.float32(steep / before) * direction
-    return cast(Float32, left)
+    return left

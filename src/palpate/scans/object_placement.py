@@ -6,7 +6,10 @@ from palpate.arrays import Float64
 from palpate.scans.finding import Finding
 from palpate.volumes.grid import Grid
 
-TOLERATED, FEW_TOLERATED = 0.5, 2.0  # pixels by which the object may seem to reach beyond the grid; seen whole by few views
+TOLERATED, FEW_TOLERATED = (
+    0.5,
+    2.0,
+)  # pixels by which the object may seem to reach beyond the grid; seen whole by few views
 CLOSE = 0.75  # of the grid's width: a grid around an object that is wider was made for it
 OFF_MIDDLE = 2.0  # pixels off the middle of a grid that was made for the object, or for the field
 SMALL, NARROW = 0.6, 0.9  # of the grid's width: an object and a field that are too small for it

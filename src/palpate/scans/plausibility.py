@@ -87,8 +87,8 @@ def check_distance(views: Views) -> list[Finding]:
     if far >= SHORT:
         return []
     words = (
-        f"the focal spots are {far:.3g} mm from the panel, in units for patients 600 to 2000 mm: check lengths and distances, "
-        f"for no data can tell the distance of focal spots whose path is scaled too"
+        f"the focal spots are {far:.3g} mm from the panel, in units for patients 600 to 2000 mm: check the distances; the "
+        f"data fit a path of the focal spots that is scaled, so they cannot tell"
     )
     return [Finding("length units", words, alarm=False)]
 
