@@ -7,6 +7,7 @@ from palpate.errors import GeometryError
 from palpate.reconstruction.alternatives import alternatives, other_values
 from palpate.reconstruction.coarse_fit import ITERATIONS, OFFSET, Fit, fit_object
 from palpate.reconstruction.default_grid import covering_grid
+from palpate.reconstruction.depth_check import check_depth
 from palpate.reconstruction.multiresolution import coarser_scan
 from palpate.reconstruction.open_beam_check import check_open_beam
 from palpate.reconstruction.projector import Projector
@@ -14,7 +15,7 @@ from palpate.scans.consistency import CentreOfMass, centre_of_mass, outline, who
 from palpate.scans.finding import Finding
 from palpate.scans.grid_placement import check_grid, field_in_grid
 from palpate.scans.intensity_correction import line_integrals
-from palpate.scans.object_placement import check_field, check_outline
+from palpate.scans.object_placement import CLOSE, check_field, check_outline
 from palpate.scans.plausibility import check_counts, check_distance, check_geometry
 from palpate.scans.scan import Scan
 from palpate.scans.views import Views
@@ -106,7 +107,7 @@ def check_scan(
             found.append(Finding("unknown", words))
     if not found:
         found += check_open_beam(coarse, fit.grid)
-    if grid is not None and not found:
+    if grid is not None:
         found += _check_placement(medium, l, centre, grid)
     found += _check_attenuation(fit, attenuation) + check_distance(scan.views) + _left_handed(scan.views)
     return list({finding.cause: finding for finding in reversed(found)}.values())[::-1]  # the first of each cause
@@ -202,8 +203,11 @@ def _check_placement(scan: Scan, l: Float64, centre: CentreOfMass | None, grid: 
     """Where the object, or of a truncated one the views' field, lies in the grid."""
     pixel = max(scan.views.panels[0].pitch)
     if centre is not None:
-        few = bool(centre.whole.mean() <= MOST_WHOLE)
-        return check_outline(outline(scan, l, centre), grid, field_in_grid(scan.views, grid), pixel, few)
+        few, sides = bool(centre.whole.mean() <= MOST_WHOLE), outline(scan, l, centre)
+        close = bool((np.ptp(sides, axis=0) > CLOSE * np.ptp(grid.bounds[:, :2], axis=0)).all())
+        found = check_outline(sides, grid, field_in_grid(scan.views, grid), pixel, few)
+        found += check_depth(scan, l, centre, grid, close)
+        return sorted(found, key=lambda finding: not finding.alarm)
     try:
         seen = covering_grid(scan.views, float(np.ptp(grid.bounds[:, 2])))
     except GeometryError:
