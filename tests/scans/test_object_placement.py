@@ -68,3 +68,11 @@ def test_half_the_pitch_is_named_though_few_views_show_the_whole_object():
     found = setting(0)  # 3 of 8 views
     case = mistaken(found, "pixel pitch", 1, np.random.default_rng(0))
     assert pp.check_scan(case.scan, case.grid)[0].cause == "pixel pitch"
+
+
+def test_a_cause_that_two_checks_find_keeps_the_first_place():
+    found = setting(54)  # the views fit better in the other order, and the object then lies in the grid's middle
+    case = mistaken(found, "mirrored angles", 0, np.random.default_rng(0))
+    causes = [finding.cause for finding in pp.check_scan(case.scan, case.grid)]
+    assert causes[0] == "view order"
+    assert len(causes) == len(set(causes))

@@ -110,7 +110,8 @@ def check_scan(
     if grid is not None:
         found += _check_placement(medium, l, centre, grid)
     found += _check_attenuation(fit, attenuation) + check_distance(scan.views) + _left_handed(scan.views)
-    return list({finding.cause: finding for finding in reversed(found)}.values())[::-1]  # the first of each cause
+    causes = [finding.cause for finding in found]
+    return [finding for k, finding in enumerate(found) if finding.cause not in causes[:k]]
 
 
 def _at_most(scan: Scan, most: int) -> tuple[Scan, int]:
