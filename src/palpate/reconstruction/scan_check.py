@@ -7,13 +7,16 @@ from palpate.errors import GeometryError
 from palpate.reconstruction.alternatives import alternatives, other_values
 from palpate.reconstruction.coarse_fit import ITERATIONS, OFFSET, Fit, fit_object
 from palpate.reconstruction.default_grid import covering_grid
+from palpate.reconstruction.depth_check import check_depth
 from palpate.reconstruction.multiresolution import coarser_scan
+from palpate.reconstruction.open_beam_check import check_open_beam
 from palpate.reconstruction.projector import Projector
 from palpate.scans.consistency import CentreOfMass, centre_of_mass, outline, whole_views
 from palpate.scans.finding import Finding
-from palpate.scans.grid_placement import check_grid
+from palpate.scans.grid_placement import check_grid, field_in_grid
 from palpate.scans.intensity_correction import line_integrals
-from palpate.scans.plausibility import check_counts, check_geometry
+from palpate.scans.object_placement import CLOSE, check_field, check_outline
+from palpate.scans.plausibility import check_counts, check_distance, check_geometry
 from palpate.scans.scan import Scan
 from palpate.scans.views import Views
 from palpate.volumes.grid import Grid
@@ -28,8 +31,7 @@ FIRST_LOOK, SECOND_LOOK = 12, 7  # iterations in which all alternatives are trie
 FREE_OFFSET = 0.4  # of the line integrals: an open beam off by half as much again
 FEWEST_VIEWS = 4  # with fewer, one cannot be told from the others
 OFF_CENTRE = 1.0, 4.0  # pixels, and times the others' median: a view whose centre of mass lies elsewhere
-MOST_WHOLE = 0.8  # share of the views that must show the whole object, for its extent to be known
-TOLERATED = 0.5  # pixels by which the object may seem to reach beyond the grid
+MOST_WHOLE = 0.8  # share of the views that must show the whole object, for its outline to be known well
 SMEARED = 3.0  # times thinner than it is: how far few angles smear a dense object along its depth
 MARGIN = 0.15  # of the field and of the grid's depth: how far the fitted object may reach beyond them
 MEDIUM, COARSE = 60_000, 2600  # pixels of a panel, at most: for moments and for fits
@@ -103,9 +105,13 @@ def check_scan(
         if not better and fit.misfit > HOPELESS:
             words = f"{fit.misfit:.0%} of the views' contrast fits no object: check angles, panel and the order of the files"
             found.append(Finding("unknown", words))
-    if grid is not None and centre is not None and whole.mean() > MOST_WHOLE and not found:
-        found += _check_extent(outline(medium, l, centre), grid, max(medium.views.panels[0].pitch))
-    return found + _check_attenuation(fit, attenuation) + _left_handed(scan.views)
+    if not found:
+        found += check_open_beam(coarse, fit.grid)
+    if grid is not None:
+        found += _check_placement(medium, l, centre, grid)
+    found += _check_attenuation(fit, attenuation) + check_distance(scan.views) + _left_handed(scan.views)
+    causes = [finding.cause for finding in found]
+    return [finding for k, finding in enumerate(found) if finding.cause not in causes[:k]]
 
 
 def _at_most(scan: Scan, most: int) -> tuple[Scan, int]:
@@ -194,17 +200,20 @@ def _offset(measured: Float32, expected: Float32, weight: Float32, most: int = 8
     return best[1]
 
 
-def _check_extent(outline: Float64, grid: Grid, pixel: float) -> list[Finding]:
-    """Whether the object, which all views show, lies in the grid; its depth is too blurred to be judged."""
-    beyond = [
-        f"{name} {low:.4g} to {high:.4g} mm, the grid {first:.4g} to {last:.4g} mm"
-        for name, (low, high), (first, last) in zip("xy", outline.T, grid.bounds.T[:2], strict=True)
-        if max(first - low, high - last) > TOLERATED * pixel
-    ]
-    if not beyond:
+def _check_placement(scan: Scan, l: Float64, centre: CentreOfMass | None, grid: Grid) -> list[Finding]:
+    """Where the object, or of a truncated one the views' field, lies in the grid."""
+    pixel = max(scan.views.panels[0].pitch)
+    if centre is not None:
+        few, sides = bool(centre.whole.mean() <= MOST_WHOLE), outline(scan, l, centre)
+        close = bool((np.ptp(sides, axis=0) > CLOSE * np.ptp(grid.bounds[:, :2], axis=0)).all())
+        found = check_outline(sides, grid, field_in_grid(scan.views, grid), pixel, few)
+        found += check_depth(scan, l, centre, grid, close)
+        return sorted(found, key=lambda finding: not finding.alarm)
+    try:
+        seen = covering_grid(scan.views, float(np.ptp(grid.bounds[:, 2])))
+    except GeometryError:
         return []
-    words = f"the views put the object at {' and '.join(beyond)}: check the origins of the grid and of the panel"
-    return [Finding("object outside the grid", words)]
+    return check_field(seen.bounds[:, :2], grid, pixel)
 
 
 def _check_attenuation(fit: Fit, allowed: tuple[float, float]) -> list[Finding]:

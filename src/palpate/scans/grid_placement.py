@@ -38,7 +38,7 @@ def check_grid(views: Views, grid: Grid, whole: Mapping[int, Float64] = MappingP
             f"the object reaches {outside:.0%} of its width beyond the grid, {span}: check its origin and the panel's"
         )
     found = [Finding("object outside the grid", words)] if words else []
-    share = float((np.ptp(_field(views, grid), axis=0) / np.ptp(grid.bounds[:, :2], axis=0)).min())
+    share = float((np.ptp(field_in_grid(views, grid), axis=0) / np.ptp(grid.bounds[:, :2], axis=0)).min())
     shows_all = len(whole) > len(views) / 2
     if share < (NARROW if shows_all else HALF):
         words = f"the views show {'the whole object, but ' if shows_all else ''}only {share:.0%} of the grid's width"
@@ -66,7 +66,7 @@ def _badness(grid: Grid, faults: tuple[float, float, float]) -> float:
 def _faults(views: Views, grid: Grid, whole: Mapping[int, Float64]) -> tuple[float, float, float]:
     """How far a grid reaches below the panels, mm; what it shares with the field; the object's overhang."""
     below = max(0.0, *(_below(panel, grid) for panel in views.panels))
-    return below, _shared(grid, _field(views, grid)), max(_overhangs(views, grid, whole), default=0.0)
+    return below, _shared(grid, field_in_grid(views, grid)), max(_overhangs(views, grid, whole), default=0.0)
 
 
 def _shared(grid: Grid, field: Float64) -> float:
@@ -76,7 +76,7 @@ def _shared(grid: Grid, field: Float64) -> float:
     return float(np.prod(both) / min(np.prod(high - low), np.prod(field[1] - field[0])))
 
 
-def _field(views: Views, grid: Grid) -> Float64:
+def field_in_grid(views: Views, grid: Grid) -> Float64:
     """(2, 2): lowest and highest (x, y) that the median view sees of the grid's middle slice, mm."""
     low, high = grid.bounds
     z = (low[2] + high[2]) / 2

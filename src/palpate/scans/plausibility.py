@@ -5,12 +5,13 @@ import numpy as np
 from palpate.arrays import AnyArray, Float64
 from palpate.scans.finding import Finding
 from palpate.scans.scan import Scan
+from palpate.scans.source_path import degrees_as_radians
 from palpate.scans.views import Views
 
 WIDEST, SMALLEST = 1000.0, 25.0  # mm, a panel's longer side
 NEAREST, FARTHEST = 150.0, 5000.0  # mm, from a panel to its focal spot
+SHORT = 500.0  # mm, the same: mammographs have 600 to 700, C-arms 900 to 1300, chest stands up to 2000
 LEAST_SWEEP, MOST_SWEEP = 3.0, 150.0  # degrees, between the two views that differ most
-SAME_STEP = 0.1  # degrees
 STEEPEST = 75.0  # degrees, of a central ray from the panel's normal
 ABOVE = 0.02  # share of the pixels that may count more than the open beam
 BRIGHT = 1.15  # times the open beam: what counts as more
@@ -33,8 +34,9 @@ def check_geometry(views: Views) -> list[Finding]:
     far = float(np.median(np.abs(height)))
     side = max(n * d for n, d in zip(views.panels[0].shape, views.panels[0].pitch, strict=True))
     steep = np.degrees(np.arccos(np.clip(np.abs(height) / np.linalg.norm(towards, axis=1), -1, 1)))
-    if (turn := _step_of_degrees_as_radians(views.source)) is not None:
-        words = f"the focal spots step by {turn:.4g}° around their circle, which {360 / len(views):.4g} radians are: "
+    if degrees_as_radians(views.source):
+        step = 360 / len(views)
+        words = f"the focal spots step by {step:.4g} radians along a closed path, as if by {step:.4g}°: "
         found.append(Finding("angle units", words + "were degrees taken as radians?"))
     elif len(set(np.sign(height))) > 1 or steep.max() > STEEPEST:
         found.append(
@@ -79,23 +81,16 @@ def check_geometry(views: Views) -> list[Finding]:
     return found
 
 
-def _step_of_degrees_as_radians(sources: Float64) -> float | None:
-    """Degrees from spot to spot on a circle if they are equal and those of 360 / n radians, else None."""
-    count = len(sources)
-    middle = sources.mean(axis=0)
-    plane = np.linalg.svd(sources - middle)[2][:2]
-    xy = (sources - middle) @ plane.T
-    if count < 5 or np.ptp(xy, axis=0).min() < 1e-3:
-        return None
-    centre = np.linalg.lstsq(np.column_stack([2 * xy, np.ones(count)]), (xy**2).sum(axis=1), rcond=None)[0][:2]
-    radius = np.linalg.norm(xy - centre, axis=1)
-    turns = np.diff(np.degrees(np.arctan2(*(xy - centre).T[::-1]))) % 360
-    step = float(turns[0])
-    if np.ptp(radius) > 1e-3 * radius.mean() or np.abs((turns - step + 180) % 360 - 180).max() > SAME_STEP:
-        return None
-    expected = np.degrees(360 / count) % 360
-    near = min(abs((step - sign * expected + 180) % 360 - 180) for sign in (1, -1))
-    return step if near < SAME_STEP < abs(min(step, 360 - step) - 360 / count) else None
+def check_distance(views: Views) -> list[Finding]:
+    """A note on focal spots that are nearer to the panel than those of units for patients; benches have such."""
+    far = float(np.median([abs((s - p.origin) @ p.normal) for s, p in zip(views.source, views.panels, strict=True)]))
+    if far >= SHORT:
+        return []
+    words = (
+        f"the focal spots are {far:.3g} mm from the panel, in units for patients 600 to 2000 mm: check the distances; the "
+        f"data fit a path of the focal spots that is scaled, so they cannot tell"
+    )
+    return [Finding("length units", words, alarm=False)]
 
 
 def largest_angle(views: Views) -> float:
