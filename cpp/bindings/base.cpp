@@ -12,6 +12,5 @@ void bind_base(nb::module_& m) {
     m.def("instruction_set", &instruction_set, "The version of the hot kernels that this machine runs.");
     m.def(
         "all_finite", [](In<float, 1> values) { return all_finite(values.data(), int64_t(values.size())); },
-        "values"_a.noconvert(), nb::call_guard<nb::gil_scoped_release>(),
-        "Whether every value is a number and finite.");
+        "values"_as_is, nb::call_guard<nb::gil_scoped_release>(), "Whether every value is a number and finite.");
 }

@@ -2,7 +2,6 @@
 #include "realtime/timer_jitter.h"
 #include "simulation/realtime_loop.h"
 #include "simulation/stroke_benchmark.h"
-#include <cmath>
 #include <nanobind/stl/array.h>
 
 using namespace nb::literals;
@@ -13,22 +12,20 @@ void bind_benchmark(nb::module_& m) {
         "time_stroke",
         [](const TissueModel& model, ModelState& state, const ContactSurface& surface, double radius,
            In<double, 2> points, const std::array<double, 3>& displacement, int ramp, int sweeps, bool prefetch) {
-            if (!model.owns(state)) throw std::invalid_argument("state: another model's");
-            if (points.shape(1) != 3) throw std::invalid_argument("points: expected shape (ticks, 3)");
+            check_owner(model, state);
+            expect_vectors(points, points.shape(0), "points: expected shape (ticks, 3)");
             check_surface(model, surface);
             check_count(sweeps);
             check_radius(radius);
-            for (size_t k = 0; k < points.size(); k++) expect(std::isfinite(points.data()[k]), "points: not finite");
-            StrokeTiming out;
-            {
-                nb::gil_scoped_release away;
-                out = time_stroke(model, state, surface, radius, points.data(), int(points.shape(0)),
-                                  displacement.data(), ramp, sweeps, prefetch);
-            }
+            expect_finite(points, "points: not finite");
+            const StrokeTiming out = unlocked([&] {
+                return time_stroke(model, state, surface, radius, points.data(), int(points.shape(0)),
+                                   displacement.data(), ramp, sweeps, prefetch);
+            });
             return nb::make_tuple(copied(out.patch_seconds), copied(out.model_seconds), rows(out.force),
                                   copied(out.stale), copied(out.prefetch_seconds));
         },
-        "model"_a, "state"_a, "surface"_a, "radius"_a, "points"_a.noconvert(), "displacement"_a, "ramp"_a, "sweeps"_a,
+        "model"_a, "state"_a, "surface"_a, "radius"_a, "points"_as_is, "displacement"_a, "ramp"_a, "sweeps"_a,
         "prefetch"_a = true,
         nb::sig("def time_stroke(model: palpate._core.tissue.TissueModel, state: palpate._core.tissue.ModelState, "
                 "surface: palpate._core.tissue.ContactSurface, radius: float, points: object, "
@@ -39,11 +36,7 @@ void bind_benchmark(nb::module_& m) {
     m.def(
         "timer_jitter",
         [](int ticks, int rate) {
-            TimerJitter out;
-            {
-                nb::gil_scoped_release away;
-                out = measure_timer_jitter(ticks, rate);
-            }
+            const TimerJitter out = unlocked([&] { return measure_timer_jitter(ticks, rate); });
             return nb::make_tuple(copied(out.delay), out.missed);
         },
         "ticks"_a, "rate"_a = int(RealtimeLoop::rate),
@@ -53,12 +46,7 @@ void bind_benchmark(nb::module_& m) {
     m.def(
         "memory_read_jitter",
         [](int ticks, int bytes, int rate) {
-            std::vector<double> out;
-            {
-                nb::gil_scoped_release away;
-                out = measure_read_times(ticks, bytes, rate);
-            }
-            return copied(out);
+            return copied(unlocked([&] { return measure_read_times(ticks, bytes, rate); }));
         },
         "ticks"_a, "bytes"_a, "rate"_a = int(RealtimeLoop::rate),
         nb::sig("def memory_read_jitter(ticks: int, bytes: int, rate: int = ...) -> typing.Any"),

@@ -1,7 +1,6 @@
 #include "bindings/module.h"
 #include "compliance/compliance_model.h"
 #include <algorithm>
-#include <cmath>
 #include <stdexcept>
 
 using namespace nb::literals;
@@ -13,11 +12,9 @@ FactoredStiffness elastic(const SparseCholesky& factor, In<int32_t, 1> free, In<
                           In<double, 2> nodes) {
     if (!factor.positive) throw std::invalid_argument("ComplianceModel: the stiffness is not positive definite");
     const int count = int(free.shape(0));
-    if (nodes.shape(0) != free.shape(0) || nodes.shape(1) != 3)
-        throw std::invalid_argument("nodes: expected shape (nodes, 3)");
-    for (size_t k = 0; k < nodes.size(); k++) expect(std::isfinite(nodes.data()[k]), "nodes: not finite");
-    FactoredStiffness out{
-        &factor, factor.rounded(), {free.data(), free.data() + count}, std::vector<int>(count, -1), {}, {}, {}};
+    expect_vectors(nodes, free.size(), "nodes: expected shape (nodes, 3)");
+    expect_finite(nodes, "nodes: not finite");
+    FactoredStiffness out{&factor, factor.rounded(), listed(free), std::vector<int>(count, -1), {}, {}, {}};
     for (int f : out.free_index)
         if (f < -1 || f >= factor.tree.nodes()) throw std::invalid_argument("free: a number that the factor lacks");
     for (size_t k = 0; k < vertices.shape(0); k++) {
@@ -33,10 +30,8 @@ FactoredStiffness elastic(const SparseCholesky& factor, In<int32_t, 1> free, In<
 }
 
 std::vector<int> vertex_list(const ComplianceState& s, In<int32_t, 1> vertices) {
-    std::vector<int> out(vertices.data(), vertices.data() + vertices.shape(0));
-    for (int v : out)
-        if (v < 0 || 3 * size_t(v) >= s.field.size()) throw std::invalid_argument("vertices: one that is not there");
-    return out;
+    expect_numbers(vertices, s.field.size() / 3, "vertices: one that is not there");
+    return listed(vertices);
 }
 
 template <class F> void in_batches(const std::vector<int>& all, F make) {
@@ -50,7 +45,6 @@ void bind_compliance(nb::module_& m) {
     nb::class_<ComplianceState, ModelState>(m, "ComplianceState",
                                             "Tables that grow where they are needed, and a force.")
         .def_ro("stale", &ComplianceState::stale, "The last answer lacked tables.")
-        .def_ro("stale_ticks", &ComplianceState::stale_ticks, "Answers that did.")
         .def_prop_ro(
             "bytes", [](const ComplianceState& s) { return s.greens.bytes.load(); }, "Of the tables.")
         .def_prop_ro(
@@ -68,14 +62,14 @@ void bind_compliance(nb::module_& m) {
                 in_batches(vertex_list(s, vertices),
                            [&](const int* v, int n) { s.greens.compute_blocks(v, n, reach); });
             },
-            "vertices"_a.noconvert(), "reach"_a, "Blocks of these vertices with all others within `reach` mm.")
+            "vertices"_as_is, "reach"_a, "Blocks of these vertices with all others within `reach` mm.")
         .def(
             "make_columns",
             [](ComplianceState& s, In<int32_t, 1> vertices) {
                 nb::gil_scoped_release free;
                 in_batches(vertex_list(s, vertices), [&](const int* v, int n) { s.greens.compute_columns(v, n); });
             },
-            "vertices"_a.noconvert(), "Columns of these vertices, for displays.")
+            "vertices"_as_is, "Columns of these vertices, for displays.")
         .def(
             "has_columns",
             [](const ComplianceState& s, In<int32_t, 1> vertices) {
@@ -83,7 +77,7 @@ void bind_compliance(nb::module_& m) {
                 for (int v : vertex_list(s, vertices)) all = all && s.greens.columns(v);
                 return all;
             },
-            "vertices"_a.noconvert());
+            "vertices"_as_is);
     nb::class_<ComplianceModel, TissueModel>(m, "ComplianceModel",
                                              "Exact linear finite elements by tables of Green's functions.")
         .def(
@@ -91,8 +85,7 @@ void bind_compliance(nb::module_& m) {
             [](ComplianceModel* self, const SparseCholesky& factor, In<int32_t, 1> free, In<int32_t, 1> vertices,
                In<double, 2> nodes,
                size_t budget) { new (self) ComplianceModel(elastic(factor, free, vertices, nodes), budget); },
-            "factor"_a, "free"_a.noconvert(), "vertices"_a.noconvert(), "nodes"_a.noconvert(), "budget"_a,
-            nb::keep_alive<1, 2>(),
+            "factor"_a, "free"_as_is, "vertices"_as_is, "nodes"_as_is, "budget"_a, nb::keep_alive<1, 2>(),
             "factor: of the free nodes' stiffness, N/mm. free: (nodes) each node's number there, or -1. vertices: free "
             "nodes that are touched or shown. nodes: (nodes, 3) mm. budget: bytes of tables that a state may keep.");
 }

@@ -11,8 +11,13 @@ using namespace palpate;
 namespace {
 
 void check_size(const ScanGeometry& g, const In<float, 3>& pixels) {
-    if (int64_t(pixels.size()) != int64_t(g.views.size()) * g.pixels())
-        throw std::invalid_argument("pixels: wrong size");
+    expect(int64_t(pixels.size()) == int64_t(g.views.size()) * g.pixels(), "pixels: wrong size");
+}
+
+template <void (SurrogateImages::*set)(const float*)> void set_image(SurrogateImages& data, In<float, 3> pixels) {
+    check_size(data.geometry, pixels);
+    nb::gil_scoped_release release;
+    (data.*set)(pixels.data());
 }
 
 } // namespace
@@ -21,22 +26,8 @@ void bind_icd(nb::module_& m) {
     nb::class_<SurrogateImages>(m, "SurrogateImages",
                                 "The data's paraboloid as the descent keeps it. Of every view, float32.")
         .def(nb::init<const ScanGeometry&>(), "geometry"_a, nb::keep_alive<1, 2>())
-        .def(
-            "set_slope",
-            [](SurrogateImages& data, In<float, 3> slope) {
-                check_size(data.geometry, slope);
-                nb::gil_scoped_release release;
-                data.set_slope(slope.data());
-            },
-            "slope"_a.noconvert())
-        .def(
-            "set_curvature",
-            [](SurrogateImages& data, In<float, 3> curvature) {
-                check_size(data.geometry, curvature);
-                nb::gil_scoped_release release;
-                data.set_curvature(curvature.data());
-            },
-            "curvature"_a.noconvert());
+        .def("set_slope", &set_image<&SurrogateImages::set_slope>, "slope"_as_is)
+        .def("set_curvature", &set_image<&SurrogateImages::set_curvature>, "curvature"_as_is);
     m.def(
         "sweep",
         [](SurrogateImages& data, Array<float, 3> f, const PriorKernel& potential, double edge, double beta,
@@ -49,7 +40,7 @@ void bind_icd(nb::module_& m) {
             descend(neighbourhood(shape, spacing, potential.with(edge), potential.neighbours),
                     {float(beta), float(relaxation), backwards}, data, f.data());
         },
-        "data"_a, "f"_a.noconvert(), "potential"_a, "edge"_a, "beta"_a, "relaxation"_a = 1.0, "backwards"_a = false,
+        "data"_a, "f"_as_is, "potential"_a, "edge"_a, "beta"_a, "relaxation"_a = 1.0, "backwards"_a = false,
         "One sweep of coordinate descent over f, in place. The data's slope follows, to within rounding.");
     m.def(
         "diagonal",
@@ -63,7 +54,7 @@ void bind_icd(nb::module_& m) {
             diagonal(data, every, every_row, out.data());
             return out;
         },
-        "geometry"_a, "curvature"_a.noconvert(), "every"_a = 1, "every_row"_a = 1,
+        "geometry"_a, "curvature"_as_is, "every"_a = 1, "every_row"_a = 1,
         "Σ_i a_ij² curvature_i of each voxel of every so-many-th slice and row, from the middle of the first so many.");
     m.def(
         "slabs",

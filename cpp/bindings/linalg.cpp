@@ -3,7 +3,6 @@
 #include "linalg/partial_solve.h"
 #include "linalg/sparse_cholesky.h"
 #include <algorithm>
-#include <cmath>
 #include <stdexcept>
 
 using namespace nb::literals;
@@ -12,14 +11,11 @@ using namespace palpate;
 namespace {
 
 std::vector<int> node_list(const SparseCholesky& factor, In<int32_t, 1> nodes) {
-    std::vector<int> out(nodes.data(), nodes.data() + nodes.shape(0));
-    std::vector<int> sorted = out;
+    expect_numbers(nodes, size_t(factor.tree.nodes()), "nodes: one that the matrix does not have");
+    std::vector<int> sorted = listed(nodes);
     std::sort(sorted.begin(), sorted.end());
-    if (!sorted.empty() && (sorted.front() < 0 || sorted.back() >= factor.tree.nodes()))
-        throw std::invalid_argument("nodes: one that the matrix does not have");
-    if (std::adjacent_find(sorted.begin(), sorted.end()) != sorted.end())
-        throw std::invalid_argument("nodes: one is named twice");
-    return out;
+    expect(std::adjacent_find(sorted.begin(), sorted.end()) == sorted.end(), "nodes: one is named twice");
+    return listed(nodes);
 }
 
 template <class T>
@@ -43,15 +39,11 @@ Owned<double, 2> partial_solve(const SparseCholesky& self, In<int32_t, 1> nodes,
     const std::vector<int> from = node_list(self, nodes), to = node_list(self, wanted);
     const int columns = int(load.shape(1));
     auto out = uninitialized<double>(3 * to.size(), columns);
-    {
-        nb::gil_scoped_release free;
-        if (single) {
-            const FactorValues<float> value = self.rounded();
-            solve_part(self, value.data(), from, load.data(), columns, to, out.data());
-        } else {
-            solve_part(self, self.value.data(), from, load.data(), columns, to, out.data());
-        }
-    }
+    nb::gil_scoped_release free;
+    if (single)
+        solve_part(self, self.rounded().data(), from, load.data(), columns, to, out.data());
+    else
+        solve_part(self, self.value.data(), from, load.data(), columns, to, out.data());
     return out;
 }
 
@@ -63,21 +55,18 @@ void bind_linalg(nb::module_& m) {
             "__init__",
             [](SparseCholesky* self, In<int32_t, 1> start, In<int32_t, 1> column, In<double, 3> block,
                In<double, 2> places) {
-                expect(places.shape(0) + 1 == start.size() && places.shape(1) == 3, "places: expected (nodes, 3)");
-                expect(std::all_of(places.data(), places.data() + places.size(),
-                                   [](double x) { return std::isfinite(x); }),
-                       "places: not finite");
+                expect_vectors(places, start.size() - 1, "places: expected (nodes, 3)");
+                expect_finite(places, "places: not finite");
                 nb::gil_scoped_release free;
                 new (self) SparseCholesky(block_csr(start, column, block), places.data());
             },
-            "start"_a.noconvert(), "column"_a.noconvert(), "block"_a.noconvert(), "places"_a.noconvert(),
+            "start"_as_is, "column"_as_is, "block"_as_is, "places"_as_is,
             "places: (nodes, 3), anything in which neighbours are near each other.")
         .def_ro("positive", &SparseCholesky::positive, "Every pivot was positive.")
         .def_ro("slack", &SparseCholesky::slack,
                 "If positive, K + slack 1 is positive semidefinite, rounding included.")
         .def_prop_ro(
             "entries", [](const SparseCholesky& c) { return c.tree.entry_start.back(); }, "Numbers kept of L.")
-        .def_prop_ro("supernodes", [](const SparseCholesky& c) { return c.tree.count(); })
         .def_prop_ro(
             "work",
             [](const SparseCholesky& c) {
@@ -94,9 +83,8 @@ void bind_linalg(nb::module_& m) {
                 nb::gil_scoped_release free;
                 if (x.shape(1) > 0) self.solve(x.data(), int(x.shape(1)));
             },
-            "x"_a.noconvert(), "x (unknowns, columns) becomes K^-1 x.")
-        .def("partial_solve", &partial_solve, "nodes"_a.noconvert(), "load"_a.noconvert(), "wanted"_a.noconvert(),
-             "single"_a = false,
+            "x"_as_is, "x (unknowns, columns) becomes K^-1 x.")
+        .def("partial_solve", &partial_solve, "nodes"_as_is, "load"_as_is, "wanted"_as_is, "single"_a = false,
              "K^-1 load on the unknowns of `wanted` nodes, load (3 nodes, columns) on those of `nodes`. single: with "
              "the factor in single precision.");
 }

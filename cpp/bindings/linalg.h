@@ -12,8 +12,8 @@ inline SparsityPattern sparsity_pattern(In<int32_t, 1> start, In<int32_t, 1> col
     expect(start.size() > 0 && start(0) == 0 && std::is_sorted(start.data(), start.data() + start.size()), wrong);
     const size_t nodes = start.size() - 1;
     expect(size_t(start(nodes)) == column.size(), wrong);
-    for (size_t k = 0; k < column.size(); k++) expect(column(k) >= 0 && size_t(column(k)) < nodes, wrong);
-    return {{start.data(), start.data() + start.size()}, {column.data(), column.data() + column.size()}};
+    expect_numbers(column, nodes, wrong);
+    return {listed(start), listed(column)};
 }
 
 // block: (start[nodes], 3, 3).

@@ -1,9 +1,12 @@
 #pragma once
 // One function for each submodule of palpate._core; module.cpp calls them in the order of the folders in
 // CMakeLists.txt, so that a type is known before another submodule names it. With the interpreter's lock held.
+#include <algorithm>
+#include <cmath>
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <stdexcept>
+#include <vector>
 
 namespace nb = nanobind;
 
@@ -34,3 +37,27 @@ template <class T, int rank> using In = nb::ndarray<const T, nb::ndim<rank>, nb:
 
 // At least `least`, at most `most`; not NaN.
 template <class T> bool within(T value, T least, T most) { return value >= least && value <= most; }
+
+// Each element: is finite; is the number of one of `count` things.
+template <class Values> void expect_finite(const Values& a, const char* what) {
+    expect(std::all_of(a.data(), a.data() + a.size(), [](double v) { return std::isfinite(v); }), what);
+}
+template <class Values> void expect_numbers(const Values& a, size_t count, const char* what) {
+    expect(std::all_of(a.data(), a.data() + a.size(), [&](int v) { return v >= 0 && size_t(v) < count; }), what);
+}
+inline void expect_vectors(const In<double, 2>& a, size_t count, const char* what) {
+    expect(a.shape(0) == count && a.shape(1) == 3, what);
+}
+
+template <class T> std::vector<T> listed(const nb::ndarray<const T, nb::ndim<1>, nb::c_contig, nb::device::cpu>& a) {
+    return {a.data(), a.data() + a.size()};
+}
+
+// An argument whose array is taken as it is, never converted.
+inline auto operator""_as_is(const char* name, size_t) { return nb::arg(name).noconvert(); }
+
+// What f returns, without the interpreter's lock meanwhile.
+template <class F> auto unlocked(F f) {
+    nb::gil_scoped_release release;
+    return f();
+}

@@ -9,43 +9,29 @@ using namespace palpate;
 
 namespace {
 
-void check_field(const MultigridModel& model, const In<double, 2>& field) {
-    if (field.shape(0) != size_t(model.nodes()) || field.shape(1) != 3)
-        throw std::invalid_argument("field: expected shape (nodes, 3)");
-}
-
 void make(MultigridModel* self, In<double, 2> nodes, In<int32_t, 2> tets, In<double, 1> lam, In<double, 1> mu,
           In<uint8_t, 1> held, double cell, int sweeps, double relaxation) {
-    const size_t n = nodes.shape(0), m = tets.shape(0);
-    if (nodes.shape(1) != 3 || tets.shape(1) != 4 || lam.shape(0) != m || mu.shape(0) != m || held.shape(0) != n)
-        throw std::invalid_argument("multigrid: expected nodes (n, 3), tets (m, 4), constants (m,), held (n,)");
-    for (size_t k = 0; k < 4 * m; k++)
-        if (tets.data()[k] < 0 || size_t(tets.data()[k]) >= n)
-            throw std::invalid_argument("multigrid: a tet names a node that is not there");
-    if (!(cell > 0) || sweeps < 1 || !(relaxation > 0 && relaxation < 2))
-        throw std::invalid_argument("multigrid: cell > 0, sweeps >= 1, 0 < relaxation < 2");
+    const size_t n = nodes.shape(0);
+    check_elements(nodes, tets, lam, mu);
+    expect(held.shape(0) == n, "multigrid: expected held (n,)");
+    expect(cell > 0 && sweeps >= 1 && relaxation > 0 && relaxation < 2,
+           "multigrid: cell > 0, sweeps >= 1, 0 < relaxation < 2");
     check_count(sweeps);
     expect(n > 0, "multigrid: no nodes");
     for (size_t k = 0; k < nodes.size(); k++)
         expect(std::fabs(nodes.data()[k]) < 1e6 * cell, "multigrid: nodes too far apart for cells of this size");
     nb::gil_scoped_release free;
-    new (self) MultigridModel({nodes.data(), tets.data(), lam.data(), mu.data(), held.data(), int(n), int(m)}, cell,
-                              sweeps, relaxation);
+    new (self)
+        MultigridModel({nodes.data(), tets.data(), lam.data(), mu.data(), held.data(), int(n), int(tets.shape(0))},
+                       cell, sweeps, relaxation);
 }
 
-Owned<double, 2> internal_force(const MultigridModel& model, In<double, 2> u) {
-    check_field(model, u);
+template <void (MultigridModel::*apply)(const double*, double*) const>
+Owned<double, 2> applied(const MultigridModel& model, In<double, 2> field) {
+    expect_vectors(field, size_t(model.nodes()), "field: expected shape (nodes, 3)");
     auto out = zeros<double>(model.nodes(), 3);
     nb::gil_scoped_release free;
-    model.internal_force(u.data(), out.data());
-    return out;
-}
-
-Owned<double, 2> precondition(const MultigridModel& model, In<double, 2> v) {
-    check_field(model, v);
-    auto out = zeros<double>(model.nodes(), 3);
-    nb::gil_scoped_release free;
-    model.precondition(v.data(), out.data());
+    (model.*apply)(field.data(), out.data());
     return out;
 }
 
@@ -53,13 +39,13 @@ Owned<double, 2> precondition(const MultigridModel& model, In<double, 2> v) {
 
 void bind_multigrid(nb::module_& m) {
     nb::class_<MultigridModel, TissueModel>(m, "MultigridModel", "Conjugate gradients with a multigrid preconditioner.")
-        .def("__init__", &make, "nodes"_a.noconvert(), "tets"_a.noconvert(), "lam"_a.noconvert(), "mu"_a.noconvert(),
-             "held"_a.noconvert(), "cell"_a, "sweeps"_a, "relaxation"_a)
-        .def("solve", &solve<MultigridModel>, "state"_a, "patches"_a, "displacement"_a.noconvert(), "iterations"_a,
+        .def("__init__", &make, "nodes"_as_is, "tets"_as_is, "lam"_as_is, "mu"_as_is, "held"_as_is, "cell"_a,
+             "sweeps"_a, "relaxation"_a)
+        .def("solve", &solve<MultigridModel>, "state"_a, "patches"_a, "displacement"_as_is, "iterations"_a,
              "Forces of the tissue on the tools, (contacts, 3) N; None for contacts that cannot be held together.")
-        .def("internal_force", &internal_force, "u"_a.noconvert(),
+        .def("internal_force", &applied<&MultigridModel::internal_force>, "u"_as_is,
              "K u: (nodes, 3) N that each node needs from outside to stay where it is.")
-        .def("precondition", &precondition, "v"_a.noconvert(), "B v: one V-cycle, (nodes, 3).")
+        .def("precondition", &applied<&MultigridModel::precondition>, "v"_as_is, "B v: one V-cycle, (nodes, 3).")
         .def_prop_ro("sizes", &MultigridModel::level_sizes, "Nodes of each level, finest first.")
         .def_prop_ro("moved", &MultigridModel::bytes_per_tick,
                      "Bytes that a steady tick of one iteration and one contact moves, caches aside.")

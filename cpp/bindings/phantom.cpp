@@ -26,8 +26,7 @@ void transmission_through(In<int64_t, 1> first, In<double, 1> attenuation, In<in
 } // namespace
 
 void bind_phantom(nb::module_& m) {
-    m.def("transmission", &transmission_through, "first"_a.noconvert(), "attenuation"_a.noconvert(),
-          "ranges"_a.noconvert(), "kind"_a.noconvert(), "solid"_a.noconvert(), "rays"_a.noconvert(), "subrays"_a,
-          "out"_a.noconvert(),
+    m.def("transmission", &transmission_through, "first"_as_is, "attenuation"_as_is, "ranges"_as_is, "kind"_as_is,
+          "solid"_as_is, "rays"_as_is, "subrays"_a, "out"_as_is,
           "Mean of e^-p over each pixel's rays through solids; rays: source, first end, down, right.");
 }

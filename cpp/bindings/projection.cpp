@@ -127,12 +127,12 @@ void bind_projection(nb::module_& m) {
             check_sizes(g, f.size(), p.size());
             project(g, f.data(), p.data());
         },
-        "geometry"_a, "f"_a.noconvert(), "p"_a.noconvert(), nb::call_guard<nb::gil_scoped_release>());
+        "geometry"_a, "f"_as_is, "p"_as_is, nb::call_guard<nb::gil_scoped_release>());
     m.def(
         "backproject",
         [](const ScanGeometry& g, In<float, 3> p, Array<float, 3> f) {
             check_sizes(g, f.size(), p.size());
             backproject(g, p.data(), f.data());
         },
-        "geometry"_a, "p"_a.noconvert(), "f"_a.noconvert(), nb::call_guard<nb::gil_scoped_release>());
+        "geometry"_a, "p"_as_is, "f"_as_is, nb::call_guard<nb::gil_scoped_release>());
 }

@@ -12,19 +12,21 @@ using namespace palpate;
 
 namespace {
 
-std::vector<uint8_t> flags(const In<uint8_t, 1>& held) { return {held.data(), held.data() + held.shape(0)}; }
+const RingRelaxationState& checked(const RingRelaxation& model, const ModelState& state) {
+    check_owner(model, state);
+    return static_cast<const RingRelaxationState&>(state);
+}
 
 void check_forces(const RingRelaxation& model, const ModelState& state, const In<double, 2>& force) {
-    check_owner(model, state);
-    if (force.shape(0) < size_t(static_cast<const RingRelaxationState&>(state).contacts) || force.shape(1) != 3)
-        throw std::invalid_argument("force: expected shape (contacts, 3)");
+    expect(force.shape(0) >= size_t(checked(model, state).contacts) && force.shape(1) == 3,
+           "force: expected shape (contacts, 3)");
 }
 
 } // namespace
 
 void bind_relaxation(nb::module_& m) {
     nb::class_<RingRelaxation, TissueModel>(m, "RingRelaxation")
-        .def("solve", &solve<RingRelaxation>, "state"_a, "patches"_a, "displacement"_a.noconvert(), "sweeps"_a,
+        .def("solve", &solve<RingRelaxation>, "state"_a, "patches"_a, "displacement"_as_is, "sweeps"_a,
              "Forces of the tissue on the tools, (contacts, 3) N; None for contacts that cannot be held together.")
         .def(
             "internal_force",
@@ -43,7 +45,7 @@ void bind_relaxation(nb::module_& m) {
                 model.energy_and_residual(state, force.data(), &out.first, &out.second);
                 return out;
             },
-            "state"_a, "force"_a.noconvert(), "Energy u'Ku/2 and residual r'M^-1 r/2, N mm.")
+            "state"_a, "force"_as_is, "Energy u'Ku/2 and residual r'M^-1 r/2, N mm.")
         .def(
             "residual",
             [](const RingRelaxation& model, const ModelState& state, In<double, 2> force) {
@@ -52,13 +54,11 @@ void bind_relaxation(nb::module_& m) {
                 model.residual(state, force.data(), out.data());
                 return out;
             },
-            "state"_a, "force"_a.noconvert(), "(nodes, 3) N out of balance at the nodes that may move.")
+            "state"_a, "force"_as_is, "(nodes, 3) N out of balance at the nodes that may move.")
         .def(
             "rows",
             [](const RingRelaxation& model, const ModelState& state) {
-                check_owner(model, state);
-                const auto& row = static_cast<const RingRelaxationState&>(state).rings.ring;
-                return copied(row);
+                return copied(checked(model, state).rings.ring);
             },
             "state"_a, "Ring of each node, 1 at the contact.")
         .def_ro_static("most_contacts", &RingRelaxation::most_contacts);
@@ -74,11 +74,11 @@ void bind_relaxation(nb::module_& m) {
                 if (shape.has_value() != load.has_value() || (shape && (shape->size() != size || load->size() != size)))
                     throw std::invalid_argument("modes: expected shape and load of (3 nodes, 12), or none");
                 new (self)
-                    BlockGaussSeidel(block_csr(start, column, block), flags(held), relaxation,
+                    BlockGaussSeidel(block_csr(start, column, block), listed(held), relaxation,
                                      shape ? ModeDeflation(shape->data(), load->data(), int(nodes)) : ModeDeflation());
             },
-            "start"_a.noconvert(), "column"_a.noconvert(), "block"_a.noconvert(), "held"_a.noconvert(), "relaxation"_a,
-            "shape"_a = nb::none(), "load"_a = nb::none())
+            "start"_as_is, "column"_as_is, "block"_as_is, "held"_as_is, "relaxation"_a, "shape"_a = nb::none(),
+            "load"_a = nb::none())
         .def_ro_static("modes", &ModeDeflation::count);
     nb::class_<MassSpring, RingRelaxation>(m, "MassSpring", "Home and edge springs, relaxed ring by ring.")
         .def(
@@ -93,24 +93,19 @@ void bind_relaxation(nb::module_& m) {
                 SpringLaw::Kind kind = law == "uniform"  ? SpringLaw::Kind::uniform
                                        : law == "linear" ? SpringLaw::Kind::linear
                                                          : SpringLaw::Kind::exponential;
-                new (self) MassSpring(sparsity_pattern(start, column), stiffness.data(), position.data(), flags(held),
+                new (self) MassSpring(sparsity_pattern(start, column), stiffness.data(), position.data(), listed(held),
                                       {kind, parameter, by_distance, edge}, relaxation, imposed);
             },
-            "start"_a.noconvert(), "column"_a.noconvert(), "stiffness"_a.noconvert(), "position"_a.noconvert(),
-            "held"_a.noconvert(), "law"_a, "parameter"_a, "by_distance"_a, "edge"_a, "relaxation"_a, "imposed"_a)
+            "start"_as_is, "column"_as_is, "stiffness"_as_is, "position"_as_is, "held"_as_is, "law"_a, "parameter"_a,
+            "by_distance"_a, "edge"_a, "relaxation"_a, "imposed"_a)
         .def(
             "home",
-            [](const MassSpring& model, const ModelState& state) {
-                check_owner(model, state);
-                const auto& home = static_cast<const RingRelaxationState&>(state).home_spring;
-                return copied(home);
-            },
+            [](const MassSpring& model, const ModelState& state) { return copied(checked(model, state).home_spring); },
             "state"_a, "Home spring of each node, N/mm.")
         .def(
             "contraction",
             [](const MassSpring& model, const ModelState& state) {
-                check_owner(model, state);
-                return model.eigenvalue_bound(state);
+                return model.eigenvalue_bound(checked(model, state));
             },
             "state"_a, "1 - rho: least eigenvalue bound of diag(K)^-1 K.");
 }

@@ -22,8 +22,7 @@ struct Driven { // the loop and the surface it looks at
     RealtimeLoop loop;
     Driven(const TissueModel& model, const ContactSurface& surface, In<int32_t, 1> shown,
            const SimulationSettings& settings)
-        : surface(checked(model, surface, shown, settings)),
-          loop(model, surface, settings, {shown.data(), shown.data() + shown.shape(0)}) {
+        : surface(checked(model, surface, shown, settings)), loop(model, surface, settings, listed(shown)) {
         if (int at = crowded(settings.tools.radius); at >= 0)
             throw std::invalid_argument("a contact of radius " + std::to_string(settings.tools.radius) +
                                         " mm covers more than " + std::to_string(ContactPatch::capacity) +
@@ -33,8 +32,7 @@ struct Driven { // the loop and the surface it looks at
                                          const In<int32_t, 1>& shown, const SimulationSettings& settings) {
         check_surface(model, surface);
         expect(surface.triangles() > 0, "surface: it is empty");
-        for (size_t k = 0; k < shown.size(); k++)
-            expect(shown(k) >= 0 && shown(k) < model.nodes(), "shown: a node that is not there");
+        expect_numbers(shown, size_t(model.nodes()), "shown: a node that is not there");
         check_count(settings.sweeps);
         check_radius(settings.tools.radius);
         return surface;
@@ -57,15 +55,14 @@ struct Driven { // the loop and the surface it looks at
 };
 
 CommandKind kind(int number) {
-    if (number < 0 || number > int(CommandKind::free)) throw std::invalid_argument("kind: 0 to 3");
+    expect(within(number, 0, int(CommandKind::free)), "kind: 0 to 3");
     return CommandKind(number);
 }
 
 std::vector<Command> commands(In<uint8_t, 1> kinds, In<double, 2> points, In<double, 2> displacements) {
     std::vector<Command> all(kinds.shape(0));
-    if (points.shape(0) != all.size() || displacements.shape(0) != all.size() || points.shape(1) != 3 ||
-        displacements.shape(1) != 3)
-        throw std::invalid_argument("kinds (n,), points (n, 3), displacements (n, 3)");
+    for (const auto* each : {&points, &displacements})
+        expect_vectors(*each, all.size(), "kinds (n,), points (n, 3), displacements (n, 3)");
     for (size_t i = 0; i < all.size(); i++) {
         all[i].kind = kind(kinds(i));
         for (int k = 0; k < 3; k++) {
@@ -80,7 +77,7 @@ std::vector<uint8_t> tool_numbers(In<uint8_t, 1> tools, size_t count) {
     if (tools.shape(0) != count) throw std::invalid_argument("tools: one for each command");
     for (size_t i = 0; i < count; i++)
         if (tools(i) >= most_tools) throw std::invalid_argument("tools: less than " + std::to_string(most_tools));
-    return {tools.data(), tools.data() + count};
+    return listed(tools);
 }
 
 nb::tuple drain(Driven& driven) {
@@ -166,11 +163,10 @@ void bind_devices(nb::module_& m) {
             "__init__",
             [](Replay* self, In<int64_t, 1> ticks, In<uint8_t, 1> tools, In<uint8_t, 1> kinds, In<double, 2> points,
                In<double, 2> displacements, In<int64_t, 1> switches, In<uint8_t, 1> missing_tables) {
-                if (missing_tables.shape(0) != switches.shape(0))
-                    throw std::invalid_argument("lacking: one for each switch");
+                expect(missing_tables.size() == switches.size(), "lacking: one for each switch");
                 std::vector<TableEvent> all;
                 for (size_t i = 0; i < switches.shape(0); i++) all.push_back({switches(i), missing_tables(i)});
-                new (self) Replay({ticks.data(), ticks.data() + ticks.shape(0)}, tool_numbers(tools, ticks.shape(0)),
+                new (self) Replay(listed(ticks), tool_numbers(tools, ticks.size()),
                                   commands(kinds, points, displacements), std::move(all));
             },
             "ticks"_a, "tools"_a, "kinds"_a, "points"_a, "displacements"_a, "switches"_a, "lacking"_a);
@@ -294,5 +290,4 @@ void bind_simulation(nb::module_& m) {
     m.def("realtime_priority", &realtime_priority_allowed,
           "Whether the system lets the loop's thread run before ordinary ones.");
     m.attr("RATE") = int(RealtimeLoop::rate);
-    m.attr("DIGEST_TICKS") = int(RealtimeLoop::digest_ticks);
 }

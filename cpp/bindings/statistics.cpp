@@ -36,31 +36,26 @@ Owned<float, 3> slope_or_curvature(In<float, 3> y, In<float, 3> b, In<float, 3> 
 }
 
 void bind_likelihood(nb::module_& m) {
-    m.def(
-        "transmission_value",
-        [](In<float, 3> y, In<float, 3> b, In<float, 3> r, In<float, 3> l, int noise) {
-            same_size(y, b, r, l);
-            nb::gil_scoped_release release;
-            return transmission_value(pixels(y, b, r), l.data(), noise_of(noise));
-        },
-        "counts"_a.noconvert(), "incident"_a.noconvert(), "background"_a.noconvert(), "l"_a.noconvert(), "noise"_a);
-    m.def(
-        "transmission_slope",
-        [](In<float, 3> y, In<float, 3> b, In<float, 3> r, In<float, 3> l, int noise) {
-            return slope_or_curvature(y, b, r, l, noise, -1);
-        },
-        "counts"_a.noconvert(), "incident"_a.noconvert(), "background"_a.noconvert(), "l"_a.noconvert(), "noise"_a);
-    m.def("transmission_curvature", &slope_or_curvature, "counts"_a.noconvert(), "incident"_a.noconvert(),
-          "background"_a.noconvert(), "l"_a.noconvert(), "noise"_a, "kind"_a);
-    m.def(
+    const auto define = [&m](const char* name, auto f, auto... more) {
+        m.def(name, f, "counts"_as_is, "incident"_as_is, "background"_as_is, "l"_as_is, "noise"_a, more...);
+    };
+    define("transmission_value", [](In<float, 3> y, In<float, 3> b, In<float, 3> r, In<float, 3> l, int noise) {
+        same_size(y, b, r, l);
+        nb::gil_scoped_release release;
+        return transmission_value(pixels(y, b, r), l.data(), noise_of(noise));
+    });
+    define("transmission_slope", [](In<float, 3> y, In<float, 3> b, In<float, 3> r, In<float, 3> l, int noise) {
+        return slope_or_curvature(y, b, r, l, noise, -1);
+    });
+    define("transmission_curvature", &slope_or_curvature, "kind"_a);
+    define(
         "transmission_value_and_slope",
         [](In<float, 3> y, In<float, 3> b, In<float, 3> r, In<float, 3> l, int noise, Array<float, 3> slope) {
             same_size(y, b, r, l, slope);
             nb::gil_scoped_release release;
             return transmission_value_and_slope(pixels(y, b, r), l.data(), noise_of(noise), slope.data());
         },
-        "counts"_a.noconvert(), "incident"_a.noconvert(), "background"_a.noconvert(), "l"_a.noconvert(), "noise"_a,
-        "slope"_a.noconvert());
+        "slope"_as_is);
     m.def(
         "least_squares_value",
         [](In<float, 3> weight, In<float, 3> p, In<float, 3> l) {
@@ -68,14 +63,14 @@ void bind_likelihood(nb::module_& m) {
             nb::gil_scoped_release release;
             return least_squares_value(weight.data(), p.data(), l.data(), int64_t(l.size()));
         },
-        "weights"_a.noconvert(), "line_integrals"_a.noconvert(), "l"_a.noconvert());
+        "weights"_as_is, "line_integrals"_as_is, "l"_as_is);
 }
 
 void bind_prior(nb::module_& m) {
     nb::class_<PriorKernel>(m, "PriorKernel", "Potential and neighbours of a prior, as the kernels take them.")
         .def(nb::init<int>(), "potential"_a)
         .def(nb::init<int, double, int, std::optional<In<float, 2>>>(), "potential"_a, "exponent"_a, "neighbours"_a,
-             "table"_a.noconvert() = nb::none());
+             "table"_as_is = nb::none());
     nb::implicitly_convertible<int, PriorKernel>();
     m.attr("TABLE_STEPS") = int(PotentialTable::steps);
     m.attr("TABLE_OCTAVES") = int(PotentialTable::octaves); // below 1, and as many above
@@ -85,7 +80,7 @@ void bind_prior(nb::module_& m) {
             nb::gil_scoped_release release;
             return prior_value(neighbourhood_of(f, spacing, potential, edge), f.data());
         },
-        "f"_a.noconvert(), "spacing"_a, "potential"_a, "edge"_a);
+        "f"_as_is, "spacing"_a, "potential"_a, "edge"_a);
     m.def(
         "prior_surrogate",
         [](In<float, 3> f, Spacing spacing, const PriorKernel& potential, double edge) {
@@ -95,7 +90,7 @@ void bind_prior(nb::module_& m) {
                             answer.second.data());
             return answer;
         },
-        "f"_a.noconvert(), "spacing"_a, "potential"_a, "edge"_a);
+        "f"_as_is, "spacing"_a, "potential"_a, "edge"_a);
 }
 
 } // namespace

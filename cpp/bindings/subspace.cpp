@@ -19,7 +19,7 @@ void bind_subspace(nb::module_& m) {
                              curvatures.data());
             return curvatures;
         },
-        "f"_a.noconvert(), "previous"_a.noconvert(), "u"_a.noconvert(), "spacing"_a, "potential"_a, "edge"_a);
+        "f"_as_is, "previous"_as_is, "u"_as_is, "spacing"_a, "potential"_a, "edge"_a);
     m.def(
         "data_curvatures",
         [](In<float, 3> curvature, In<float, 3> l, In<float, 3> previous, In<float, 3> q) {
@@ -30,7 +30,7 @@ void bind_subspace(nb::module_& m) {
                             curvatures.data());
             return curvatures;
         },
-        "curvature"_a.noconvert(), "l"_a.noconvert(), "previous"_a.noconvert(), "q"_a.noconvert());
+        "curvature"_as_is, "l"_as_is, "previous"_as_is, "q"_as_is);
     m.def(
         "search_direction",
         [](In<float, 3> f, In<float, 3> previous, Array<float, 3> u, In<float, 3> data, int step, double beta,
@@ -47,8 +47,8 @@ void bind_subspace(nb::module_& m) {
                              f.data(), previous.data(), u.data(), slopes.data());
             return slopes;
         },
-        "f"_a.noconvert(), "previous"_a.noconvert(), "u"_a.noconvert(), "data"_a.noconvert(), "step"_a, "beta"_a,
-        "spacing"_a, "potential"_a, "edge"_a, "Turns the data's gradient u into the direction, in place.");
+        "f"_as_is, "previous"_as_is, "u"_as_is, "data"_as_is, "step"_a, "beta"_a, "spacing"_a, "potential"_a, "edge"_a,
+        "Turns the data's gradient u into the direction, in place.");
     m.attr("COARSE_STEP") = int(coarse_step);
     m.def(
         "subspace_step",
@@ -57,6 +57,5 @@ void bind_subspace(nb::module_& m) {
             nb::gil_scoped_release release;
             advance(f.data(), previous.data(), w.data(), int64_t(f.size()), u.data());
         },
-        "f"_a.noconvert(), "previous"_a.noconvert(), "w"_a, "u"_a.noconvert(),
-        "Turns u into the next iterate, in place.");
+        "f"_as_is, "previous"_as_is, "w"_a, "u"_as_is, "Turns u into the next iterate, in place.");
 }

@@ -2,7 +2,6 @@
 #include "bindings/python_model.h"
 #include "tissue/contact_surface.h"
 #include <algorithm>
-#include <cmath>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/unique_ptr.h>
@@ -29,7 +28,7 @@ void bind_contact(nb::module_& m) {
                 std::copy_n(nodes.data(), self->count, self->node);
                 std::copy_n(weights.data(), self->count, self->weight);
             },
-            "nodes"_a.noconvert(), "weights"_a.noconvert())
+            "nodes"_as_is, "weights"_as_is)
         .def_prop_ro(
             "nodes", [](const ContactPatch& p) { return copied(p.node, p.count); }, nb::rv_policy::automatic)
         .def_prop_ro(
@@ -51,16 +50,12 @@ void bind_contact(nb::module_& m) {
                 const size_t count = nodes.shape(0);
                 expect(nodes.shape(1) == 3 && triangles.shape(1) == 3 && held.shape(0) == count,
                        "surface: expected nodes (n, 3), triangles (m, 3), held (n,)");
-                for (size_t k = 0; k < triangles.size(); k++)
-                    expect(triangles.data()[k] >= 0 && size_t(triangles.data()[k]) < count,
-                           "triangles: names a node that is not there");
-                expect(
-                    std::all_of(nodes.data(), nodes.data() + nodes.size(), [](double x) { return std::isfinite(x); }),
-                    "nodes: not finite");
+                expect_numbers(triangles, count, "triangles: names a node that is not there");
+                expect_finite(nodes, "nodes: not finite");
                 new (self) ContactSurface(nodes.data(), int(nodes.shape(0)), triangles.data(), int(triangles.shape(0)),
                                           held.data());
             },
-            "nodes"_a.noconvert(), "triangles"_a.noconvert(), "held"_a.noconvert())
+            "nodes"_as_is, "triangles"_as_is, "held"_as_is)
         .def(
             "closest",
             [](const ContactSurface& s, Point p) {
@@ -119,11 +114,8 @@ void bind_model(nb::module_& m) {
                 check_count(sweeps);
                 if (patch) check_nodes(model, {*patch});
                 double force[3] = {0, 0, 0}, moved[3];
-                {
-                    nb::gil_scoped_release free;
-                    std::copy_n(displacement.data(), 3, moved);
-                    model.relax(state, patch, patch ? 1 : 0, 0, moved, sweeps, force);
-                }
+                std::copy_n(displacement.data(), 3, moved);
+                unlocked([&] { return model.relax(state, patch, patch ? 1 : 0, 0, moved, sweeps, force); });
                 return copied(force, 3);
             },
             "state"_a, "patch"_a.none(), "displacement"_a, "sweeps"_a, "Force of the tissue on the tool, N.")
@@ -140,16 +132,14 @@ void bind_model(nb::module_& m) {
                     throw std::invalid_argument("displacement: (patches, 3); at most 4 patches, closed ones first");
                 auto force = zeros<double>(all, 3), moved = zeros<double>(all, 3);
                 std::copy_n(displacement.data(), 3 * all, moved.data());
-                bool good;
-                {
-                    nb::gil_scoped_release free;
-                    good = model.relax(state, patches.data(), closed, int(all) - closed, moved.data(), sweeps,
+                const bool good = unlocked([&] {
+                    return model.relax(state, patches.data(), closed, int(all) - closed, moved.data(), sweeps,
                                        force.data());
-                }
-                if (!good) throw std::invalid_argument("patches: these cannot be told apart");
+                });
+                expect(good, "patches: these cannot be told apart");
                 return nb::make_tuple(force, moved);
             },
-            "state"_a, "patches"_a, "closed"_a, "displacement"_a.noconvert(), "sweeps"_a,
+            "state"_a, "patches"_a, "closed"_a, "displacement"_as_is, "sweeps"_a,
             nb::sig("def relax_all(self, state: palpate._core.tissue.ModelState, patches: "
                     "list[palpate._core.tissue.ContactPatch], closed: int, displacement: object, "
                     "sweeps: int) -> tuple[typing.Any, typing.Any]"),
@@ -166,16 +156,13 @@ void bind_model(nb::module_& m) {
             "displayed_displacement",
             [](const TissueModel& model, ModelState& state, In<int32_t, 1> nodes) {
                 check_owner(model, state);
-                for (size_t k = 0; k < nodes.shape(0); k++)
-                    if (nodes(k) < 0 || nodes(k) >= model.nodes()) throw std::invalid_argument("nodes: one not there");
+                expect_numbers(nodes, size_t(model.nodes()), "nodes: one not there");
                 auto out = zeros<float>(nodes.shape(0), 3);
-                {
-                    nb::gil_scoped_release free;
-                    model.displayed_displacement(state, nodes.data(), int(nodes.shape(0)), out.data());
-                }
+                nb::gil_scoped_release free;
+                model.displayed_displacement(state, nodes.data(), int(nodes.shape(0)), out.data());
                 return out;
             },
-            "state"_a, "nodes"_a.noconvert(), "What a display is given of these nodes, (n, 3) mm.");
+            "state"_a, "nodes"_as_is, "What a display is given of these nodes, (n, 3) mm.");
 }
 
 // Calls solve(patches, displacement (m, 3)) -> u (N, 3), force (m, 3), stiffness (3m, 3m), all float64.

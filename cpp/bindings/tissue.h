@@ -16,8 +16,15 @@ inline void check_owner(const TissueModel& model, const ModelState& state) {
 inline void check_nodes(const TissueModel& model, const std::vector<ContactPatch>& patches) {
     for (const ContactPatch& patch : patches)
         for (int k = 0; k < patch.count; k++)
-            if (patch.node[k] < 0 || patch.node[k] >= model.nodes())
-                throw std::invalid_argument("patch: names a node that the model does not have");
+            expect(within(patch.node[k], 0, model.nodes() - 1), "patch: names a node that the model does not have");
+}
+
+inline void check_elements(const In<double, 2>& nodes, const In<int32_t, 2>& tets, const In<double, 1>& lambda,
+                           const In<double, 1>& mu) {
+    const size_t elements = tets.shape(0);
+    expect(nodes.shape(1) == 3 && tets.shape(1) == 4 && lambda.shape(0) == elements && mu.shape(0) == elements,
+           "elements: expected (nodes, 3), (elements, 4), and constants of each element");
+    expect_numbers(tets, nodes.shape(0), "tets: names a node that the mesh does not have");
 }
 
 // Of sweeps, iterations or steps: a call cannot be interrupted.
@@ -34,8 +41,7 @@ inline void check_contacts(const TissueModel& model, const ModelState& state, co
                            const In<double, 2>& displacement) {
     check_owner(model, state);
     check_nodes(model, patches);
-    if (displacement.shape(0) != patches.size() || displacement.shape(1) != 3)
-        throw std::invalid_argument("displacement: expected shape (contacts, 3)");
+    expect_vectors(displacement, patches.size(), "displacement: expected shape (contacts, 3)");
 }
 
 // Forces on the tools (contacts, 3) N, or nothing.

@@ -1,6 +1,5 @@
 #include "bindings/module.h"
 #include "volume/trilinear_resample.h"
-#include <algorithm>
 #include <stdexcept>
 
 using namespace nb::literals;
@@ -13,10 +12,8 @@ struct Axis {
     In<float, 1> share, weight;
 
     InterpolationPoints positions(size_t old) const {
-        const auto inside = [old](int32_t i) { return i >= 0 && size_t(i) < old; };
-        if (share.size() != at.size() || weight.size() != at.size() ||
-            !std::all_of(at.data(), at.data() + at.size(), inside))
-            throw std::invalid_argument("positions: wrong size or outside");
+        expect(share.size() == at.size() && weight.size() == at.size(), "positions: wrong size");
+        expect_numbers(at, old, "positions: outside");
         return {at.data(), share.data(), weight.data(), int64_t(old), int64_t(at.size())};
     }
 };
@@ -35,8 +32,7 @@ void interpolate_between(In<float, 3> values, In<int32_t, 1> az, In<float, 1> sz
 } // namespace
 
 void bind_volume(nb::module_& m) {
-    m.def("interpolate", &interpolate_between, "values"_a.noconvert(), "z_at"_a.noconvert(), "z_share"_a.noconvert(),
-          "z_weight"_a.noconvert(), "y_at"_a.noconvert(), "y_share"_a.noconvert(), "y_weight"_a.noconvert(),
-          "x_at"_a.noconvert(), "x_share"_a.noconvert(), "x_weight"_a.noconvert(), "out"_a.noconvert(),
+    m.def("interpolate", &interpolate_between, "values"_as_is, "z_at"_as_is, "z_share"_as_is, "z_weight"_as_is,
+          "y_at"_as_is, "y_share"_as_is, "y_weight"_as_is, "x_at"_as_is, "x_share"_as_is, "x_weight"_as_is, "out"_as_is,
           "Linear along each axis: index below, share of the way to the next, and 1 inside or 0 outside.");
 }

@@ -26,11 +26,7 @@ enum StateLayout { // of ComplianceState::values
 // out = a^-1, a 3x3 or larger; overwrites a. False: the contacts are linearly dependent.
 bool invert(double* a, int n, double* out) {
     if (n == 3) {
-        const double c[9] = {a[4] * a[8] - a[5] * a[7], a[2] * a[7] - a[1] * a[8], a[1] * a[5] - a[2] * a[4],
-                             a[5] * a[6] - a[3] * a[8], a[0] * a[8] - a[2] * a[6], a[2] * a[3] - a[0] * a[5],
-                             a[3] * a[7] - a[4] * a[6], a[1] * a[6] - a[0] * a[7], a[0] * a[4] - a[1] * a[3]};
-        const double determinant = a[0] * c[0] + a[1] * c[3] + a[2] * c[6];
-        for (int k = 0; k < 9; k++) out[k] = c[k] / determinant;
+        invert_block(a, out);
         return true;
     }
     factor_independent(a, n, 1e-6); // a = L L'
@@ -59,6 +55,13 @@ double norm(const double* a, int n) {
     double sum = 0;
     for (int k = 0; k < n; k++) sum += a[k] * a[k];
     return std::sqrt(sum);
+}
+
+// Makes spare_blocks those of the vertices, unless `blocks` are: then false.
+bool carry_to_spare(ComplianceState& s, const PatchVertices& to) {
+    if (s.blocks.covers(to.vertex, to.count)) return false;
+    if (!s.spare_blocks.covers(to.vertex, to.count)) s.spare_blocks.carry_over(s.blocks, to.vertex, to.count);
+    return true;
 }
 
 } // namespace
@@ -90,7 +93,6 @@ bool ComplianceModel::relax(ModelState& state, const ContactPatch* patches, int 
         if (s.tables != TablePolicy::unavailable) s.blocks.fetch(s.greens);
         if (s.blocks.missing > 0 && s.tables == TablePolicy::on_demand) compute_missing(s);
         s.stale = s.blocks.missing > 0 || s.tables == TablePolicy::unavailable;
-        s.stale_ticks += s.stale;
         good = update_stiffness(s, prescribed, displacement);
         if (good) apply_stiffness(s, prescribed, displacement, force);
         observe(s, prescribed, observed, displacement, force);
@@ -115,10 +117,7 @@ bool ComplianceModel::set_patches(ComplianceState& s, const ContactPatch* patche
         const int p = vertices.source[k] / capacity;
         s.weight[p * capacity + vertices.index[k]] = patches[p].weight[vertices.source[k] % capacity];
     }
-    if (s.blocks.covers(vertices.vertex, vertices.count)) return true;
-    if (!s.spare_blocks.covers(vertices.vertex, vertices.count))
-        s.spare_blocks.carry_over(s.blocks, vertices.vertex, vertices.count);
-    std::swap(s.blocks, s.spare_blocks);
+    if (carry_to_spare(s, vertices)) std::swap(s.blocks, s.spare_blocks);
     return true;
 }
 
@@ -240,10 +239,7 @@ void ComplianceModel::observe(ComplianceState& s, int prescribed, int observed, 
 void ComplianceModel::prefetch(ModelState& state, const ContactPatch* patches, int count) const {
     auto& s = static_cast<ComplianceState&>(state);
     PatchVertices vertices;
-    if (!vertices.gather(stiffness, patches, count) || s.blocks.covers(vertices.vertex, vertices.count)) return;
-    if (!s.spare_blocks.covers(vertices.vertex, vertices.count))
-        s.spare_blocks.carry_over(s.blocks, vertices.vertex, vertices.count);
-    s.spare_blocks.fetch(s.greens);
+    if (vertices.gather(stiffness, patches, count) && carry_to_spare(s, vertices)) s.spare_blocks.fetch(s.greens);
 }
 
 void ComplianceModel::displayed_displacement(ModelState& state, const int* nodes, int count, float* out) const {

@@ -19,7 +19,6 @@ struct ComplianceState : ModelState {
     GreensFunctions greens;
     TripleBuffer<ContactSnapshot> snapshots; // written by ticks
     ContactSnapshot snapshot;
-    int64_t stale_ticks = 0;
     PatchBlocks blocks, spare_blocks; // of the patches; of those before, or of those expected next
     std::vector<double> weight;       // (patches, capacity) of each patch's vertices, in the order of `blocks`
     std::vector<float> field;         // (vertices, 3) mm, last displayed

@@ -1,7 +1,7 @@
 #pragma once
 // The Cholesky factors of the stiffness and the numbering of the surface. ComplianceModel makes it; read by any thread.
+#include "base/vec3.h"
 #include "linalg/sparse_cholesky.h"
-#include <cmath>
 
 namespace palpate {
 
@@ -16,8 +16,7 @@ struct FactoredStiffness {
     int vertices() const { return int(vertex_node.size()); }
     int nodes() const { return int(free_index.size()); }
     double distance(int a, int b) const { // mm
-        const double *p = &position[3 * size_t(a)], *q = &position[3 * size_t(b)];
-        return std::sqrt((p[0] - q[0]) * (p[0] - q[0]) + (p[1] - q[1]) * (p[1] - q[1]) + (p[2] - q[2]) * (p[2] - q[2]));
+        return palpate::distance(&position[3 * size_t(a)], &position[3 * size_t(b)]);
     }
 };
 

@@ -194,8 +194,8 @@ void GreensFunctions::solve(const int* vertices, int count, const double* load, 
         for (int k = 0; k < 3; k++) full.x[3 * size_t(loaded[i]) + k] = float(load[3 * i + k]);
     }
     tree.paths(loaded.data(), count, mark, load_path);
-    full.forward_one(stiffness.rounded.data(), load_path.data(), int(load_path.size()));
-    full.backward_one(stiffness.rounded.data(), vertex_path.data(), int(vertex_path.size()));
+    full.forward(stiffness.rounded.data(), load_path.data(), int(load_path.size()));
+    full.backward(stiffness.rounded.data(), vertex_path.data(), int(vertex_path.size()));
     for (int v = 0; v < stiffness.vertices(); v++)
         std::copy_n(&full.x[3 * size_t(tree.place[stiffness.vertex_free[v]])], 3, out + 3 * size_t(v));
     full.clear(vertex_path.data(), int(vertex_path.size())); // contains every path to a vertex

@@ -59,12 +59,9 @@ private:
     struct alignas(64) BlockTable {
         static constexpr int line = 16; // vertices per cache line
         int count, lines, index_lines;  // vertices; cache lines of vertices; cache lines of their first ones
-        int* first() { return reinterpret_cast<int*>(this + 1); }
-        const int* first() const { return reinterpret_cast<const int*>(this + 1); }
-        int* vertex() { return first() + line * index_lines; }
-        const int* vertex() const { return first() + line * index_lines; }
-        Block* block() { return reinterpret_cast<Block*>(vertex() + line * lines); }
-        const Block* block() const { return reinterpret_cast<const Block*>(vertex() + line * lines); }
+        int* first() const { return reinterpret_cast<int*>(const_cast<BlockTable*>(this) + 1); }
+        int* vertex() const { return first() + line * index_lines; }
+        Block* block() const { return reinterpret_cast<Block*>(vertex() + line * lines); }
         size_t bytes() const {
             return sizeof(BlockTable) + sizeof(int) * line * (index_lines + lines) + sizeof(Block) * count;
         }

@@ -47,15 +47,11 @@ void PrecomputeThread::run() {
         if (snapshot.count > 0) {
             predict_path();
             if (compute_wanted_blocks()) continue;
-            if (speed() < slow_speed && compute_columns()) continue;
+            if (length(velocity) < slow_speed && compute_columns()) continue;
         }
         if (reach > 0 && compute_nearest_blocks()) continue;
         std::this_thread::sleep_for(idle_wait);
     }
-}
-
-double PrecomputeThread::speed() const {
-    return std::sqrt(velocity[0] * velocity[0] + velocity[1] * velocity[1] + velocity[2] * velocity[2]);
 }
 
 // Takes the newest snapshot: the patch's centre, width and velocity.
@@ -91,15 +87,12 @@ void PrecomputeThread::read_snapshot() {
 void PrecomputeThread::predict_path() {
     predicted.clear();
     candidates.clear();
-    const double tool_speed = speed(), scale = tool_speed > 0 ? 1 / tool_speed : 0;
+    const double tool_speed = length(velocity), scale = tool_speed > 0 ? 1 / tool_speed : 0;
     for (int v = 0; v < stiffness.vertices(); v++) {
-        double along = 0, square = 0;
-        for (int c = 0; c < 3; c++) {
-            const double d = stiffness.position[3 * size_t(v) + c] - centre[c];
-            along += d * velocity[c] * scale;
-            square += d * d;
-        }
-        const double cost = 2 * std::sqrt(square) - along;
+        const double* at = &stiffness.position[3 * size_t(v)];
+        double along = 0;
+        for (int c = 0; c < 3; c++) along += (at[c] - centre[c]) * velocity[c] * scale;
+        const double cost = 2 * distance(at, centre) - along;
         if (cost <= tool_speed * horizon + 2 * patch_width) candidates.push_back({cost, v});
     }
     std::sort(candidates.begin(), candidates.end());
@@ -140,12 +133,7 @@ bool PrecomputeThread::compute_nearest_blocks() {
     candidates.clear();
     for (int v = 0; v < stiffness.vertices(); v++) {
         if (greens.has_blocks(v, reach)) continue;
-        double square = 0;
-        for (int c = 0; c < 3; c++) {
-            const double d = stiffness.position[3 * size_t(v) + c] - centre[c];
-            square += d * d;
-        }
-        candidates.push_back({square, v});
+        candidates.push_back({square_of_distance(&stiffness.position[3 * size_t(v)], centre), v});
     }
     all_computed = candidates.empty();
     if (all_computed) return false;

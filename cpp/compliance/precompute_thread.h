@@ -49,7 +49,6 @@ private:
     bool compute_columns();
     bool compute_nearest_blocks();
     void publish_field();
-    double speed() const;
 };
 
 } // namespace palpate

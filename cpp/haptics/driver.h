@@ -2,6 +2,7 @@
 // The interface of a maker's driver. Opened, started and stopped by the Python session; while it runs, it calls
 // Servo::tick at the device's rate from a thread of its own, with positions in mm of the device's frame.
 #include "haptics/servo.h"
+#include <atomic>
 #include <memory>
 #include <stdexcept>
 #include <string>
@@ -22,10 +23,15 @@ class Driver {
 public:
     virtual ~Driver() = default;
     virtual const char* name() const = 0;
-    virtual FoundDevice open() = 0;           // throws DriverError
-    virtual ServoSettings limits() const = 0; // of the open device, in its own frame
-    virtual void start(Servo& servo) = 0;     // the servo must outlive the run; throws DriverError
-    virtual void stop() = 0;                  // zero force, then the device is closed; may be called twice
+    virtual FoundDevice open() = 0;                        // throws DriverError
+    virtual void start(Servo& servo) = 0;                  // the servo must outlive the run; throws DriverError
+    virtual void stop() = 0;                               // zero force, then the device is closed; may be called twice
+    ServoSettings limits() const { return device_limits; } // of the open device, in its own frame
+
+protected:
+    ServoSettings device_limits;
+    Servo* servo = nullptr;            // while it runs
+    std::atomic<bool> stopping{false}; // its thread is to end
 };
 
 // `library`: a path, or "" to let the loader find it. `device`: the name given in the maker's set-up, or "".

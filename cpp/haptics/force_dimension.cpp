@@ -26,10 +26,7 @@ class ForceDimension : public Driver {
     const std::string path;
     const int rate;
     int device = -1;
-    Servo* servo = nullptr;
-    std::atomic<bool> stopping{false};
     std::thread thread;
-    ServoSettings device_limits;
 
     SharedLibrary::Function<int()> dhd_open{library, "dhdOpen"};
     SharedLibrary::Function<int(char)> dhd_close{library, "dhdClose"};
@@ -93,7 +90,6 @@ public:
     }
     ~ForceDimension() override { stop(); }
     const char* name() const override { return "Force Dimension"; }
-    ServoSettings limits() const override { return device_limits; }
 
     FoundDevice open() override {
         load();

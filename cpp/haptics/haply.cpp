@@ -23,10 +23,7 @@ class Haply : public Driver {
     WebSocketClient socket;
     char device[40] = "";
     bool introduced = false;
-    Servo* servo = nullptr;
-    std::atomic<bool> stopping{false};
     std::thread thread;
-    ServoSettings device_limits;
 
     // Millionths of a newton as whole numbers: printing fractions follows the locale.
     static int newtons(char* out, size_t size, double force) {
@@ -115,7 +112,6 @@ public:
     }
     ~Haply() override { stop(); }
     const char* name() const override { return "Haply"; }
-    ServoSettings limits() const override { return device_limits; }
 
     FoundDevice open() override {
         const std::string where = "ws://" + host + ":" + std::to_string(port);

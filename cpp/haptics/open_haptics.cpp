@@ -37,9 +37,7 @@ class OpenHaptics : public Driver {
     unsigned device = no_handle;
     unsigned long callback = 0;
     bool scheduled = false;
-    Servo* servo = nullptr;
-    std::atomic<bool> stopping{false}, ended{true};
-    ServoSettings device_limits;
+    std::atomic<bool> ended{true};
 
     SharedLibrary::Function<unsigned(const char*)> init{library, "hdInitDevice"};
     SharedLibrary::Function<void(unsigned)> disable{library, "hdDisableDevice"};
@@ -144,7 +142,6 @@ public:
     OpenHaptics(std::string path, std::string wanted) : path(std::move(path)), wanted(std::move(wanted)) {}
     ~OpenHaptics() override { stop(); }
     const char* name() const override { return "OpenHaptics"; }
-    ServoSettings limits() const override { return device_limits; }
 
     FoundDevice open() override {
         load();

@@ -56,30 +56,27 @@ bool ContactConstraints::invert() {
 }
 
 void ContactConstraints::patch_means(const double* u, double* out) const {
-    std::fill_n(out, 3 * contacts, 0.0);
-    for (int c = 0; c < contacts; c++)
-        for (int i = 0; i < patch[c].count; i++)
-            for (int k = 0; k < 3; k++) out[3 * c + k] += patch[c].weight[i] * u[3 * size_t(patch[c].node[i]) + k];
+    for (int c = 0; c < contacts; c++) patch[c].mean(u, out + 3 * c);
 }
 
-void ContactConstraints::least_energy_move(const double* gap, double* out) const {
+// out += sign K^-1 W C^-1 gap
+void ContactConstraints::add_move(double sign, const double* gap, double* out) const {
     const int m = 3 * contacts;
-    std::fill_n(out, n, 0.0);
     for (int row = 0; row < m; row++) {
         double f = 0;
         for (int j = 0; j < m; j++) f += inverse[row * m + j] * gap[j];
-        add(f, &columns[size_t(row) * n], out, n);
+        add(sign * f, &columns[size_t(row) * n], out, n);
     }
 }
 
+void ContactConstraints::least_energy_move(const double* gap, double* out) const {
+    std::fill_n(out, n, 0.0);
+    add_move(1, gap, out);
+}
+
 void ContactConstraints::project(double* v) const {
-    const int m = 3 * contacts;
     patch_means(v, mean.data());
-    for (int row = 0; row < m; row++) {
-        double f = 0;
-        for (int j = 0; j < m; j++) f += inverse[row * m + j] * mean[j];
-        add(-f, &columns[size_t(row) * n], v, n);
-    }
+    add_move(-1, mean.data(), v);
 }
 
 void ContactConstraints::subtract_tool_forces(double* g, double* force) const {

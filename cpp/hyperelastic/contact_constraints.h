@@ -30,6 +30,7 @@ private:
     std::vector<double> work;
     mutable std::vector<double> mean;
     bool invert();
+    void add_move(double sign, const double* gap, double* out) const;
 };
 
 } // namespace palpate

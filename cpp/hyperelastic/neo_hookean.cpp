@@ -1,6 +1,7 @@
 #include "hyperelastic/neo_hookean.h"
 #include "base/cpu_dispatch.h"
 #include "base/vector_math.h"
+#include "tissue/tetrahedron.h"
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -148,23 +149,6 @@ PALPATE_KERNEL void block_tangent(const Block& b, const double* u, const double*
     scatter(b, P, out);
 }
 
-// The gradients of the last three corners' shape functions: rows of the inverse of the edges. Returns the volume.
-double slopes(const double* nodes, const int32_t* tet, double slope[3][3]) {
-    double e[3][3];
-    for (int c = 0; c < 3; c++)
-        for (int k = 0; k < 3; k++) e[c][k] = nodes[3 * size_t(tet[c + 1]) + k] - nodes[3 * size_t(tet[0]) + k];
-    double det = 0;
-    for (int c = 0; c < 3; c++)
-        for (int k = 0; k < 3; k++) {
-            const int c1 = (c + 1) % 3, c2 = (c + 2) % 3, k1 = (k + 1) % 3, k2 = (k + 2) % 3;
-            slope[c][k] = e[c1][k1] * e[c2][k2] - e[c1][k2] * e[c2][k1];
-            if (c == 0) det += e[0][k] * slope[0][k];
-        }
-    for (int c = 0; c < 3; c++)
-        for (int k = 0; k < 3; k++) slope[c][k] /= det;
-    return det / 6;
-}
-
 } // namespace
 
 NeoHookean::NeoHookean(const double* nodes, int count, const int32_t* tets, int elements, const double* lambda,
@@ -175,7 +159,7 @@ NeoHookean::NeoHookean(const double* nodes, int count, const int32_t* tets, int 
         Block& b = block[t / lanes];
         const int l = t % lanes;
         double slope[3][3];
-        const double volume = slopes(nodes, tets + 4 * size_t(t), slope);
+        const double volume = shape_gradients(nodes, tets + 4 * size_t(t), slope);
         for (int c = 0; c < 4; c++) b.corner[c][l] = tets[4 * size_t(t) + c];
         for (int c = 0; c < 3; c++)
             for (int k = 0; k < 3; k++) b.slope[c][k][l] = slope[c][k];

@@ -21,8 +21,8 @@ void RestStiffness::solve(const double* load, double* out) {
     for (size_t k = 0; k < free_nodes.size(); k++)
         for (int c = 0; c < 3; c++)
             single.x[3 * tree.place[k] + c] = float(scale * load[3 * size_t(free_nodes[k]) + c]);
-    single.forward_one(value, supernodes.data(), int(supernodes.size()));
-    single.backward_one(value, supernodes.data(), int(supernodes.size()));
+    single.forward(value, supernodes.data(), int(supernodes.size()));
+    single.backward(value, supernodes.data(), int(supernodes.size()));
     std::fill_n(out, 3 * size_t(nodes), 0.0);
     for (size_t k = 0; k < free_nodes.size(); k++)
         for (int c = 0; c < 3; c++) out[3 * size_t(free_nodes[k]) + c] = largest * single.x[3 * tree.place[k] + c];

@@ -1,20 +1,11 @@
 #include "linalg/lbfgs.h"
-#include "base/cpu_dispatch.h"
+#include "base/vec3.h"
 #include <algorithm>
 #include <cmath>
 
 namespace palpate {
 
-// Eight partial sums, always in the same order: the compiler may not reorder sums by itself.
-PALPATE_KERNEL double inner(const double* a, const double* b, int n) {
-    double part[8] = {0, 0, 0, 0, 0, 0, 0, 0};
-    int i = 0;
-    for (; i + 8 <= n; i += 8)
-        for (int k = 0; k < 8; k++) part[k] += a[i + k] * b[i + k];
-    double sum = ((part[0] + part[4]) + (part[2] + part[6])) + ((part[1] + part[5]) + (part[3] + part[7]));
-    for (; i < n; i++) sum += a[i] * b[i];
-    return sum;
-}
+PALPATE_KERNEL double inner(const double* a, const double* b, int n) { return dot(a, b, n); }
 
 PALPATE_KERNEL void add(double factor, const double* x, double* y, int n) {
     for (int i = 0; i < n; i++) y[i] += factor * x[i];

@@ -1,21 +1,10 @@
 #include "linalg/saddle_point.h"
-#include "base/cpu_dispatch.h"
+#include "base/vec3.h"
 #include <cmath>
 #include <cstddef>
 
 namespace palpate {
 namespace {
-
-// Eight partial sums, always in the same order: vectorises without leave to reorder.
-PALPATE_INLINE double dot(const double* a, const double* b, int n) {
-    double part[8] = {0, 0, 0, 0, 0, 0, 0, 0};
-    int i = 0;
-    for (; i + 8 <= n; i += 8)
-        for (int k = 0; k < 8; k++) part[k] += a[i + k] * b[i + k];
-    double sum = ((part[0] + part[4]) + (part[2] + part[6])) + ((part[1] + part[5]) + (part[3] + part[7]));
-    for (; i < n; i++) sum += a[i] * b[i];
-    return sum;
-}
 
 // In place, lower triangle of row-major A; false when a pivot is lost to rounding.
 PALPATE_KERNEL bool cholesky(double* A, int n) {

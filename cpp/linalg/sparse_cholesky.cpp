@@ -82,7 +82,7 @@ private:
         std::fill_n(front.data, FrontalMatrix::size(own + below), 0.0);
         assemble(s, front, w);
         for (int child : children[s]) {
-            add(child, s, front, w);
+            add(child, front, w);
             update[child].reset();
         }
         double* out = value.data() + tree.entry_start[s];
@@ -127,7 +127,7 @@ private:
     }
 
     // Extends a child's Schur complement and adds it.
-    void add(int child, int s, const FrontalMatrix& front, Workspace& w) const {
+    void add(int child, const FrontalMatrix& front, Workspace& w) const {
         const int rows = tree.below(child);
         w.address.resize(std::max<size_t>(w.address.size(), 2 * size_t(rows)));
         int64_t *row = w.address.data(), *column = row + rows;
@@ -136,7 +136,6 @@ private:
             row[k] = FrontalMatrix::offset(i / width) + i % width;
             column[k] = width * int64_t(i);
         }
-        (void)s;
         const double* from = update[child].get();
         for (int p = 0; width * p < rows; p++) {
             const double* panel = from + FrontalMatrix::offset(p);
@@ -172,8 +171,8 @@ void SparseCholesky::solve(double* x, int columns) const {
     if (columns == 1) {
         TriangularSolve<double> work(tree, 1);
         for (int i = 0; i < n; i++) work.x[3 * tree.place[i / 3] + i % 3] = x[i];
-        work.forward_one(value.data(), all.data(), tree.count());
-        work.backward_one(value.data(), all.data(), tree.count());
+        work.forward(value.data(), all.data(), tree.count());
+        work.backward(value.data(), all.data(), tree.count());
         for (int i = 0; i < n; i++) x[i] = work.x[3 * tree.place[i / 3] + i % 3];
         return;
     }

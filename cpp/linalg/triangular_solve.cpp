@@ -5,7 +5,7 @@
 namespace palpate {
 namespace {
 
-constexpr int width = Supernodes::panel, tile = width * width;
+constexpr int width = Supernodes::panel;
 
 int widest(const Supernodes& tree, int (Supernodes::*panels)(int) const) {
     int most = 1;
@@ -17,87 +17,74 @@ int widest(const Supernodes& tree, int (Supernodes::*panels)(int) const) {
 
 template <class T>
 TriangularSolve<T>::TriangularSolve(const Supernodes& tree, int columns)
-    : groups(columns / width), tree(tree), columns(columns), stride(3 * tree.nodes() + 1) {
+    : groups(std::max(1, columns / width)), tree(tree), columns(columns), stride(3 * tree.nodes() + 1) {
     x.assign(size_t(stride) * columns + width, 0);
-    own.resize(size_t(widest(tree, &Supernodes::own_panels)) * std::max(columns, 1));
-    // One column: the partial sums of the way back lie behind the gathered rows.
-    below.resize(size_t(widest(tree, &Supernodes::below_panels)) * std::max(columns, 1) +
-                 (columns == 1 ? width * own.size() : 0));
+    own.resize(size_t(widest(tree, &Supernodes::own_panels)) * columns);
+    below.resize(size_t(widest(tree, &Supernodes::below_panels)) * columns);
+    if (columns == 1) sums.resize(width * own.size());
 }
 
-template <class T> Triangle TriangularSolve<T>::gather(int s) {
-    const int size = tree.own(s);
+template <class T> template <int wide> Triangle TriangularSolve<T>::gather(int s) {
+    const int size = wide * tree.own(s);
     const Triangle n{tree.own_panels(s), tree.below_panels(s)};
     const int* index = tree.index.data() + tree.index_start[s];
-    const int64_t mine = int64_t(tile) * n.own, others = int64_t(tile) * n.below;
+    const int64_t mine = int64_t(wide) * width * n.own, others = int64_t(wide) * width * n.below;
     for (int g = 0; g < groups; g++) {
-        std::copy_n(of(g, 3 * tree.first[s]), width * size, own.data() + g * mine);
-        std::fill(own.data() + g * mine + width * size, own.data() + (g + 1) * mine, T(0));
+        std::copy_n(place<wide>(g, 3 * tree.first[s]), size, own.data() + g * mine);
+        std::fill(own.data() + g * mine + size, own.data() + (g + 1) * mine, T(0));
         for (int i = 0; i < width * n.below; i++)
-            std::copy_n(of(g, index[i]), width, below.data() + g * others + width * i);
+            std::copy_n(place<wide>(g, index[i]), wide, below.data() + g * others + wide * i);
     }
     return n;
 }
 
-template <class T> Triangle TriangularSolve<T>::gather_one(int s) {
-    const int size = tree.own(s);
-    const Triangle n{tree.own_panels(s), tree.below_panels(s)};
-    const int* index = tree.index.data() + tree.index_start[s];
-    std::copy_n(&x[3 * tree.first[s]], size, own.data());
-    std::fill_n(own.data() + size, width * n.own - size, T(0));
-    for (int i = 0; i < width * n.below; i++) below[i] = x[index[i]];
-    return n;
+template <class T> template <int wide> void TriangularSolve<T>::scatter_own(int s, const Triangle& n) {
+    for (int g = 0; g < groups; g++)
+        std::copy_n(own.data() + g * int64_t(wide) * width * n.own, wide * tree.own(s),
+                    place<wide>(g, 3 * tree.first[s]));
+}
+
+template <class T> template <int wide> void TriangularSolve<T>::go_down(const T* value, const int* list, int count) {
+    for (int l = 0; l < count; l++) {
+        const int s = list[l];
+        const Triangle n = gather<wide>(s);
+        const int* index = tree.index.data() + tree.index_start[s];
+        if constexpr (wide == 1)
+            forward_one(value + tree.entry_start[s], n, own.data(), below.data());
+        else
+            palpate::forward(value + tree.entry_start[s], n, groups, own.data(), below.data());
+        scatter_own<wide>(s, n);
+        for (int g = 0; g < groups; g++)
+            for (int i = 0; i < width * n.below; i++)
+                std::copy_n(below.data() + g * int64_t(wide) * width * n.below + wide * i, wide,
+                            place<wide>(g, index[i]));
+    }
+}
+
+template <class T> template <int wide> void TriangularSolve<T>::go_up(const T* value, const int* list, int count) {
+    for (int l = count - 1; l >= 0; l--) {
+        const int s = list[l];
+        const Triangle n = gather<wide>(s);
+        if constexpr (wide == 1)
+            backward_one(value + tree.entry_start[s], n, own.data(), below.data(), sums.data());
+        else
+            palpate::backward(value + tree.entry_start[s], n, groups, own.data(), below.data());
+        scatter_own<wide>(s, n);
+    }
 }
 
 template <class T> void TriangularSolve<T>::forward(const T* value, const int* list, int count) {
-    for (int l = 0; l < count; l++) {
-        const int s = list[l];
-        const Triangle n = gather(s);
-        const int* index = tree.index.data() + tree.index_start[s];
-        palpate::forward(value + tree.entry_start[s], n, groups, own.data(), below.data());
-        for (int g = 0; g < groups; g++) {
-            std::copy_n(own.data() + g * int64_t(tile) * n.own, width * tree.own(s), of(g, 3 * tree.first[s]));
-            for (int i = 0; i < width * n.below; i++)
-                std::copy_n(below.data() + g * int64_t(tile) * n.below + width * i, width, of(g, index[i]));
-        }
-    }
+    columns == 1 ? go_down<1>(value, list, count) : go_down<width>(value, list, count);
 }
 
 template <class T> void TriangularSolve<T>::backward(const T* value, const int* list, int count) {
-    for (int l = count - 1; l >= 0; l--) {
-        const int s = list[l];
-        const Triangle n = gather(s);
-        palpate::backward(value + tree.entry_start[s], n, groups, own.data(), below.data());
-        for (int g = 0; g < groups; g++)
-            std::copy_n(own.data() + g * int64_t(tile) * n.own, width * tree.own(s), of(g, 3 * tree.first[s]));
-    }
-}
-
-template <class T> void TriangularSolve<T>::forward_one(const T* value, const int* list, int count) {
-    for (int l = 0; l < count; l++) {
-        const int s = list[l];
-        const Triangle n = gather_one(s);
-        const int* index = tree.index.data() + tree.index_start[s];
-        palpate::forward_one(value + tree.entry_start[s], n, own.data(), below.data());
-        std::copy_n(own.data(), tree.own(s), &x[3 * tree.first[s]]);
-        for (int i = 0; i < width * n.below; i++) x[index[i]] = below[i];
-    }
-}
-
-template <class T> void TriangularSolve<T>::backward_one(const T* value, const int* list, int count) {
-    T* sums = below.data() + (below.size() - width * own.size());
-    for (int l = count - 1; l >= 0; l--) {
-        const int s = list[l];
-        const Triangle n = gather_one(s);
-        palpate::backward_one(value + tree.entry_start[s], n, own.data(), below.data(), sums);
-        std::copy_n(own.data(), tree.own(s), &x[3 * tree.first[s]]);
-    }
+    columns == 1 ? go_up<1>(value, list, count) : go_up<width>(value, list, count);
 }
 
 template <class T> void TriangularSolve<T>::clear(const int* list, int count) {
-    const int wide = columns == 1 ? 1 : width, all = columns == 1 ? 1 : groups;
+    const int wide = columns == 1 ? 1 : width;
     for (int l = 0; l < count; l++)
-        for (int g = 0; g < all; g++)
+        for (int g = 0; g < groups; g++)
             std::fill_n(&x[wide * (size_t(g) * stride + 3 * size_t(tree.first[list[l]]))], wide * tree.own(list[l]),
                         T(0));
 }

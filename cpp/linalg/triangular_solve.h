@@ -18,22 +18,25 @@ public:
 
     std::vector<T, CacheAlignedAllocator<T>> x; // one column: (unknowns + 3); groups: (groups, unknowns + 3, 8)
     int groups;                                 // in use
-    T* of(int group, int unknown) { return &x[8 * (size_t(group) * stride + unknown)]; }
+    T* of(int group, int unknown) { return place<8>(group, unknown); }
 
     // list: rising numbers of the supernodes to visit. value: the factor.
     void forward(const T* value, const int* list, int count);
     void backward(const T* value, const int* list, int count);
-    void forward_one(const T* value, const int* list, int count);
-    void backward_one(const T* value, const int* list, int count);
     void clear(const int* list, int count); // zeros of all groups on these supernodes, one column likewise
 
 private:
     const Supernodes& tree;
     const int columns, stride;
     std::vector<T, CacheAlignedAllocator<T>> own, below; // of the supernode at hand
+    std::vector<T, CacheAlignedAllocator<T>> sums;       // for one column: backward_one's
 
-    Triangle gather(int supernode); // fills own and below from x; _one: for one column
-    Triangle gather_one(int supernode);
+    // wide: the columns side by side, 8 or, for one column, 1.
+    template <int wide> T* place(int group, int unknown) { return &x[wide * (size_t(group) * stride + unknown)]; }
+    template <int wide> Triangle gather(int supernode); // fills own and below from x
+    template <int wide> void scatter_own(int supernode, const Triangle& size);
+    template <int wide> void go_down(const T* value, const int* list, int count);
+    template <int wide> void go_up(const T* value, const int* list, int count);
 };
 
 } // namespace palpate

@@ -128,7 +128,6 @@ CoarseLattice::CoarseLattice(const ElasticMesh& mesh, double edge, Interpolation
                 for (int at : corner) used[at] = 1;
             }
     number_nodes(used);
-    up.parents = nodes();
     double w[8];
     for (int i = 0; i < mesh.nodes; i++) {
         const double* x = mesh.node + 3 * size_t(i);
@@ -179,7 +178,6 @@ CoarseLattice CoarseLattice::coarsen(Interpolation& up) const {
         }
     }
     coarse.number_nodes(used);
-    up.parents = coarse.nodes();
     for (size_t k = 0; k < parent.size(); k++) {
         parent[k] = coarse.number[parent[k]];
         up.parent.push_back(4 * parent[k]);

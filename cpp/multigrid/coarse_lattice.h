@@ -8,7 +8,6 @@ namespace palpate {
 struct Interpolation {
     std::vector<int> parent;   // (nodes, 8), times four: offset in a vector of four floats per node
     std::vector<float> weight; // (nodes, 8)
-    int parents = 0;
 };
 
 // The nodes of the lattice, and a stiffness between nodes that share a cell.

@@ -1,41 +1,15 @@
 #include "multigrid/fem_stiffness.h"
 #include "base/cpu_dispatch.h"
+#include "tissue/tetrahedron.h"
 #include <algorithm>
 #include <cmath>
 
 namespace palpate {
-namespace {
-
-PALPATE_KERNEL void multiply(const int* start, const int* column, const double* block, int first, int last,
-                             const double* u, double* out) {
-    for (int i = first; i < last; i++) {
-        double sum[3] = {0, 0, 0};
-        for (int k = start[i]; k < start[i + 1]; k++) {
-            const double *b = block + 9 * size_t(k), *v = u + 4 * size_t(column[k]);
-            for (int a = 0; a < 3; a++) sum[a] += b[3 * a] * v[0] + b[3 * a + 1] * v[1] + b[3 * a + 2] * v[2];
-        }
-        for (int a = 0; a < 3; a++) out[4 * size_t(i) + a] = sum[a];
-    }
-}
-
-} // namespace
 
 double shape_gradients(const ElasticMesh& mesh, int t, double g[4][3]) {
-    const int32_t* c = mesh.tet + 4 * size_t(t);
-    double e[3][3];
-    for (int a = 0; a < 3; a++)
-        for (int k = 0; k < 3; k++) e[a][k] = mesh.node[3 * size_t(c[a + 1]) + k] - mesh.node[3 * size_t(c[0]) + k];
-    double n[3][3]; // normals: n[a] = e[b] x e[c]
-    for (int a = 0; a < 3; a++) {
-        const double *p = e[(a + 1) % 3], *q = e[(a + 2) % 3];
-        for (int k = 0; k < 3; k++) n[a][k] = p[(k + 1) % 3] * q[(k + 2) % 3] - p[(k + 2) % 3] * q[(k + 1) % 3];
-    }
-    double det = e[0][0] * n[0][0] + e[0][1] * n[0][1] + e[0][2] * n[0][2];
-    for (int k = 0; k < 3; k++) {
-        g[0][k] = 0;
-        for (int a = 0; a < 3; a++) g[a + 1][k] = n[a][k] / det, g[0][k] -= g[a + 1][k];
-    }
-    return std::abs(det) / 6;
+    const double volume = shape_gradients(mesh.node, mesh.tet + 4 * size_t(t), g + 1);
+    for (int k = 0; k < 3; k++) g[0][k] = 0 - g[1][k] - g[2][k] - g[3][k];
+    return std::abs(volume);
 }
 
 void add_stiffness(double lam, double mu, const double g[3], const double h[3], double* out) {
@@ -73,8 +47,17 @@ BlockCsr assemble_stiffness(const ElasticMesh& mesh) {
     return K;
 }
 
-void multiply_rows(const BlockCsr& K, int first, int last, const double* u, double* out) {
-    multiply(K.start.data(), K.column.data(), K.block.data(), first, last, u, out);
+PALPATE_KERNEL void multiply_rows(const BlockCsr& K, int first, int last, const double* u, double* out) {
+    const int *start = K.start.data(), *column = K.column.data();
+    const double* block = K.block.data();
+    for (int i = first; i < last; i++) {
+        double sum[3] = {0, 0, 0};
+        for (int k = start[i]; k < start[i + 1]; k++) {
+            const double *b = block + 9 * size_t(k), *v = u + 4 * size_t(column[k]);
+            for (int a = 0; a < 3; a++) sum[a] += b[3 * a] * v[0] + b[3 * a + 1] * v[1] + b[3 * a + 2] * v[2];
+        }
+        for (int a = 0; a < 3; a++) out[4 * size_t(i) + a] = sum[a];
+    }
 }
 
 } // namespace palpate

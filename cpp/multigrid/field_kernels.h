@@ -19,7 +19,7 @@ struct FieldView {
 
 // In all of them `count` >= 1 is the number of narrow fields, and sums have a fixed order.
 
-// out: v . wide, then v . narrow[k].
+// out: v . wide, unless that is null, then v . narrow[k].
 void dots(int nodes, const FieldView& v, const double* wide, int count, const float* const* narrow, double* out);
 
 // out = factor wide + sum of c[k] narrow[k].
@@ -39,9 +39,6 @@ double projected_dot(int nodes, const float* z, int count, const float* const* Z
 // out = factor wide + sum of c[k] narrow[k], rounded to float32.
 void combine(int nodes, double factor, const double* wide, int count, const float* const* narrow, const double* c,
              float* out);
-
-// out[k] = v . with[k].
-void dots(int nodes, const float* v, int count, const float* const* with, double* out);
 
 // increment = factor u + sum of c[k] narrow[k]; u += increment; change = increment, rounded; out (nodes, 3) by `order`
 // becomes u. change may be one of the fields. scratch: a field, used if there are more than six narrow ones.

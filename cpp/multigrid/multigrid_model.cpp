@@ -128,7 +128,7 @@ void MultigridModel::single_iteration(MultigridState& s, InitialGuess& guess) co
     solve_factored(s.lift_means.data(), s.pivot.data(), m, c);
     const float* with[2 + most_columns] = {s.Kz.data(), s.rhs.data()};
     for (int k = 0; k < m; k++) with[2 + k] = s.K_lift[k].data();
-    dots(n, s.z.data(), 2 + m, with, out);
+    dots(n, s.z, nullptr, 2 + m, with, out);
     double curvature = out[0];
     for (int a = 0; a < m; a++) {
         curvature -= 2 * c[a] * out[2 + a];

@@ -1,3 +1,4 @@
+#include "base/vec3.h"
 #include "linalg/small_dense.h"
 #include "multigrid/multigrid_model.h"
 #include <algorithm>
@@ -10,9 +11,8 @@ constexpr double independence = 1e-10; // part of a field's energy below which i
 
 // The weighted mean position of a patch, and its mean squared distance from there.
 void centre_and_spread(const ContactPatch& patch, const double* position, double at[3], double& spread) {
-    at[0] = at[1] = at[2] = spread = 0;
-    for (int k = 0; k < patch.count; k++)
-        for (int a = 0; a < 3; a++) at[a] += patch.weight[k] * position[3 * size_t(patch.node[k]) + a];
+    spread = 0;
+    patch.mean(position, at);
     for (int k = 0; k < patch.count; k++)
         for (int a = 0; a < 3; a++) {
             const double offset = position[3 * size_t(patch.node[k]) + a] - at[a];
@@ -88,10 +88,8 @@ void MultigridModel::update_lifts(MultigridState& s) const {
         int axis = 0;
         centre_and_spread(s.patch[c], position.data(), at, spread);
         for (int k = 0; k < 3 && c < s.lifted_contacts; k++) {
-            const double* was = &s.lift_position[9 * size_t(c) + 3 * k];
-            double distance2 = 0;
-            for (int a = 0; a < 3; a++) distance2 += (at[a] - was[a]) * (at[a] - was[a]);
-            if (distance2 > farthest) farthest = distance2, axis = k;
+            const double square = square_of_distance(at, &s.lift_position[9 * size_t(c) + 3 * k]);
+            if (square > farthest) farthest = square, axis = k;
         }
         if (c >= s.lifted_contacts || farthest > 9 * spread) // the spread is about (radius / 2)^2
             for (int k = 0; k < 3; k++) compute_lift(s, c, k);

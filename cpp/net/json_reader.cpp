@@ -15,6 +15,12 @@ size_t skip_space(std::string_view t, size_t i) {
     return i;
 }
 
+// Index of what follows the mark that comes next, or npos if that is another one.
+size_t skip_mark(std::string_view t, size_t i, char mark) {
+    i = skip_space(t, i);
+    return i < t.size() && t[i] == mark ? skip_space(t, i + 1) : npos;
+}
+
 // Index after the string that starts at i, or npos.
 size_t end_of_string(std::string_view t, size_t i) {
     for (i++; i < t.size(); i++) {
@@ -59,34 +65,21 @@ JsonReader::JsonReader(std::string_view whole) {
     if (to != npos && skip_space(whole, to) == whole.size()) text = whole.substr(from, to - from);
 }
 
-JsonReader JsonReader::operator[](std::string_view member) const {
-    if (text.empty() || text[0] != '{') return {};
-    for (size_t i = skip_space(text, 1); i < text.size() && text[i] == '"';) {
-        size_t end = end_of_string(text, i);
+// The value of the member, or where none is named that of the element.
+JsonReader JsonReader::find(const std::string_view* member, int element) const {
+    if (text.empty() || text[0] != (member ? '{' : '[')) return {};
+    for (size_t i = skip_space(text, 1); i < text.size() && (member ? text[i] == '"' : text[i] != ']');) {
+        bool wanted = !member && element-- == 0;
+        if (member) {
+            const size_t end = end_of_string(text, i);
+            if (end == npos) return {};
+            wanted = text.substr(i + 1, end - i - 2) == *member;
+            i = skip_mark(text, end, ':');
+        }
+        const size_t end = end_of_value(text, i);
         if (end == npos) return {};
-        std::string_view key = text.substr(i + 1, end - i - 2);
-        i = skip_space(text, end);
-        if (i >= text.size() || text[i] != ':') return {};
-        i = skip_space(text, i + 1);
-        end = end_of_value(text, i);
-        if (end == npos) return {};
-        if (key == member) return JsonReader(text.substr(i, end - i));
-        i = skip_space(text, end);
-        if (i >= text.size() || text[i] != ',') return {};
-        i = skip_space(text, i + 1);
-    }
-    return {};
-}
-
-JsonReader JsonReader::operator[](int element) const {
-    if (text.empty() || text[0] != '[') return {};
-    for (size_t i = skip_space(text, 1); i < text.size() && text[i] != ']';) {
-        size_t end = end_of_value(text, i);
-        if (end == npos) return {};
-        if (!element--) return JsonReader(text.substr(i, end - i));
-        i = skip_space(text, end);
-        if (i >= text.size() || text[i] != ',') return {};
-        i = skip_space(text, i + 1);
+        if (wanted) return JsonReader(text.substr(i, end - i));
+        i = skip_mark(text, end, ',');
     }
     return {};
 }

@@ -7,12 +7,13 @@ namespace palpate {
 
 class JsonReader {
     std::string_view text; // of one value, without surrounding space; empty: missing
+    JsonReader find(const std::string_view* member, int element) const;
 
 public:
     JsonReader() = default;
     explicit JsonReader(std::string_view text); // of a whole message
-    JsonReader operator[](std::string_view member) const;
-    JsonReader operator[](int element) const;
+    JsonReader operator[](std::string_view member) const { return find(&member, 0); }
+    JsonReader operator[](int element) const { return find(nullptr, element); }
     bool exists() const { return !text.empty(); }
     bool is_true() const { return text == "true"; }
     double number(double otherwise) const;

@@ -30,9 +30,11 @@ int pixels_under(const RowEdges& e, int ny, int na) {
 }
 
 // Numerical kernels.
-PALPATE_KERNEL void find_voxels_of(const RowEdges& e, double a, double last_offset, int b0, int count, int low,
-                                   int high, int32_t* __restrict first, float* __restrict start,
-                                   float* __restrict step) {
+PALPATE_KERNEL void find_voxels(const RowEdges& e, const ColumnOctet& columns, int b0, int count, int low, int high,
+                                int point, VoxelPositions& out) {
+    int32_t* __restrict first = out.first[point];
+    float* __restrict start = out.start[point], * __restrict step = out.step[point];
+    const double a = columns.a, last_offset = columns.last_offset;
     const double s0 = e.slope + a * e.slope_step, o0 = e.offset + a * e.offset_step;
     const double s1 = s0 + last_offset * e.slope_step, o1 = o0 + last_offset * e.offset_step, per0 = 1 / s0,
                  per1 = 1 / s1;
@@ -44,12 +46,6 @@ PALPATE_KERNEL void find_voxels_of(const RowEdges& e, double a, double last_offs
         start[i] = float(s0 * (from + 1) + o0 - b);
         step[i] = float(slope_step * (from + 1) + offset_step);
     }
-}
-
-void find_voxels(const RowEdges& edges, const ColumnOctet& columns, int b0, int count, int low, int high, int point,
-                 VoxelPositions& out) {
-    find_voxels_of(edges, columns.a, columns.last_offset, b0, count, low, high, out.first[point], out.start[point],
-                   out.step[point]);
 }
 
 PALPATE_INLINE void at_least(f32x8& v, const f32x8& least) { v = v > least ? v : least; }

@@ -13,6 +13,8 @@ inline int64_t now_ns() {
         .count();
 }
 
+inline double seconds(std::chrono::steady_clock::duration d) { return std::chrono::duration<double>(d).count(); }
+
 // Ticks by absolute deadlines. A missed deadline shifts all later ones: ticks are never made up for. After a missed one
 // the thread sleeps for a twentieth of the period, so that an overloaded loop still leaves the processor to others.
 class PeriodicTimer {

@@ -12,7 +12,7 @@ TimerJitter measure_timer_jitter(int ticks, int rate) {
         PeriodicTimer timer(rate);
         for (double& delay : out.delay) {
             timer.wait();
-            delay = std::chrono::duration<double>(timer.lateness()).count();
+            delay = seconds(timer.lateness());
         }
         out.missed = timer.missed;
     })
@@ -29,13 +29,13 @@ std::vector<double> measure_read_times(int ticks, int bytes, int rate) {
     std::thread([&] {
         using clock = std::chrono::steady_clock;
         PeriodicTimer timer(rate);
-        for (double& seconds : out) {
+        for (double& taken : out) {
             timer.wait();
             const auto began = clock::now();
             float here = 0;
             for (float v : held) here += v; // in order: each addition waits for the last
             sum = here;
-            seconds = std::chrono::duration<double>(clock::now() - began).count();
+            taken = seconds(clock::now() - began);
         }
     }).join();
     return out;

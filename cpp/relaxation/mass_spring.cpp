@@ -1,5 +1,6 @@
 #include "relaxation/mass_spring.h"
 #include "base/simd.h"
+#include "base/vec3.h"
 #include <algorithm>
 #include <cmath>
 
@@ -66,14 +67,8 @@ void MassSpring::update_stiffness(RingRelaxationState& s) const {
         double ring = s.rings.ring[i];
         if (law.by_distance && s.contacts > 0) {
             double nearest = 1e300;
-            for (int c = 0; c < s.contacts; c++) {
-                double square = 0;
-                for (int k = 0; k < 3; k++) {
-                    double d = position[3 * size_t(i) + k] - centre[3 * c + k];
-                    square += d * d;
-                }
-                nearest = std::min(nearest, square);
-            }
+            for (int c = 0; c < s.contacts; c++)
+                nearest = std::min(nearest, square_of_distance(&position[3 * size_t(i)], centre + 3 * c));
             ring = 1 + std::sqrt(nearest) / law.edge;
         }
         s.home_spring[i] = law(ring) * edge_sum[i] / (graph.start[i + 1] - graph.start[i]);

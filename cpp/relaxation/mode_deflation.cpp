@@ -2,6 +2,7 @@
 #include "base/cpu_dispatch.h"
 #include <cmath>
 #include <cstddef>
+#include <numeric>
 
 namespace palpate {
 namespace {
@@ -25,6 +26,11 @@ PALPATE_KERNEL void add(const double* shape, const double* amplitude, size_t unk
     }
 }
 
+void remove_part_along(const double* unit, double* v) {
+    const double inner = std::inner_product(v, v + count, unit, 0.0);
+    for (int k = 0; k < count; k++) v[k] -= inner * unit[k];
+}
+
 } // namespace
 
 ModeDeflation::ModeDeflation(const double* s, const double* l, int nodes)
@@ -44,15 +50,10 @@ void ModeDeflation::constrain(const int* contact_nodes, int node_count, const do
                 const double* s = &shape[count * (3 * size_t(contact_nodes[at]) + axis)];
                 for (int k = 0; k < count; k++) row[k] += w * s[k];
             }
-            double before = 0, after = 0;
-            for (int k = 0; k < count; k++) before += row[k] * row[k];
+            const double before = std::inner_product(row, row + count, row, 0.0);
             for (int twice = 0; twice < 2; twice++) // again, since once loses digits if rows are nearly parallel
-                for (int r = 0; r < out.rows; r++) {
-                    double inner = 0;
-                    for (int k = 0; k < count; k++) inner += row[k] * out.row[r][k];
-                    for (int k = 0; k < count; k++) row[k] -= inner * out.row[r][k];
-                }
-            for (int k = 0; k < count; k++) after += row[k] * row[k];
+                for (int r = 0; r < out.rows; r++) remove_part_along(out.row[r], row);
+            const double after = std::inner_product(row, row + count, row, 0.0);
             if (!(after > 1e-20 * before)) continue;
             for (int k = 0; k < count; k++) row[k] /= std::sqrt(after);
             out.rows++;
@@ -63,11 +64,7 @@ void ModeDeflation::deflate(const Constraints& constraints, double* u) const {
     const size_t unknowns = shape.size() / count;
     double amplitude[count];
     project(load.data(), u, unknowns, amplitude);
-    for (int r = 0; r < constraints.rows; r++) {
-        double inner = 0;
-        for (int k = 0; k < count; k++) inner += amplitude[k] * constraints.row[r][k];
-        for (int k = 0; k < count; k++) amplitude[k] -= inner * constraints.row[r][k];
-    }
+    for (int r = 0; r < constraints.rows; r++) remove_part_along(constraints.row[r], amplitude);
     for (int k = 0; k < count; k++) amplitude[k] = -amplitude[k];
     add(shape.data(), amplitude, unknowns, u);
 }

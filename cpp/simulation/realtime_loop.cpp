@@ -13,8 +13,6 @@ using clock = std::chrono::steady_clock;
 
 constexpr auto look_ahead_time = std::chrono::microseconds(200); // least rest of a period for look_ahead
 
-double seconds(clock::duration d) { return std::chrono::duration<double>(d).count(); }
-
 std::chrono::nanoseconds thread_time() { // processor time of this thread
     timespec t;
     clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);

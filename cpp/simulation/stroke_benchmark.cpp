@@ -8,12 +8,6 @@
 
 namespace palpate {
 
-namespace {
-
-double seconds(std::chrono::steady_clock::duration d) { return std::chrono::duration<double>(d).count(); }
-
-} // namespace
-
 StrokeTiming time_stroke(const TissueModel& model, ModelState& state, const ContactSurface& surface, double radius,
                          const double* points, int ticks, const double displacement[3], int ramp, int sweeps,
                          bool prefetch) {

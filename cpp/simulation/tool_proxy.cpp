@@ -16,11 +16,6 @@ bool is_finite(const Command& command) {
     return std::isfinite(sum);
 }
 
-double distance(const double a[3], const double b[3]) {
-    const double d[3] = {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
-    return length(d);
-}
-
 void approach(double from[3], const double to[3], const ToolMotion& motion) {
     double way = distance(from, to);
     double part = way * motion.approach > motion.reach ? motion.reach / way : motion.approach;

@@ -3,6 +3,7 @@
 #include "base/thread_pool.h"
 #include <algorithm>
 #include <cmath>
+#include <type_traits>
 #include <vector>
 
 namespace palpate {
@@ -14,28 +15,9 @@ struct Sums {
     Sums from(int64_t x) const { return {gradient + x, curvature + x}; }
 };
 
-// The pairs of row a with row b, which is shifted by the step along x. Adds to the sums of a and, where `both`, to
-// those of b; they must then not overlap.
-template <Potential potential, bool both>
-PALPATE_INLINE void add_row(const float* __restrict a, const float* __restrict b, int64_t count, float weight,
-                            const PotentialParameters& given, const Sums& of_a, const Sums& of_b) {
-    const PotentialParameters law = given; // a copy: the compiler then knows that no store changes it
-    float* __restrict ga = of_a.gradient, * __restrict ca = of_a.curvature;
-    float* __restrict gb = of_b.gradient, * __restrict cb = of_b.curvature;
-    for (int64_t x = 0; x < count; x++) {
-        const float t = a[x] - b[x], k = weight * potential_curvature<potential>(law, t), slope = k * t;
-        ga[x] += slope;
-        ca[x] += k;
-        if constexpr (both) {
-            gb[x] -= slope;
-            cb[x] += k;
-        }
-    }
-}
-
-// The same for a tabulated potential, in parts: the arithmetic becomes vector code, only the look-ups are scalar.
-template <bool both>
-PALPATE_INLINE void add_row_from_table(const float* __restrict a, const float* __restrict b, int64_t count,
+// add_row for a tabulated potential, in parts: the arithmetic becomes vector code, only the look-ups are scalar.
+template <class Both>
+PALPATE_INLINE void add_row_from_table(Both, const float* __restrict a, const float* __restrict b, int64_t count,
                                        float weight, const PotentialParameters& law, const Sums& of_a,
                                        const Sums& of_b) {
     constexpr int64_t part = 64;
@@ -60,7 +42,7 @@ PALPATE_INLINE void add_row_from_table(const float* __restrict a, const float* _
             const float k = weight * (low[x] + share[x] * (high[x] - low[x])), slope = k * t[x];
             ga[first + x] += slope;
             ca[first + x] += k;
-            if constexpr (both) {
+            if constexpr (Both::value) {
                 gb[first + x] -= slope;
                 cb[first + x] += k;
             }
@@ -68,33 +50,35 @@ PALPATE_INLINE void add_row_from_table(const float* __restrict a, const float* _
     }
 }
 
-template <bool both>
-PALPATE_INLINE void add_row_of(const PotentialParameters& law, const float* a, const float* b, int64_t count,
-                               float weight, const Sums& of_a, const Sums& of_b) {
-    switch (law.potential) {
-    case Potential::quadratic:
-        return add_row<Potential::quadratic, both>(a, b, count, weight, law, of_a, of_b);
-    case Potential::huber:
-        return add_row<Potential::huber, both>(a, b, count, weight, law, of_a, of_b);
-    case Potential::lange:
-        return add_row<Potential::lange, both>(a, b, count, weight, law, of_a, of_b);
-    case Potential::hyperbola:
-        return add_row<Potential::hyperbola, both>(a, b, count, weight, law, of_a, of_b);
-    case Potential::generalised:
-        return add_row<Potential::generalised, both>(a, b, count, weight, law, of_a, of_b);
-    case Potential::tabulated:
-        return add_row_from_table<both>(a, b, count, weight, law, of_a, of_b);
+// The pairs of row a with row b, which is shifted by the step along x. Adds to the sums of a and, for
+// std::true_type, to those of b; they must then not overlap.
+template <Potential potential, class Both>
+PALPATE_INLINE void add_row(Both both, const float* __restrict a, const float* __restrict b, int64_t count,
+                            float weight, const PotentialParameters& given, const Sums& of_a, const Sums& of_b) {
+    if constexpr (potential == Potential::tabulated)
+        return add_row_from_table(both, a, b, count, weight, given, of_a, of_b);
+    const PotentialParameters law = given; // a copy: the compiler then knows that no store changes it
+    float* __restrict ga = of_a.gradient, * __restrict ca = of_a.curvature;
+    float* __restrict gb = of_b.gradient, * __restrict cb = of_b.curvature;
+    for (int64_t x = 0; x < count; x++) {
+        const float t = a[x] - b[x], k = weight * potential_curvature<potential>(law, t), slope = k * t;
+        ga[x] += slope;
+        ca[x] += k;
+        if constexpr (Both::value) {
+            gb[x] -= slope;
+            cb[x] += k;
+        }
     }
 }
 
 PALPATE_KERNEL void add_step(const PotentialParameters& law, const float* a, const float* b, int64_t count,
                              float weight, const Sums& of_a) {
-    add_row_of<false>(law, a, b, count, weight, of_a, of_a);
+    PALPATE_RETURN_FOR_POTENTIAL(law.potential, add_row, std::false_type(), a, b, count, weight, law, of_a, of_a);
 }
 
 PALPATE_KERNEL void add_both(const PotentialParameters& law, const float* a, const float* b, int64_t count,
                              float weight, const Sums& of_a, const Sums& of_b) {
-    add_row_of<true>(law, a, b, count, weight, of_a, of_b);
+    PALPATE_RETURN_FOR_POTENTIAL(law.potential, add_row, std::true_type(), a, b, count, weight, law, of_a, of_b);
 }
 
 // Adds the forward pairs of the voxels of one row to its own sums and to those of the rows after it. What belongs to

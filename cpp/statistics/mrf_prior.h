@@ -18,6 +18,19 @@ struct Neighbourhood {
 Neighbourhood neighbourhood(const int64_t shape[3], const double spacing[3], const PotentialParameters& law,
                             int neighbours);
 
+// Calls visit(first, there, count, weight) for each of the 13 steps that lead forward from a row of voxels: its voxels
+// from `first` on have `count` neighbours, which lie from `there` on, counted from the row's first voxel.
+template <class Visit> void for_each_forward_step(const Neighbourhood& n, int64_t z, int64_t y, Visit visit) {
+    for (int64_t dz = 0; dz <= 1; dz++)
+        for (int64_t dy = -1; dy <= 1; dy++)
+            for (int64_t dx = -1; dx <= 1; dx++) {
+                if (dz * 9 + dy * 3 + dx <= 0 || z + dz >= n.nz || y + dy < 0 || y + dy >= n.ny) continue;
+                const int64_t first = dx < 0 ? 1 : 0, there = (dz * n.ny + dy) * n.nx + first + dx;
+                const float weight = n.weight[dz + 1][dy + 1][dx + 1];
+                if (weight != 0) visit(first, there, n.nx - (dx != 0), weight);
+            }
+}
+
 // f: (nz, ny, nx) 1/mm.
 double prior_value(const Neighbourhood& n, const float* f);
 

@@ -112,18 +112,8 @@ PALPATE_INLINE double sum_row(const PotentialParameters& given, const float* __r
 }
 
 PALPATE_KERNEL double sum_step(const PotentialParameters& law, const float* a, const float* b, int64_t count) {
-    switch (law.potential) {
-    case Potential::huber:
-        return sum_row<Potential::huber>(law, a, b, count);
-    case Potential::hyperbola:
-        return sum_row<Potential::hyperbola>(law, a, b, count);
-    case Potential::generalised:
-        return sum_row<Potential::generalised>(law, a, b, count);
-    case Potential::tabulated:
-        return sum_row<Potential::tabulated>(law, a, b, count);
-    default:
-        return sum_row<Potential::quadratic>(law, a, b, count);
-    }
+    PALPATE_RETURN_FOR_POTENTIAL(law.potential, sum_row, law, a, b, count);
+    return 0;
 }
 
 // Σ ω ψ over the 13 forward steps, from the voxels of one row.
@@ -131,17 +121,9 @@ double row_value(const Neighbourhood& n, const float* f, int64_t z, int64_t y) {
     const float* row = f + (z * n.ny + y) * n.nx;
     const auto sum = n.law.potential == Potential::lange ? sum_lange : sum_step;
     double total = 0;
-    for (int64_t dz = 0; dz <= 1; dz++)
-        for (int64_t dy = -1; dy <= 1; dy++)
-            for (int64_t dx = -1; dx <= 1; dx++) {
-                if (dz * 9 + dy * 3 + dx <= 0) continue;
-                if (z + dz >= n.nz || y + dy < 0 || y + dy >= n.ny) continue;
-                const float* other = f + ((z + dz) * n.ny + y + dy) * n.nx;
-                const double weight = n.weight[dz + 1][dy + 1][dx + 1];
-                if (weight == 0) continue;
-                int64_t first = dx < 0 ? 1 : 0, count = n.nx - (dx != 0);
-                total += weight * sum(n.law, row + first, other + first + dx, count);
-            }
+    for_each_forward_step(n, z, y, [&](int64_t first, int64_t there, int64_t count, double weight) {
+        total += weight * sum(n.law, row + first, row + there, count);
+    });
     return total * n.law.edge * n.law.edge; // a quadratic one has edge 1: see neighbourhood()
 }
 

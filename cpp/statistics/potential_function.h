@@ -79,20 +79,7 @@ template <Potential potential> PALPATE_INLINE float potential_curvature(const Po
 
 // The same for a potential known only at run time; too slow for a hot loop.
 PALPATE_INLINE float potential_curvature(const PotentialParameters& law, float t) {
-    switch (law.potential) {
-    case Potential::lange:
-        return potential_curvature<Potential::lange>(law, t);
-    case Potential::huber:
-        return potential_curvature<Potential::huber>(law, t);
-    case Potential::hyperbola:
-        return potential_curvature<Potential::hyperbola>(law, t);
-    case Potential::generalised:
-        return potential_curvature<Potential::generalised>(law, t);
-    case Potential::tabulated:
-        return potential_curvature<Potential::tabulated>(law, t);
-    case Potential::quadratic:
-        break;
-    }
+    PALPATE_RETURN_FOR_POTENTIAL(law.potential, potential_curvature, law, t);
     return 1.0f;
 }
 

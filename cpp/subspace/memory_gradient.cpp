@@ -100,15 +100,9 @@ void prior_curvatures(const Neighbourhood& n, const float* f, const float* previ
     summed<3>(n.nz * n.ny, curvatures, [&](int64_t index, double* sums) {
         const int64_t z = index / n.ny, y = index % n.ny;
         const Row row = Row{f, previous, u}.at(index * n.nx);
-        for (int64_t dz = 0; dz <= 1; dz++)
-            for (int64_t dy = -1; dy <= 1; dy++)
-                for (int64_t dx = -1; dx <= 1; dx++) { // the 13 steps that lead forward
-                    if (dz * 9 + dy * 3 + dx <= 0) continue;
-                    if (z + dz >= n.nz || y + dy < 0 || y + dy >= n.ny) continue;
-                    const int64_t first = dx < 0 ? 1 : 0, there = (dz * n.ny + dy) * n.nx + first + dx;
-                    const float weight = n.weight[dz + 1][dy + 1][dx + 1];
-                    if (weight != 0) bend_step(n.law, row.at(first), row.at(there), n.nx - (dx != 0), weight, sums);
-                }
+        for_each_forward_step(n, z, y, [&](int64_t first, int64_t there, int64_t count, double weight) {
+            bend_step(n.law, row.at(first), row.at(there), count, weight, sums);
+        });
     });
 }
 

@@ -1,6 +1,7 @@
 #pragma once
 // The nodes and weights of one contact. ContactSurface makes it, tissue models answer it; a plain value, any thread.
 #include <algorithm>
+#include <cstddef>
 
 namespace palpate {
 
@@ -15,6 +16,13 @@ struct ContactPatch {
         count = other.count;
         std::copy_n(other.node, count, node);
         std::copy_n(other.weight, count, weight);
+    }
+    // The weighted mean of `u`, (nodes, 3).
+    void mean(const double* u, double out[3]) const {
+        double sum[3] = {0, 0, 0};
+        for (int i = 0; i < count; i++)
+            for (int k = 0; k < 3; k++) sum[k] += weight[i] * u[3 * size_t(node[i]) + k];
+        std::copy_n(sum, 3, out);
     }
 };
 

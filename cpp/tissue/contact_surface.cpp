@@ -60,7 +60,7 @@ ContactSurface::ContactSurface(const double* nodes, int count, const int32_t* tr
         minus(&position[3 * v[2]], &position[3 * v[0]], f);
         cross(e, f, n);
         for (int c = 0; c < 3; c++) {
-            area[v[c]] += std::sqrt(dot(n, n)) / 6;
+            area[v[c]] += length(n) / 6;
             for (int k = 0; k < 3; k++) normals[3 * v[c] + k] += n[k];
         }
     }
@@ -159,12 +159,11 @@ SurfacePoint ContactSurface::closest(const double point[3]) const {
         }
         for (int i = box.first; i < box.first + box.count; i++) {
             const int* v = &corner[3 * leaf_order[i]];
-            double w[3], q[3], offset[3];
+            double w[3], q[3];
             closest_weights(point, &position[3 * v[0]], &position[3 * v[1]], &position[3 * v[2]], w);
             for (int k = 0; k < 3; k++)
                 q[k] = w[0] * position[3 * v[0] + k] + w[1] * position[3 * v[1] + k] + w[2] * position[3 * v[2] + k];
-            minus(point, q, offset);
-            if (double square = dot(offset, offset); square < best_distance2) {
+            if (double square = square_of_distance(point, q); square < best_distance2) {
                 best_distance2 = square;
                 best.triangle = leaf_order[i];
                 for (int k = 0; k < 3; k++) best.weight[k] = w[k], best.point[k] = q[k];
@@ -199,10 +198,8 @@ ContactSurface::PatchStatus ContactSurface::patch(const SurfacePoint& at, double
     for (int c = 0; c < 3; c++) s.queue[tail++] = corners[c], s.visited[corners[c]] = s.generation;
     while (head < tail) {
         int i = s.queue[head++];
-        double offset[3];
-        minus(&position[3 * i], at.point, offset);
-        double alignment = 1 + dot(n, &normals[3 * i]);
-        double falloff = alignment > 1e-9 ? 1 - 2 * dot(offset, offset) / (alignment * radius * radius) : -1;
+        double alignment = 1 + dot(n, &normals[3 * i]), square = square_of_distance(&position[3 * i], at.point);
+        double falloff = alignment > 1e-9 ? 1 - 2 * square / (alignment * radius * radius) : -1;
         if (falloff > 0) {
             inside++;
             if (!fixed[i]) {

@@ -90,13 +90,10 @@ protected:
     // What relax() must return for the observed patches, for models that keep `u`.
     static void observe_patches(const ModelState& state, const ContactPatch* patches, int prescribed, int observed,
                                 double* displacement, double* force) {
-        for (int c = prescribed; c < prescribed + observed; c++)
-            for (int k = 0; k < 3; k++) {
-                double sum = 0;
-                for (int i = 0; i < patches[c].count; i++)
-                    sum += patches[c].weight[i] * state.u[3 * size_t(patches[c].node[i]) + k];
-                displacement[3 * c + k] = sum, force[3 * c + k] = 0;
-            }
+        for (int c = prescribed; c < prescribed + observed; c++) {
+            patches[c].mean(state.u.data(), displacement + 3 * c);
+            std::fill_n(force + 3 * c, 3, 0.0);
+        }
     }
 };
 

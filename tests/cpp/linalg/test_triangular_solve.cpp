@@ -63,11 +63,11 @@ template <class T> void check(const FactorValues<T>& value, double tolerance) {
     }
     const Values b = f.K.vector(5);
     for (int i = 0; i < f.K.n; i++) one.x[f.unknown(i)] = T(b[i]);
-    one.forward_one(value.data(), f.all.data(), tree.count());
+    one.forward(value.data(), f.all.data(), tree.count());
     double square = 0;
     for (int u = 0; u < f.K.n; u++) square += std::pow(double(one.x[u]), 2);
     CHECK(std::abs(square / inner(b, expected[0]) - 1) < tolerance);
-    one.backward_one(value.data(), f.all.data(), tree.count());
+    one.backward(value.data(), f.all.data(), tree.count());
     Values x;
     for (int i = 0; i < f.K.n; i++) x.push_back(one.x[f.unknown(i)]);
     CHECK(relative_error(x, expected[0]) < tolerance);
