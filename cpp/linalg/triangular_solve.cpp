@@ -32,8 +32,10 @@ template <class T> template <int wide> Triangle TriangularSolve<T>::gather(int s
     for (int g = 0; g < groups; g++) {
         std::copy_n(place<wide>(g, 3 * tree.first[s]), size, own.data() + g * mine);
         std::fill(own.data() + g * mine + size, own.data() + (g + 1) * mine, T(0));
+        const T* from = place<wide>(g, 0);
+        T* to = below.data() + g * others;
         for (int i = 0; i < width * n.below; i++)
-            std::copy_n(place<wide>(g, index[i]), wide, below.data() + g * others + wide * i);
+            for (int k = 0; k < wide; k++) to[wide * i + k] = from[wide * index[i] + k];
     }
     return n;
 }
@@ -54,10 +56,12 @@ template <class T> template <int wide> void TriangularSolve<T>::go_down(const T*
         else
             palpate::forward(value + tree.entry_start[s], n, groups, own.data(), below.data());
         scatter_own<wide>(s, n);
-        for (int g = 0; g < groups; g++)
+        for (int g = 0; g < groups; g++) {
+            const T* from = below.data() + g * int64_t(wide) * width * n.below;
+            T* to = place<wide>(g, 0);
             for (int i = 0; i < width * n.below; i++)
-                std::copy_n(below.data() + g * int64_t(wide) * width * n.below + wide * i, wide,
-                            place<wide>(g, index[i]));
+                for (int k = 0; k < wide; k++) to[wide * index[i] + k] = from[wide * i + k];
+        }
     }
 }
 
