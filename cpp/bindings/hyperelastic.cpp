@@ -84,8 +84,8 @@ void bind_hyperelastic(nb::module_& m) {
                 new (self) SmoothedNeoHookean(nodes.data(), int(nodes.shape(0)), tets.data(), int(tets.shape(0)),
                                               mu.data(), cells);
             },
-            "nodes"_as_is, "tets"_as_is, "mu"_as_is, "edge_cell"_as_is,
-            "node_cell"_as_is, "edge_mu"_as_is, "node_lambda"_as_is);
+            "nodes"_as_is, "tets"_as_is, "mu"_as_is, "edge_cell"_as_is, "node_cell"_as_is, "edge_mu"_as_is,
+            "node_lambda"_as_is);
     nb::class_<HyperelasticModel, TissueModel>(m, "HyperelasticModel",
                                                "Neo-Hookean equilibrium under prescribed patch means.")
         .def(

@@ -53,9 +53,9 @@ Owned<double, 2> applied(const MultigridModel& model, In<double, 2> field) {
 
 void bind_multigrid(nb::module_& m) {
     nb::class_<MultigridModel, TissueModel>(m, "MultigridModel", "Conjugate gradients with a multigrid preconditioner.")
-        .def("__init__", &make, "nodes"_as_is, "tets"_as_is, "lam"_as_is, "mu"_as_is,
-             "held"_as_is, "cell"_a, "sweeps"_a, "relaxation"_a, "start"_as_is = nb::none(),
-             "column"_as_is = nb::none(), "block"_as_is = nb::none(),
+        .def("__init__", &make, "nodes"_as_is, "tets"_as_is, "lam"_as_is, "mu"_as_is, "held"_as_is, "cell"_a,
+             "sweeps"_a, "relaxation"_a, "start"_as_is = nb::none(), "column"_as_is = nb::none(),
+             "block"_as_is = nb::none(),
              "start, column, block: another stiffness of these nodes, in rows of 3x3 blocks; else that of P1 elements.")
         .def("solve", &solve<MultigridModel>, "state"_a, "patches"_a, "displacement"_as_is, "iterations"_a,
              "Forces of the tissue on the tools, (contacts, 3) N; None for contacts that cannot be held together.")

@@ -36,7 +36,7 @@ class HierarchicalBasis:
     def edges(self, ends: Int32) -> Int32:
         """Rows of the edges with the nodes `ends` (..., 2)."""
         low, high = np.sort(ends.astype(np.int64), axis=-1).swapaxes(0, -1)
-        return (self.nodes + np.searchsorted(self._keys, (low * self.nodes + high).T)).astype(np.int32)
+        return np.asarray(self.nodes + np.searchsorted(self._keys, (low * self.nodes + high).T), dtype=np.int32)
 
     def slopes(self, z: Float64) -> Float64:
         """(M, 4, 3, 3): ∂u_k/∂x_l at the corners of each tetrahedron, for coefficients `z` (N + E, 3) mm."""
