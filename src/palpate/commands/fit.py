@@ -125,7 +125,7 @@ def _numbers(option: str, text: str) -> list[float]:
 
 
 def _by_region(
-    mesh: pp.TetMesh,
+    mesh: "pp.TetMesh",
     option: str,
     kind: Callable[[str], T],
     value: T | None,
@@ -150,7 +150,7 @@ def _by_region(
 
 
 def _from_map(
-    mesh: pp.TetMesh,
+    mesh: "pp.TetMesh",
     stiffness: Path | None,
     quantity: str | None,
     young: "Constant",
