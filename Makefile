@@ -57,7 +57,7 @@ test-aarch64: $(VENV)/crossed-with
 	for folder in $(FOLDERS); do qemu-aarch64-static build/aarch64/test_$$folder || exit 1; done
 
 manylinux: $(VENV)/crossed-with
-	PYTHON=$(abspath $(BIN)/python) ZIG_TARGET=x86_64-linux-gnu.2.28 .ci/manylinux
+	PYTHON=$(abspath $(BIN)/python) ZIG_TARGET=x86_64-linux-gnu.2.28 LEVELS="$(LEVELS)" .ci/manylinux
 
 mutate: $(VENV)/tested-with
 	$(BIN)/python tests/fuzz/hostile_files.py $(HOSTILE)

@@ -38,12 +38,12 @@ def lines() -> Iterator[str]:
         for _ in range(11 if nodes < 20 else 3):
             state = model.start()
             began = time.process_time()
-            force, steps = model.native.solve(state, found.patches, found.displacement, 200, TOLERANCE)
+            force, steps = model.equilibrium.solve(state, found.patches, found.displacement, 200, TOLERANCE)
             times.append(time.process_time() - began)
-        elements, exact = model.native.elements, truth.displacement
+        elements, exact = model.equilibrium.elements, truth.displacement
         off = np.ascontiguousarray(state.u - exact)
         error = np.sqrt((off * elements.tangent(exact, off)).sum() / (exact * elements.tangent(exact, exact)).sum())
-        residual, size, _ = model.native.balance(state)
+        residual, size, _ = model.equilibrium.balance(state)
         wrong = np.linalg.norm(force[0] - truth.force) / np.linalg.norm(truth.force)
         typical = median(times)
         yield (

@@ -367,7 +367,8 @@ def commands(tissue, ticks=600):
 
 
 def session_of(tissue, first="blocks"):
-    return pp.Session(pp.model(tissue, first), radius=15.0, sweeps=6, friction=0.3)
+    options = {"interval": 0} if first == "neo-hookean" and hasattr(pp._core, "multirate") else {}  # as in version 0.1
+    return pp.Session(pp.model(tissue, first, **options), radius=15.0, sweeps=6, friction=0.3)
 
 
 def recorded(tissue):

@@ -1,5 +1,5 @@
 #include "bindings/tissue.h"
-#include "hyperelastic/hyperelastic_model.h"
+#include "hyperelastic/equilibrium_solver.h"
 #include "hyperelastic/neo_hookean.h"
 #include "hyperelastic/smoothed_neo_hookean.h"
 #include <nanobind/stl/optional.h>
@@ -36,6 +36,30 @@ Solved solve_steps(const HyperelasticModel& model, ModelState& state, const std:
     return std::make_tuple(force, done);
 }
 
+// What a tick would know: error, displacement, force, stiffness of the contacts.
+using Solution = std::tuple<double, Owned<double, 2>, Owned<double, 2>, Owned<double, 2>>;
+
+std::optional<Solution> solution(EquilibriumSolver& solver, const std::vector<ContactPatch>& patches,
+                                 In<double, 2> displacement, bool from_rest) {
+    check_nodes(solver.model, patches);
+    expect_vectors(displacement, patches.size(), "displacement: expected shape (contacts, 3)");
+    expect(within<size_t>(patches.size(), 1, TissueModel::max_patches), "patches: 1 to 4");
+    const int count = int(patches.size()), n = 3 * count;
+    EquilibriumRequest request;
+    request.from_rest = from_rest;
+    request.contacts = count;
+    for (int c = 0; c < count; c++) request.patch[c].copy(patches[c]);
+    std::copy_n(displacement.data(), n, request.displacement);
+    EquilibriumAnswer answer = solver.blank();
+    unlocked([&] { solver.solve(request, answer); });
+    if (!answer.good) return std::nullopt;
+    auto realised = zeros<double>(count, 3), force = zeros<double>(count, 3), stiffness = zeros<double>(n, n);
+    std::copy_n(answer.local.displacement, n, realised.data());
+    for (int k = 0; k < n; k++) force.data()[k] = -solver.response().force[k];
+    std::copy_n(solver.response().stiffness.data(), n * n, stiffness.data());
+    return std::make_tuple(answer.error, realised, force, stiffness);
+}
+
 } // namespace
 
 void bind_hyperelastic(nb::module_& m) {
@@ -52,12 +76,20 @@ void bind_hyperelastic(nb::module_& m) {
             "u"_as_is,
             "Energy N mm (infinite where an element is flat or turned), dE/du (nodes, 3) N, least J of the elements.")
         .def(
+            "least_volume",
+            [](const HyperelasticEnergy& e, In<double, 2> u) {
+                check_field(e, u);
+                const std::vector<double> ones(e.padded(), 1.0);
+                return e.least_ratio(u.data(), ones.data());
+            },
+            "u"_as_is, "Least J of the elements; negative where one is turned over.")
+        .def(
             "tangent",
             [](const HyperelasticEnergy& e, In<double, 2> u, In<double, 2> v) {
                 check_field(e, u), check_field(e, v);
                 auto out = zeros<double>(e.nodes(), 3);
                 std::vector<double> work(e.work_size());
-                e.tangent(u.data(), v.data(), out.data(), work.data());
+                e.tangent(u.data(), v.data(), 1, out.data(), work.data());
                 return out;
             },
             "u"_as_is, "v"_as_is, "K(u) v, (nodes, 3) N.");
@@ -113,4 +145,39 @@ void bind_hyperelastic(nb::module_& m) {
             "elements", [](const HyperelasticModel& model) -> const HyperelasticEnergy& { return model.elements; },
             nb::rv_policy::reference_internal)
         .def_ro_static("most_contacts", &HyperelasticModel::most_contacts);
+    nb::class_<LocalForce>(m, "LocalForce", "What finite strain adds to linear contact forces, from one solution.")
+        .def(
+            "__init__",
+            [](LocalForce* self, double energy, In<double, 1> displacement, In<double, 1> gradient,
+               In<double, 2> curvature) {
+                const size_t n = displacement.size();
+                expect(n % 3 == 0 && n <= LocalForce::most && gradient.size() == n && curvature.shape(0) == n &&
+                           curvature.shape(1) == n,
+                       "LocalForce: expected 3 numbers a contact, of 4 contacts at most, and a square of them");
+                new (self) LocalForce();
+                self->contacts = int(n / 3);
+                self->energy = energy;
+                std::copy_n(displacement.data(), n, self->displacement);
+                std::copy_n(gradient.data(), n, self->gradient);
+                std::copy_n(curvature.data(), n * n, self->curvature);
+            },
+            "energy"_a, "displacement"_as_is, "gradient"_as_is, "curvature"_as_is, "At one displacement; mm, N, N mm.")
+        .def(
+            "at",
+            [](const LocalForce& local, In<double, 1> d) {
+                expect(d.size() == 3 * size_t(local.contacts), "displacement: expected 3 numbers a contact");
+                std::vector<double> out(LocalForce::most, 0.0);
+                const double energy = local.add_force(d.data(), out.data());
+                return std::make_tuple(energy, copied(out.data(), d.size()));
+            },
+            "displacement"_as_is, "Energy N mm, and its gradient, N.");
+    nb::class_<EquilibriumSolver>(m, "EquilibriumSolver", "Equilibria one after the other, each from the one before.")
+        .def(
+            "__init__",
+            [](EquilibriumSolver* self, const HyperelasticModel& model) { new (self) EquilibriumSolver(model, {}); },
+            "model"_a, nb::keep_alive<1, 2>())
+        .def("solve", &solution, "patches"_a, "displacement"_as_is, "from_rest"_a = true,
+             "The force's error, estimated; displacement (contacts, 3) mm, force (contacts, 3) N on the tools, "
+             "stiffness (3 "
+             "contacts, 3 contacts) N/mm; None for contacts that cannot be held together.");
 }

@@ -27,6 +27,7 @@ NB_MODULE(_core, m) {
         {"multigrid", "Linear finite elements by multigrid-preconditioned conjugate gradients.", bind_multigrid},
         {"compliance", "Linear finite elements by cached Green's functions.", bind_compliance},
         {"hyperelastic", "Neo-Hookean finite elements at finite strain.", bind_hyperelastic},
+        {"multirate", "Finite strain at two rates.", bind_multirate},
         {"simulation", "The 1 kHz loop: tools, passivity, recording, replay.", bind_simulation},
         {"haptics", "Force-feedback devices and their servo.", bind_haptics},
         {"benchmark", "Timing of the loop's parts; for tests, benchmarks and studies.", bind_benchmark},

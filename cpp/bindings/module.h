@@ -23,6 +23,7 @@ void bind_relaxation(nb::module_& m);
 void bind_multigrid(nb::module_& m);
 void bind_compliance(nb::module_& m);
 void bind_hyperelastic(nb::module_& m);
+void bind_multirate(nb::module_& m);
 void bind_simulation(nb::module_& m);
 void bind_haptics(nb::module_& m);
 void bind_benchmark(nb::module_& m);

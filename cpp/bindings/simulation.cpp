@@ -163,14 +163,15 @@ void bind_devices(nb::module_& m) {
         .def(
             "__init__",
             [](Replay* self, In<int64_t, 1> ticks, In<uint8_t, 1> tools, In<uint8_t, 1> kinds, In<double, 2> points,
-               In<double, 2> displacements, In<int64_t, 1> switches, In<uint8_t, 1> missing_tables) {
+               In<double, 2> displacements, In<int64_t, 1> switches, In<uint8_t, 1> missing_tables, bool recorded) {
                 expect(missing_tables.size() == switches.size(), "lacking: one for each switch");
                 std::vector<TableEvent> all;
                 for (size_t i = 0; i < switches.shape(0); i++) all.push_back({switches(i), missing_tables(i)});
                 new (self) Replay(listed(ticks), tool_numbers(tools, ticks.size()),
-                                  commands(kinds, points, displacements), std::move(all));
+                                  commands(kinds, points, displacements), std::move(all), recorded);
             },
-            "ticks"_a, "tools"_a, "kinds"_a, "points"_a, "displacements"_a, "switches"_a, "lacking"_a);
+            "ticks"_a, "tools"_a, "kinds"_a, "points"_a, "displacements"_a, "switches"_a, "lacking"_a,
+            "recorded"_a = false);
 }
 
 void bind_frame(nb::module_& m) {
@@ -182,6 +183,8 @@ void bind_frame(nb::module_& m) {
         .def_ro("seconds", &Frame::seconds)
         .def_ro("busy", &Frame::busy)
         .def_ro("work", &Frame::work)
+        .def_ro("solution_age", &Frame::solution_age)
+        .def_ro("solution_error", &Frame::solution_error)
         .def_prop_ro("contact", &contacts)
         .def_prop_ro("point", [](const Frame& f) { return vectors(f.point); })
         .def_prop_ro("displacement", [](const Frame& f) { return vectors(f.displacement); })

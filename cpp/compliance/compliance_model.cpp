@@ -142,6 +142,8 @@ void ComplianceModel::release(ComplianceState& s) const {
     s.stale = s.blending = false;
 }
 
+const double* ComplianceModel::contact_stiffness(const ComplianceState& state) { return &state.values[stiffness_at]; }
+
 // In lockstep: computes the blocks that are missing.
 void ComplianceModel::compute_missing(ComplianceState& s) const {
     const std::vector<int> vertices(s.blocks.vertex.begin(), s.blocks.vertex.begin() + s.blocks.count);

@@ -74,6 +74,12 @@ void ContactConstraints::least_energy_move(const double* gap, double* out) const
     add_move(1, gap, out);
 }
 
+void ContactConstraints::rest_stiffness(double* out) const {
+    const int m = 3 * contacts;
+    for (int i = 0; i < m; i++)
+        for (int j = 0; j < m; j++) out[i * m + j] = 0.5 * (inverse[i * m + j] + inverse[j * m + i]);
+}
+
 void ContactConstraints::project(double* v) const {
     patch_means(v, mean.data());
     add_move(-1, mean.data(), v);

@@ -19,6 +19,7 @@ public:
     void patch_means(const double* u, double* out) const;         // out = W'u, (contacts, 3)
     void least_energy_move(const double* gap, double* out) const; // out = K^-1 W C^-1 gap, so that W'out = gap
     void project(double* v) const;                                // v -= K^-1 W C^-1 W'v, so that W'v = 0
+    void rest_stiffness(double* out) const;                       // C^-1, (3 contacts, 3 contacts) N/mm, symmetric
     void subtract_tool_forces(double* g, double* force) const;    // force = C^-T W'K^-1 g, g -= W force
 
 private:

@@ -23,8 +23,10 @@ public:
     // Smallest J(u) / ratio over the elements.
     virtual double least_ratio(const double* u, const double* ratio) const = 0;
 
-    // out = K(u) v, N: the derivative of the force along v (nodes, 3) mm. All J must be positive.
-    virtual void tangent(const double* u, const double* v, double* out, double* work) const = 0;
+    static constexpr int most_directions = 3;
+    // out = K(u) v, N: the derivatives of the force along `count` directions v (count, nodes, 3) mm, at most
+    // most_directions; three at once take half the time of three calls. All J must be positive.
+    virtual void tangent(const double* u, const double* v, int count, double* out, double* work) const = 0;
 };
 
 } // namespace palpate

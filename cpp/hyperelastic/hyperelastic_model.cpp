@@ -66,6 +66,7 @@ int HyperelasticModel::solve(ModelState& state, const ContactPatch* patches, int
         }
         s.lbfgs.refresh();
     }
+    if (new_patches && s.response) adapt_response(s);
     if (new_patches || s.u != s.current.u) { // or a caller has set u
         s.current.u = s.u;
         evaluate_current(s);
@@ -119,7 +120,12 @@ bool HyperelasticModel::move_tools(HyperelasticState& s, const double* displacem
     }
     s.tools_arrived = largest_gap <= arrival_tolerance;
     if (s.tools_arrived) return false;
-    s.constraints.least_energy_move(s.gap.data(), s.direction.data());
+    if (s.response && s.response->contacts == s.constraints.count()) {
+        std::fill(s.direction.begin(), s.direction.end(), 0.0);
+        for (int k = 0; k < m; k++) add(s.gap[k], s.response->column(k), s.direction.data(), int(s.direction.size()));
+    } else {
+        s.constraints.least_energy_move(s.gap.data(), s.direction.data());
+    }
     for (double fraction = 1; fraction > 1e-3; fraction *= 0.7) {
         step_along(s.current.u, fraction, s.direction, s.trial.u);
         if (!(elements.least_ratio(s.trial.u.data(), s.current.volume_ratio.data()) > min_volume_ratio)) continue;
@@ -198,7 +204,7 @@ HyperelasticModel::Balance HyperelasticModel::balance(const ModelState& state) c
     std::vector<double> better = s.preconditioned, moved(s.u.size()), work(s.work.size());
     Lbfgs lbfgs = s.lbfgs;
     lbfgs.improve(s.current.gradient.data(), better.data());
-    elements.tangent(s.current.u.data(), s.current.u.data(), moved.data(), work.data());
+    elements.tangent(s.current.u.data(), s.current.u.data(), 1, moved.data(), work.data());
     double gap = 0;
     for (int k = 0; k < 3 * s.constraints.count(); k++) gap = std::max(gap, std::abs(s.gap[k]));
     const int n = int(s.u.size());

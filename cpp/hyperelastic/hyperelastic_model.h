@@ -2,6 +2,7 @@
 // FEM at finite strain. Simulation calls it through TissueModel, in the loop's thread; its solve() is also called from
 // Python. Method: M. Liu, S. Bouaziz & L. Kavan, ACM Trans. Graph. 36 (2017) 23.
 #include "hyperelastic/contact_constraints.h"
+#include "hyperelastic/contact_response.h"
 #include "hyperelastic/hyperelastic_energy.h"
 #include "linalg/lbfgs.h"
 #include "linalg/sparse_cholesky.h"
@@ -29,6 +30,8 @@ struct HyperelasticState : ModelState {
     std::vector<double> gap;                                                   // (contacts, 3) mm that tools have left
     double gradient_norm2 = 0;                                                 // gradient' K^-1 gradient, N mm
     bool tools_arrived = true;                                                 // no gap is left
+    std::unique_ptr<ContactResponse>
+        response; // if there is one, tools move along it; kept by HyperelasticModel::respond
 };
 
 // Static equilibrium at finite strain: minimises the energy of the elements under W'u = d, by L-BFGS that
@@ -63,6 +66,12 @@ public:
     };
     Balance balance(const ModelState& state) const;
 
+    // Improves the response of a state that has one, after a solve(), by steps of conjugate gradients in each of its
+    // columns, from those of the last call, and takes stiffness, force and its error from it. read_response(): force
+    // and error alone, from the columns as they are.
+    void respond(HyperelasticState& s, int steps) const;
+    void read_response(HyperelasticState& s) const;
+
     const HyperelasticEnergy& elements;
 
 private:
@@ -76,6 +85,8 @@ private:
     bool move_tools(HyperelasticState& s, const double* displacement) const;
     bool descent_step(HyperelasticState& s) const;
     double line_search(HyperelasticState& s, double initial_slope) const;
+    void adapt_response(HyperelasticState& s) const; // contact_response.cpp, as respond()
+    void tangents(HyperelasticState& s, const double* v, double* out) const;
 };
 
 } // namespace palpate

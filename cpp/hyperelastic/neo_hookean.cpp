@@ -77,14 +77,16 @@ PALPATE_KERNEL double block_ratio(const Block& b, const double* u, const double*
     return least(s.J);
 }
 
-PALPATE_KERNEL void block_tangent(const Block& b, const double* u, const double* v, double* out) {
+PALPATE_KERNEL void block_tangent(const Block& b, const double* u, const double* v, int count, size_t n, double* out) {
     Strain s;
     Lane D[3][3], P[3][3];
     gradient(b, u, s.H);
     cofactors(s);
-    gradient(b, v, D);
-    stress_change(b, s, D, P);
-    scatter(b, P, out);
+    for (int d = 0; d < count; d++) {
+        gradient(b, v + d * n, D);
+        stress_change(b, s, D, P);
+        scatter(b, P, out + d * n);
+    }
 }
 
 } // namespace
@@ -128,9 +130,10 @@ double NeoHookean::least_ratio(const double* u, const double* ratio) const {
     return value;
 }
 
-void NeoHookean::tangent(const double* u, const double* v, double* out, double*) const {
-    std::fill_n(out, 3 * size_t(count), 0.0);
-    for (const Block& b : block) block_tangent(b, u, v, out);
+void NeoHookean::tangent(const double* u, const double* v, int directions, double* out, double*) const {
+    const size_t n = 3 * size_t(count);
+    std::fill_n(out, directions * n, 0.0);
+    for (const Block& b : block) block_tangent(b, u, v, directions, n, out);
 }
 
 } // namespace palpate

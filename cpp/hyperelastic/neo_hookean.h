@@ -24,7 +24,7 @@ public:
 
     Energy energy(const double* u, double* force, double* ratio, double* = nullptr) const override;
     double least_ratio(const double* u, const double* ratio) const override;
-    void tangent(const double* u, const double* v, double* out, double* = nullptr) const override;
+    void tangent(const double* u, const double* v, int count, double* out, double* = nullptr) const override;
 
     int nodes() const override { return count; }
     int padded() const override { return int(block.size()) * TetBlock::lanes; }

@@ -7,7 +7,7 @@ namespace palpate {
 
 RestStiffness::RestStiffness(const Supernodes& tree, const float* value, const std::vector<int>& free_nodes, int nodes)
     : tree(tree), value(value), free_nodes(free_nodes), nodes(nodes), free_index(nodes, -1), supernodes(tree.count()),
-      rows(tree.nodes()), single(tree, 1), partial(tree, value, 8), loaded(ContactPatch::capacity),
+      rows(tree.nodes()), single(tree, 1), group(tree, 8), partial(tree, value, 8), loaded(ContactPatch::capacity),
       load(3 * 8 * ContactPatch::capacity), solution(3 * 8 * size_t(tree.nodes())) {
     for (size_t k = 0; k < free_nodes.size(); k++) free_index[free_nodes[k]] = int(k);
     std::iota(supernodes.begin(), supernodes.end(), 0);
@@ -26,6 +26,29 @@ void RestStiffness::solve(const double* load, double* out) {
     std::fill_n(out, 3 * size_t(nodes), 0.0);
     for (size_t k = 0; k < free_nodes.size(); k++)
         for (int c = 0; c < 3; c++) out[3 * size_t(free_nodes[k]) + c] = largest * single.x[3 * tree.place[k] + c];
+}
+
+void RestStiffness::solve_three(const double* load, double* out) {
+    const size_t n = 3 * size_t(nodes);
+    double scale[3];
+    group.clear(supernodes.data(), int(supernodes.size()));
+    for (int j = 0; j < 3; j++) {
+        double largest = 0;
+        for (size_t i = 0; i < n; i++) largest = std::max(largest, std::abs(load[j * n + i]));
+        scale[j] = largest;
+        const double inverse = largest > 0 ? 1 / largest : 0;
+        for (size_t k = 0; k < free_nodes.size(); k++)
+            for (int c = 0; c < 3; c++)
+                group.of(0, 3 * tree.place[k] + c)[j] = float(inverse * load[j * n + 3 * size_t(free_nodes[k]) + c]);
+    }
+    group.forward(value, supernodes.data(), int(supernodes.size()));
+    group.backward(value, supernodes.data(), int(supernodes.size()));
+    std::fill_n(out, 3 * n, 0.0);
+    for (size_t k = 0; k < free_nodes.size(); k++)
+        for (int c = 0; c < 3; c++) {
+            const float* x = group.of(0, 3 * tree.place[k] + c);
+            for (int j = 0; j < 3; j++) out[j * n + 3 * size_t(free_nodes[k]) + c] = scale[j] * x[j];
+        }
 }
 
 void RestStiffness::solve_patch(const ContactPatch& patch, double* out) {

@@ -13,7 +13,8 @@ public:
     // free_nodes: the mesh's number of each node of the factor. value: the factor, rounded.
     RestStiffness(const Supernodes& tree, const float* value, const std::vector<int>& free_nodes, int nodes);
 
-    void solve(const double* load, double* out); // out = K^-1 load
+    void solve(const double* load, double* out);       // out = K^-1 load
+    void solve_three(const double* load, double* out); // the same of (3, nodes, 3), in less than twice the time of one
     // The displacements under unit forces along x, y and z, each spread over the patch by its weights: (3, nodes, 3).
     void solve_patch(const ContactPatch& patch, double* out);
 
@@ -25,6 +26,7 @@ private:
     std::vector<int> free_index;       // (nodes) number in the factor, or -1
     std::vector<int> supernodes, rows; // all supernodes, all nodes of the factor
     TriangularSolve<float> single;     // one right-hand side
+    TriangularSolve<float> group;      // eight right-hand sides
     PartialSolve<float> partial;       // eight right-hand sides, few nonzeros
     std::vector<int> loaded;
     std::vector<float> load, solution;

@@ -9,7 +9,8 @@ namespace palpate {
 
 constexpr int lanes = TetBlock::lanes;
 
-// Working memory: nine numbers of one tetrahedron or cell are adjacent, since cells gather them one by one.
+// Working memory: nine numbers of one tetrahedron or cell are adjacent, since cells gather them one by one. What
+// belongs to a direction v has most_directions of them, one after the other.
 struct SmoothedNeoHookean::Work {
     double *gradient, *change; // (tets, 9) V/6 grad u and V/6 grad v
     double *volume, *growth;   // (tets) V J/4 and its change along v
@@ -35,20 +36,22 @@ PALPATE_KERNEL double block_strain(const Block& b, const double* u, double* grad
     return least(s.J);
 }
 
-// The same for a change v of u; J and its cofactors are those of u.
-PALPATE_KERNEL void block_strain_change(const Block& b, const double* u, const double* v, double* gradients,
-                                        double* growth) {
+// The same for changes v of u, (count, nodes, 3); J and its cofactors are those of u.
+PALPATE_KERNEL void block_strain_change(const Block& b, const double* u, const double* v, size_t unknowns,
+                                        const Directions& directions, double* gradients, double* growth) {
     Strain s;
     Lane D[3][3], sixth;
     gradient(b, u, s.H);
     cofactors(s);
-    gradient(b, v, D);
-    for (int l = 0; l < lanes; l++) {
-        double sum = 0;
-        for (int k = 0; k < 9; k++) sum += s.C[k / 3][k % 3][l] * D[k / 3][k % 3][l];
-        growth[l] = b.volume[l] * sum / 4, sixth[l] = b.volume[l] / 6;
+    for (int d = 0; d < directions.count; d++) {
+        gradient(b, v + d * unknowns, D);
+        for (int l = 0; l < lanes; l++) {
+            double sum = 0;
+            for (int k = 0; k < 9; k++) sum += s.C[k / 3][k % 3][l] * D[k / 3][k % 3][l];
+            growth[d * directions.elements + l] = b.volume[l] * sum / 4, sixth[l] = b.volume[l] / 6;
+        }
+        store_nine(D, sixth, gradients + 9 * d * directions.elements);
     }
-    store_nine(D, sixth, gradients);
 }
 
 // V/6 times the sum of the stresses of a tetrahedron's six edge cells, and V/4 times that of a number of its node
@@ -88,25 +91,10 @@ PALPATE_KERNEL double block_force(const Block& b, const double* u, const double*
     return total;
 }
 
-// The changes of a block's forces along v.
-PALPATE_KERNEL void block_force_change(const Block& b, const double* u, const double* v, const double* stress,
-                                       const double* pressure, const double* rise, double* out) {
-    constexpr double start = SmoothedNeoHookean::barrier_start;
-    Strain s;
-    Lane P[3][3], D[3][3], p, q;
-    gradient(b, u, s.H);
-    cofactors(s);
-    gradient(b, v, D);
-    cell_sums(b, stress, pressure, P, p);
-    for (int l = 0; l < lanes; l++) {
-        double growth = 0;
-        for (int k = 0; k < 9; k++) growth += s.C[k / 3][k % 3][l] * D[k / 3][k % 3][l];
-        const double below = s.J[l] < start ? fast_log(s.J[l] / start) : 0;
-        const double bends = s.J[l] < start ? 2 * b.mu[l] * (1 - below) / (s.J[l] * s.J[l]) : 0;
-        p[l] += 2 * b.mu[l] * below / s.J[l];
-        q[l] = bends * growth;
-        for (const auto& node : b.node) q[l] += b.volume[l] / 4 * rise[node[l]];
-    }
+// Adds the change of a block's first Piola-Kirchhoff stress by volume: the pressure p turns with the cofactors, and
+// changes by q.
+PALPATE_INLINE void add_volume_change(const Strain& s, const Lane (&D)[3][3], const Lane& p, const Lane& q,
+                                      Lane (&P)[3][3]) {
     for (int i = 0; i < 3; i++) {
         const int i1 = (i + 1) % 3, i2 = (i + 2) % 3;
         for (int j = 0; j < 3; j++) {
@@ -118,7 +106,31 @@ PALPATE_KERNEL void block_force_change(const Block& b, const double* u, const do
                                       D[i1][j2][l] * (s.H[i2][j1][l] + f) - (s.H[i1][j2][l] + e) * D[i2][j1][l]);
         }
     }
-    scatter(b, P, out);
+}
+
+// The changes of a block's forces along v, (count, nodes, 3).
+PALPATE_KERNEL void block_force_change(const Block& b, const double* u, const double* v, size_t unknowns,
+                                       const Directions& shear, const Directions& bulk, const double* stress,
+                                       const double* pressure, const double* rise, double* out) {
+    constexpr double start = SmoothedNeoHookean::barrier_start;
+    Strain s;
+    Lane P[3][3], D[3][3], p, q, bends;
+    gradient(b, u, s.H);
+    cofactors(s);
+    for (int l = 0; l < lanes; l++) {
+        const double below = s.J[l] < start ? fast_log(s.J[l] / start) : 0;
+        bends[l] = s.J[l] < start ? 2 * b.mu[l] * (1 - below) / (s.J[l] * s.J[l]) : 0;
+        p[l] = 2 * b.mu[l] * below / s.J[l];
+        for (const auto& node : b.node) p[l] += b.volume[l] / 4 * pressure[node[l]];
+    }
+    for (int d = 0; d < shear.count; d++) {
+        gradient(b, v + d * unknowns, D);
+        cell_sums(b, stress + 9 * d * shear.cells, rise + d * bulk.cells, P, q);
+        for (int l = 0; l < lanes; l++)
+            for (int k = 0; k < 9; k++) q[l] += bends[l] * s.C[k / 3][k % 3][l] * D[k / 3][k % 3][l];
+        add_volume_change(s, D, p, q, P);
+        scatter(b, P, out + d * unknowns);
+    }
 }
 
 PALPATE_KERNEL double block_ratio(const Block& b, const double* u, const double* ratio) {
@@ -159,8 +171,9 @@ SmoothedNeoHookean::SmoothedNeoHookean(const double* nodes, int count, const int
 SmoothedNeoHookean::Work SmoothedNeoHookean::divide(double* work) const {
     const size_t n = padded();
     Work w{};
-    w.gradient = work, w.change = w.gradient + 9 * n, w.volume = w.change + 9 * n, w.growth = w.volume + n;
-    w.stress = w.growth + n, w.pressure = w.stress + 9 * size_t(edge_lanes), w.rise = w.pressure + node_lanes;
+    w.gradient = work, w.change = w.gradient + 9 * n, w.volume = w.change + 9 * most_directions * n;
+    w.growth = w.volume + n, w.stress = w.growth + most_directions * n;
+    w.pressure = w.stress + 9 * most_directions * size_t(edge_lanes), w.rise = w.pressure + node_lanes;
     return w;
 }
 
@@ -179,7 +192,7 @@ SmoothedNeoHookean::Energy SmoothedNeoHookean::energy(const double* u, double* f
     for (int c = 0; c < edge_lanes; c += lanes) whole.value += shear_energy(edges, c, w.gradient, w.stress);
     if (!std::isfinite(whole.value)) return {infinite, whole.least};
     for (int c = 0; c < node_lanes; c += lanes)
-        whole.value += bulk_energy(nodal, c, w.volume, nullptr, w.pressure, nullptr);
+        whole.value += bulk_energy(nodal, c, w.volume, w.pressure, nullptr, {}, nullptr);
     for (const Block& b : block) whole.value += block_force(b, u, w.stress, w.pressure, force);
     return whole;
 }
@@ -193,18 +206,20 @@ double SmoothedNeoHookean::least_ratio(const double* u, const double* ratio) con
     return value;
 }
 
-void SmoothedNeoHookean::tangent(const double* u, const double* v, double* out, double* work) const {
+void SmoothedNeoHookean::tangent(const double* u, const double* v, int directions, double* out, double* work) const {
     const Work w = divide(work);
-    std::fill_n(out, 3 * size_t(count), 0.0);
+    const size_t unknowns = 3 * size_t(count), n = padded();
+    const Directions shear{directions, n, size_t(edge_lanes)}, bulk{directions, n, size_t(node_lanes)};
+    std::fill_n(out, directions * unknowns, 0.0);
     for (size_t k = 0; k < block.size(); k++) {
         const size_t at = k * lanes;
         double ratio[lanes];
         block_strain(block[k], u, w.gradient + 9 * at, w.volume + at, ratio);
-        block_strain_change(block[k], u, v, w.change + 9 * at, w.growth + at);
+        block_strain_change(block[k], u, v, unknowns, shear, w.change + 9 * at, w.growth + at);
     }
-    for (int c = 0; c < edge_lanes; c += lanes) shear_change(edges, c, w.gradient, w.change, w.stress);
-    for (int c = 0; c < node_lanes; c += lanes) bulk_energy(nodal, c, w.volume, w.growth, w.pressure, w.rise);
-    for (const Block& b : block) block_force_change(b, u, v, w.stress, w.pressure, w.rise, out);
+    for (int c = 0; c < edge_lanes; c += lanes) shear_change(edges, c, w.gradient, w.change, shear, w.stress);
+    for (int c = 0; c < node_lanes; c += lanes) bulk_energy(nodal, c, w.volume, w.pressure, w.growth, bulk, w.rise);
+    for (const Block& b : block) block_force_change(b, u, v, unknowns, shear, bulk, w.stress, w.pressure, w.rise, out);
 }
 
 } // namespace palpate

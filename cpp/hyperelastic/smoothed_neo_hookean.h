@@ -26,12 +26,13 @@ public:
 
     Energy energy(const double* u, double* force, double* ratio, double* work) const override;
     double least_ratio(const double* u, const double* ratio) const override;
-    void tangent(const double* u, const double* v, double* out, double* work) const override;
+    void tangent(const double* u, const double* v, int count, double* out, double* work) const override;
 
     int nodes() const override { return count; }
     int padded() const override { return int(block.size()) * TetBlock::lanes; }
     size_t work_size() const override {
-        return 20 * size_t(padded()) + 9 * size_t(edge_lanes) + 2 * size_t(node_lanes);
+        return (10 + 10 * most_directions) * size_t(padded()) + 9 * most_directions * size_t(edge_lanes) +
+               (1 + most_directions) * size_t(node_lanes);
     }
 
     struct Block : TetBlock {

@@ -1,5 +1,6 @@
 #include "hyperelastic/smoothing_cells.h"
 #include "base/vector_math.h"
+#include "hyperelastic/hyperelastic_energy.h"
 #include <limits>
 
 namespace palpate {
@@ -69,46 +70,50 @@ PALPATE_KERNEL double shear_energy(const CellTets& cells, int first, const doubl
 }
 
 PALPATE_KERNEL void shear_change(const CellTets& cells, int first, const double* gradients, const double* changes,
-                                 double* stress) {
+                                 const Directions& directions, double* stress) {
     Strain s;
     Lane D[3][3], T[3][3], P[3][3], volume, mu, one;
     cell_means(cells, first, gradients, s.H);
-    cell_means(cells, first, changes, D);
     constants(cells, first, volume, mu);
     cofactors(s);
     for (int k = 0; k < 9; k++)
         for (int l = 0; l < lanes; l++) s.C[k / 3][k % 3][l] /= s.J[l], one[l] = 1; // C is G now
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++)
-            for (int l = 0; l < lanes; l++)
-                T[i][j][l] = s.C[i][0][l] * D[j][0][l] + s.C[i][1][l] * D[j][1][l] + s.C[i][2][l] * D[j][2][l];
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++)
-            for (int l = 0; l < lanes; l++)
-                P[i][j][l] = mu[l] * (D[i][j][l] + T[i][0][l] * s.C[0][j][l] + T[i][1][l] * s.C[1][j][l] +
-                                      T[i][2][l] * s.C[2][j][l]);
-    store_nine(P, one, stress + 9 * size_t(first));
+    for (int d = 0; d < directions.count; d++) {
+        cell_means(cells, first, changes + 9 * d * directions.elements, D);
+        for (int i = 0; i < 3; i++)
+            for (int j = 0; j < 3; j++)
+                for (int l = 0; l < lanes; l++)
+                    T[i][j][l] = s.C[i][0][l] * D[j][0][l] + s.C[i][1][l] * D[j][1][l] + s.C[i][2][l] * D[j][2][l];
+        for (int i = 0; i < 3; i++)
+            for (int j = 0; j < 3; j++)
+                for (int l = 0; l < lanes; l++)
+                    P[i][j][l] = mu[l] * (D[i][j][l] + T[i][0][l] * s.C[0][j][l] + T[i][1][l] * s.C[1][j][l] +
+                                          T[i][2][l] * s.C[2][j][l]);
+        store_nine(P, one, stress + 9 * (d * directions.cells + size_t(first)));
+    }
 }
 
-PALPATE_KERNEL double bulk_energy(const CellTets& cells, int first, const double* volumes, const double* growths,
-                                  double* pressure, double* rise) {
-    Lane volume, lambda, J, change, sum;
+PALPATE_KERNEL double bulk_energy(const CellTets& cells, int first, const double* volumes, double* pressure,
+                                  const double* growths, const Directions& directions, double* rise) {
+    Lane volume, lambda, J, sum, change[HyperelasticEnergy::most_directions];
     constants(cells, first, volume, lambda);
     for (int l = 0; l < lanes; l++) {
         const int c = first + l;
         const bool real = c < int(cells.volume.size());
-        double now = 0, more = 0;
+        double now = 0, more[HyperelasticEnergy::most_directions] = {};
         for (int k = real ? cells.start[c] : 0; k < (real ? cells.start[c + 1] : 0); k++) {
             now += volumes[cells.tets[k]];
-            if (growths) more += growths[cells.tets[k]];
+            for (int d = 0; d < directions.count; d++) more[d] += growths[d * directions.elements + cells.tets[k]];
         }
-        J[l] = real ? now / cells.volume[c] : 1, change[l] = real ? more / cells.volume[c] : 0;
+        J[l] = real ? now / cells.volume[c] : 1;
+        for (int d = 0; d < directions.count; d++) change[d][l] = real ? more[d] / cells.volume[c] : 0;
     }
     for (int l = 0; l < lanes; l++) {
         const double logarithm = fast_log(J[l]);
         sum[l] = 0.5 * volume[l] * lambda[l] * logarithm * logarithm;
         pressure[first + l] = lambda[l] * logarithm / J[l];
-        if (growths) rise[first + l] = lambda[l] * (1 - logarithm) / (J[l] * J[l]) * change[l];
+        for (int d = 0; d < directions.count; d++)
+            rise[d * directions.cells + first + l] = lambda[l] * (1 - logarithm) / (J[l] * J[l]) * change[d][l];
     }
     double total = 0;
     for (int l = 0; l < lanes; l++) total += sum[l];

@@ -29,12 +29,18 @@ struct CellTets {
 // mu (F - F^-T), F the mean. Returns the energy V mu [(tr F'F - 3)/2 - ln det F]; infinite where a mean is inverted.
 double shear_energy(const CellTets& edges, int first, const double* gradients, double* stress);
 
-// stress becomes its change where the gradients change by `changes`: mu (D + G D' G), G = F^-T.
-void shear_change(const CellTets& edges, int first, const double* gradients, const double* changes, double* stress);
+// stress becomes its changes where the gradients change by each of `count` changes: mu (D + G D' G), G = F^-T.
+// Directions follow one another: (count, elements, 9) and (count, padded cells, 9).
+struct Directions {
+    int count;
+    size_t elements, cells; // padded
+};
+void shear_change(const CellTets& edges, int first, const double* gradients, const double* changes,
+                  const Directions& directions, double* stress);
 
 // volumes: (elements) a quarter of each one's volume. pressure: (cells) becomes lambda ln J / J. Returns the energy
-// V lambda/2 (ln J)^2. growths: the change of the volumes, or null; rise becomes the change of the pressures.
-double bulk_energy(const CellTets& nodes, int first, const double* volumes, const double* growths, double* pressure,
-                   double* rise);
+// V lambda/2 (ln J)^2. growths: changes of the volumes, (count, elements); rise becomes the changes of the pressures.
+double bulk_energy(const CellTets& nodes, int first, const double* volumes, double* pressure, const double* growths,
+                   const Directions& directions, double* rise);
 
 } // namespace palpate

@@ -38,7 +38,9 @@ struct Feedback {
 };
 
 // From `tick` on, answers lack tables (ModelState::stale). Bit 0: the current model; bit 1: the one being blended in.
+// Bits 2 and 3, 4 and 5: their ModelState::events.
 struct TableEvent {
+    static constexpr int recorded = 64; // set if all this comes from a recording
     int64_t tick = 0;
     int missing_tables = 0;
 };

@@ -166,6 +166,8 @@ void RealtimeLoop::publish(double now) {
     frame.seconds = now;
     frame.busy = busy;
     frame.work = simulation.work;
+    frame.solution_age = double(simulation.state().solution_age) / rate;
+    frame.solution_error = simulation.state().solution_error;
     for (int t = 0; t < most_tools; t++) {
         const ToolProxy& p = simulation.proxy[t];
         frame.contact[t] = int(p.state);

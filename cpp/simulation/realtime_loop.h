@@ -18,6 +18,7 @@ struct Frame {
     double seconds = 0;                                 // the loop's clock
     double busy = 0;                                    // seconds of work a tick, smoothed
     double work = 0;                                    // N mm, of the tools on the tissue
+    double solution_age = 0, solution_error = 0;        // s; relative: of ModelState
     int contact[most_tools] = {};                       // ContactState
     double point[3 * most_tools] = {};                  // mm, the contact on the surface at rest
     double displacement[3 * most_tools] = {};           // mm, of the tissue there

@@ -90,7 +90,7 @@ bool Simulation::solve_contacts() {
         gather_contacts();
         std::fill_n(force, 3 * most_tools, 0.0);
     }
-    missing_tables = now.state->stale;
+    missing_tables = now.state->stale | now.state->events << 2;
     if (next.model) blend_models();
     for (int t = 0; t < most_tools; t++) std::fill_n(proxy[t].force, 3, 0.0);
     for (int c = 0; c < closed + open; c++) {
@@ -117,7 +117,7 @@ void Simulation::blend_models() {
     double same[3 * most_tools];
     std::copy_n(displaced, 3 * most_tools, same);
     const bool good = next.model->relax(*next.state, patch, closed, open, same, next.sweeps, next_force);
-    missing_tables |= next.state->stale << 1;
+    missing_tables |= next.state->stale << 1 | next.state->events << 4;
     since++;
     const double share = std::clamp(double(since - settle) / blend, 0.0, 1.0);
     if (good)
@@ -178,8 +178,14 @@ void Simulation::follow_clock(bool on) {
 }
 
 void Simulation::set_missing_tables(int wanted) {
-    now.state->tables = wanted & 1 ? TablePolicy::unavailable : TablePolicy::on_demand;
-    if (next.state) next.state->tables = wanted & 2 ? TablePolicy::unavailable : TablePolicy::on_demand;
+    int bit = 0;
+    for (ActiveModel* active : {&now, &next}) {
+        if (active->state) {
+            active->state->tables = wanted >> bit & 1 ? TablePolicy::unavailable : TablePolicy::on_demand;
+            active->state->recorded_events = wanted & TableEvent::recorded ? wanted >> (2 + 2 * bit) & 3 : -1;
+        }
+        bit++;
+    }
 }
 
 uint64_t Simulation::digest() const {

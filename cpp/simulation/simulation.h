@@ -54,6 +54,7 @@ public:
     void displacement(double* out) const { now.model->displacement(*now.state, out); } // of every node; not in a tick
     int nodes() const { return now.model->nodes(); }
     const TissueModel* model() const { return displayed().model; }
+    const ModelState& state() const { return *displayed().state; }
     void follow_clock(bool on);
     void set_missing_tables(int wanted); // in lockstep: TableEvent::missing_tables
     int missing_tables = 0;              // of the last tick

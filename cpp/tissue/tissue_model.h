@@ -30,6 +30,13 @@ struct ModelState {
     TablePolicy tables = TablePolicy::on_demand;
     bool stale = false;    // the last relax() lacked tables
     bool blending = false; // the last relax() answered between what older tables gave and what the newest give
+    // What a thread of the state did for the last relax(), as two bits of the model's own. A recording keeps them; in
+    // its replay they are given here before the tick (else: -1), and the model does the same again in the tick.
+    int events = 0, recorded_events = -1;
+    // Of a model whose ticks rest on solutions of another thread: how many ticks ago the contacts of the newest one
+    // were those of the tick, and the estimated relative error of its force. For the display alone.
+    int solution_age = 0;
+    double solution_error = 0;
     virtual ~ModelState() = default;
     // The numbers from which all later answers follow. Equal vectors and equal calls give equal bits; the loop hashes
     // them, and takes the tissue to rest if one of them is not finite.

@@ -104,14 +104,20 @@ class World:
             self.keep(surface, settings, *points, *patches, mesh=mesh)
             shown = np.unique(tissue.mesh.surface).astype(np.int32)
             for name in ("springs", "blocks", "multigrid", "compliance", "neo-hookean"):
-                model = pp.model(tissue, name).native
+                whole = pp.model(tissue, name)
+                model = whole.native
                 loop = _core.simulation.RealtimeLoop(model, surface, shown, settings)
                 loop.step(device, 1)
                 state = model.make_state()
                 self.partner[id(model)] = state
                 self.keep(model, state, loop, loop.frame(), mesh=mesh)
                 if name == "neo-hookean":
-                    self.keep(model.elements, mesh=mesh)
+                    inner, three = whole.equilibrium, np.zeros(3)
+                    state = inner.make_state()
+                    self.partner[id(inner)] = state
+                    solver = _core.hyperelastic.EquilibriumSolver(inner)
+                    self.keep(inner, state, inner.elements, solver, mesh=mesh)
+                    self.keep(_core.hyperelastic.LocalForce(1.0, three, three, np.eye(3)))
             self.keep(_core.linalg.SparseCholesky(*line_matrix(len(tissue.mesh.nodes))), mesh=mesh)
         servo = _core.haptics.Servo(_core.haptics.ServoSettings())
         self.keep(servo, _core.haptics.ServoSettings(), servo.status(), servo.pose(), _core.haptics.ServoDevice(servo))

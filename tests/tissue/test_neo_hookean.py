@@ -169,11 +169,11 @@ def test_no_step_however_wild_turns_an_element(mixed, way, depth, place, steps):
     hit = mixed.surface.closest(np.array([*place, 60.0]))
     patch = mixed.surface.patch(hit, 16.0)
     push = depth * np.array(way) / np.linalg.norm(way)
-    force = model.native.relax(state, patch, push, steps)
+    force = model.equilibrium.relax(state, patch, push, steps)
     assert elements.energy(state.u)[2] > 0
     assert np.isfinite(force).all()
     assert (state.u[mixed.fixed] == 0).all()
-    model.native.relax(state, None, np.zeros(3), 3)
+    model.equilibrium.relax(state, None, np.zeros(3), 3)
     assert elements.energy(state.u)[2] > 0
 
 
@@ -209,7 +209,7 @@ def test_one_step_a_tick_gives_the_hand_no_energy():
     )
     state, force, work, most, least = model.start(), np.zeros(3), 0.0, 0.0, 0.0
     for a, b in itertools.pairwise(path):
-        now = model.native.relax(state, patch, b, 1)
+        now = model.equilibrium.relax(state, patch, b, 1)
         work -= (now + force) / 2 @ (b - a)
         force, stored = now, elements.energy(state.u)[0]
         most, least = max(most, stored), min(least, work - stored)
@@ -232,7 +232,7 @@ def test_let_go_the_tissue_goes_home(mixed):
     model = pp.model(mixed, "neo-hookean")
     state = model.push([15, 20, 50], [0, 0, -8.0], 16.0).warm
     assert np.abs(state.u).max() > 4
-    model.native.relax(state, None, np.zeros(3), 40)
+    model.equilibrium.relax(state, None, np.zeros(3), 40)
     assert np.abs(state.u).max() < 1e-6
 
 
@@ -276,7 +276,7 @@ def test_what_cannot_be_is_refused():
     with pytest.raises(DataError, match="at most 16 contacts"):
         model.push(many, np.zeros((17, 3)), 5.0)
     with pytest.raises(ValueError, match="another model"):
-        model.native.solve(pp.model(tissue, "neo-hookean").start(), [], np.zeros((0, 3)), 1, 1e-3)
+        model.equilibrium.solve(pp.model(tissue, "neo-hookean").start(), [], np.zeros((0, 3)), 1, 1e-3)
     with pytest.raises(ValueError, match="does not have"):
         _core.hyperelastic.NeoHookean(tissue.mesh.nodes, tissue.mesh.tets + 100, *lame(tissue.young, tissue.poisson))
     elements = elements_of(tissue)

@@ -29,4 +29,5 @@ class Replay:
             record.displacements,
             record.switches,
             record.lacking,
+            recorded=True,
         )

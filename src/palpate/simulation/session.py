@@ -24,6 +24,7 @@ from palpate.simulation.session_compatibility import (
     fingerprint,
     has_nodal_weights,
     same_tissue,
+    settings_after_change,
     settings_of,
 )
 from palpate.simulation.session_journal import SessionJournal
@@ -284,7 +285,12 @@ class Session:
         """
         self.use_weights_of(record)
         device = Replay(record).core
-        made = {name: self.first if name == record.model else build(self.first.tissue, name) for name in _named(record)}
+        made = {
+            name: self.first
+            if name == record.model
+            else build(self.first.tissue, name, **settings_after_change(record, name))
+            for name in _named(record)
+        }
         changes = list(record.changes)
         while self._ticks < record.length:
             if changes and changes[0][0] == self._ticks:

@@ -43,8 +43,8 @@ def check_record(record: Record, model: TissueModel, settings: Any) -> None:
             f"record: made with model {record.model!r}, not {name_of(model)!r}; make the session of that model"
         )
     for name, value in settings_of(model, settings).items():
-        if name == "nodal_weights":  # a replay takes those of its record
-            continue
+        if name == "nodal_weights" or (name == "interval" and value == 0 and has_nodal_weights(record)):
+            continue  # a replay takes those of its record; version 0.1 knew no other
         if record.settings.get(name) != value:
             raise DataError(f"record: made with {name} = {record.settings.get(name)}, not {value:g}; use the record's")
 
@@ -85,6 +85,18 @@ def recorded_settings(record: Record) -> dict[str, Any]:
         raise FileError(f"record: it does not say {missing}; record the session again") from None
 
 
-def model_settings(record: Record) -> dict[str, float]:
+def model_settings(record: Record) -> dict[str, Any]:
     """Keywords that make the recorded model from its tissue."""
-    return {name: value for name, value in record.settings.items() if name not in _SETTINGS}
+    return {name: value for name, value in record.settings.items() if name not in _SETTINGS} | _of_0_1(
+        record, record.model
+    )
+
+
+def settings_after_change(record: Record, name: str) -> dict[str, Any]:
+    """Keywords that make a model to which the recorded session changed."""
+    return _of_0_1(record, name)
+
+
+def _of_0_1(record: Record, name: str) -> dict[str, Any]:
+    """The neo-Hookean model of version 0.1 descended in the ticks."""
+    return {"interval": 0} if name == "neo-hookean" and has_nodal_weights(record) else {}

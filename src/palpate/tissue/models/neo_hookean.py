@@ -1,27 +1,21 @@
 """Model `neo-hookean`: hyperelasticity at finite strain, on smoothed or P1 tetrahedra."""
 
+from typing import Any
+
 import numpy as np
 
 from palpate import _core
 from palpate.arrays import Float64
 from palpate.errors import DataError, MaterialError
 from palpate.tissue.contact_patches import Contacts
-from palpate.tissue.models.tissue_model import TissueModel, nodal_element, too_many_contacts
-from palpate.tissue.reference.linear_elasticity import FiniteElements, lame
-from palpate.tissue.smoothed_elements import smoothing_cells
+from palpate.tissue.models.compliance import ComplianceModel
+from palpate.tissue.models.tissue_model import TissueModel, too_many_contacts
+from palpate.tissue.neo_hookean_energy import neo_hookean_energy
 from palpate.tissue.tissue import Tissue
 
 _BATCH = 20  # steps between checks of a tool that does not reach its target
 _GIVEN_UP = 400
-
-
-def neo_hookean_energy(tissue: Tissue) -> "_core.hyperelastic.HyperelasticEnergy":
-    """The energy of the tissue's elements, "smoothed" or "P1"."""
-    mesh, (lam, mu) = tissue.mesh, lame(tissue.young, tissue.poisson)
-    if nodal_element(tissue) == "P1":
-        return _core.hyperelastic.NeoHookean(mesh.nodes, mesh.tets, lam, mu)
-    cells = smoothing_cells(mesh, lam, mu)
-    return _core.hyperelastic.SmoothedNeoHookean(mesh.nodes, mesh.tets, mu, cells.edge, cells.node, cells.mu, cells.lam)
+MOST_INTERVAL = 10_000  # ticks
 
 
 class NeoHookeanModel(TissueModel):
@@ -34,23 +28,38 @@ class NeoHookeanModel(TissueModel):
     by limited-memory BFGS steps from the factored stiffness at rest; no step turns an element inside out, and a push
     that no mesh could follow ends where the elements are flat (`push` then raises `DataError`).
 
+    By the clock a thread of its own solves, some 5 to 100 times a second, and each tick of 1 ms takes the linear force of
+    `compliance` and what the newest solution adds to it near its displacement. interval: the ticks that a solution takes
+    in lockstep (`Session.step`), so that it is there with the delay of a thread; 0: no thread, the ticks themselves
+    descend, as in version 0.1, and a larger mesh then keeps no rate.
+
     An answer's `error` is an estimate, no bound: the residual in the energy norm that the descent has learnt of the
     tangent, over u in the norm of the tangent itself.
     """
 
-    native: "_core.hyperelastic.HyperelasticModel"
+    native: "_core.multirate.MultirateModel | _core.hyperelastic.HyperelasticModel"
 
-    def __init__(self, tissue: Tissue) -> None:
+    def __init__(self, tissue: Tissue, interval: int = 20) -> None:
+        interval = int(interval)
+        if not 0 <= interval <= MOST_INTERVAL:
+            raise DataError(f"interval: {interval} ticks; give 0 (descend in the ticks) to {MOST_INTERVAL}, such as 20")
         if (tissue.poisson >= 0.5).any():
             raise MaterialError(
                 f"poisson: 0.5 at tet {int(np.argmax(tissue.poisson))}; this energy is for compressible tissue: give "
                 f"0.45, or up to 0.49"
             )
-        rest = FiniteElements(tissue, nodal_element(tissue))
-        rest.factors.require_positive()
+        self.linear = ComplianceModel(tissue)
         elements = neo_hookean_energy(tissue)
         moving = np.flatnonzero(~tissue.held).astype(np.int32)
-        super().__init__(tissue, _core.hyperelastic.HyperelasticModel(elements, rest.factors.native, moving))
+        self.equilibrium = _core.hyperelastic.HyperelasticModel(elements, self.linear.factors.native, moving)
+        native: Any = self.equilibrium
+        if interval:
+            native = _core.multirate.MultirateModel(self.linear.native, self.equilibrium, interval, 0.5 * tissue.edge)
+        super().__init__(tissue, native, {"interval": float(interval)})
+
+    def start(self) -> "_core.tissue.ModelState":
+        """A state at rest, to hand to `push(warm=)`."""
+        return self.equilibrium.make_state()
 
     def solve(
         self, found: Contacts, state: "_core.tissue.ModelState", tolerance: float, most_sweeps: int
@@ -60,12 +69,12 @@ class NeoHookeanModel(TissueModel):
         most = min(most_sweeps, _GIVEN_UP)
         while True:
             batch = min(_BATCH, most - done)
-            solved = self.native.solve(state, found.patches, found.displacement, batch, aim)
+            solved = self.equilibrium.solve(state, found.patches, found.displacement, batch, aim)
             if solved is None:
                 raise too_many_contacts(found)
             force, steps = solved
             done += steps
-            residual, size, gap = self.native.balance(state)
+            residual, size, gap = self.equilibrium.balance(state)
             error = float(np.sqrt(max(residual, 0.0) / size)) if size > 0 else 0.0
             if gap == 0 and (error <= tolerance or done >= most):
                 return force, error, done
