@@ -455,3 +455,26 @@ def test_axe_finds_nothing_to_object_to(opened_page, album, scheme, size):
     page.screenshot(path=album / f"all-{scheme}-{size['width']}.png")
     page.click("text=Keys")
     assert Axe().run(page).violations_count == 0
+
+
+def test_where_linear_strain_is_not_valid_it_says_so_and_hands_over(touched, album):
+    """The server says it of the frame, the page of the server, and one click goes on at finite strain."""
+    touched.page.select_option("#model", "compliance")
+    touched.wait("palpate.scene.models[palpate.frame.model] === 'compliance'")
+    touched.page.click("text=Pull")
+    touched.drag(touched.place(), np.array((6, -9)))
+    touched.wait("Math.abs(palpate.frame.linearisation) < 0.1 && palpate.frame.least_volume > 0")
+    assert not touched.page.is_visible("#hand-over")
+    touched.page.mouse.up()
+    touched.until_home()
+    touched.drag(touched.place(), np.array((120, -180)))
+    touched.wait("Math.abs(palpate.frame.linearisation) > 0.1 || palpate.frame.least_volume <= 0")
+    touched.wait("document.getElementById('linearity').classList.contains('warning')")
+    touched.page.screenshot(path=album / "linearity.png")
+    touched.page.mouse.up()  # the hand that presses the button has let go
+    touched.page.click("#use-neo-hookean")
+    touched.wait("palpate.scene.models[palpate.frame.model] === 'neo-hookean'")
+    touched.drag(touched.place(), np.array((120, -180)))
+    touched.wait("palpate.frame.solution_age > 0")
+    touched.wait("document.getElementById('solution').textContent.includes('ms old')")
+    assert not touched.page.is_visible("#linearity-row")

@@ -11,8 +11,8 @@ from typing import cast
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from palpate.errors import PalpateError
+from palpate.server.force_errors import ForceErrors
 from palpate.server.image_payloads import ImagePayload
-from palpate.server.mesh_error import MeshErrorEstimate
 from palpate.server.messages import CloseCode, Mark, Selection, SelectionKind, ToolCommand
 from palpate.server.reference_comparison import ReferenceComparison
 from palpate.server.scene_message import reach, scene_bytes
@@ -59,7 +59,7 @@ class LiveSession:
         if not self.organs:
             self.organs = {self.title: self.session.first.tissue}
         self.comparison = ReferenceComparison(self.build_model)
-        self.mesh_error = MeshErrorEstimate()
+        self.force_errors = ForceErrors()
         self.open_journal(self.session, 0)
         self.choice = self.current
         self.describe()

@@ -13,6 +13,7 @@ import numpy as np
 
 from palpate.arrays import AnyArray, Float32
 from palpate.errors import DataError
+from palpate.server.force_errors import ForceErrors
 from palpate.simulation.pointer import TOOLS, CommandKind, ContactState
 from palpate.simulation.session import LUMP, SAMPLE
 
@@ -101,8 +102,11 @@ class Frame:
     the model that were not finite. model, chosen: indices in the scene's models of the one that answers and of the one that
     was chosen last, which may still be built. energy: N mm that the tools have put into the
     tissue, stored or dissipated there. mesh_error: estimated error of the force that the mesh makes, relative to the
-    force, positive if it is too large; NaN: not known. Then (count, 3) 16-bit integers: the displacements of the first
-    `count` shown nodes (0 or all) in units of `step` mm.
+    force, positive if it is too large; NaN: not known. linearisation: that of linear strain, likewise. least_volume: of
+    an element over its volume at rest, at least and by linear elasticity; negative: turned over. solution_age,
+    solution_error: of a model at two rates, seconds since the contacts were those of its newest solution, and the
+    estimated relative error of that one's force. Then (count, 3) 16-bit integers: the displacements of the first `count`
+    shown nodes (0 or all) in units of `step` mm.
     """
 
     model: U8
@@ -120,6 +124,10 @@ class Frame:
     insertion: Annotated[tuple[float, ...], "4f"]
     chosen: U8
     mesh_error: F32
+    linearisation: F32
+    least_volume: F32
+    solution_age: F32
+    solution_error: F32
     step: F32
     count: U32
 
@@ -306,12 +314,13 @@ def flat(vectors: Any) -> tuple[float, ...]:
     return tuple(x for vector in vectors for x in vector)
 
 
-def frame_bytes(frame: Any, model: int = 0, chosen: int = 0, mesh_error: float = float("nan")) -> bytes:
+def frame_bytes(frame: Any, model: int = 0, chosen: int = 0, errors: ForceErrors | None = None) -> bytes:
     """A frame of the loop as a message. Without displacements it has no array.
 
     The step is the largest displacement over 32767: 0.2 µm at 5 mm, less than a pixel, at half the size of float32.
     """
     shown: Float32 = frame.shown
+    errors = errors or ForceErrors()
     largest = float(np.abs(shown).max(initial=0))
     at_rest = largest < AT_REST
     step = 0.0 if at_rest else largest / DISPLACEMENT_STEPS
@@ -330,7 +339,11 @@ def frame_bytes(frame: Any, model: int = 0, chosen: int = 0, mesh_error: float =
         force=flat(frame.force),
         insertion=tuple(frame.insertion),
         chosen=chosen,
-        mesh_error=mesh_error,
+        mesh_error=errors.mesh,
+        linearisation=errors.linearisation,
+        least_volume=errors.least_volume,
+        solution_age=frame.solution_age,
+        solution_error=frame.solution_error,
         step=step,
         count=0 if at_rest else len(shown),
     )

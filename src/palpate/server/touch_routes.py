@@ -58,10 +58,10 @@ async def publish_frames(live: LiveSession) -> None:
         serial, tick = frame.serial, frame.tick + FRAME_TICKS
         model = live.current[1]
         chosen = model if live.is_replay else live.choice[1]
-        for task in (live.comparison.update(live.session, frame), live.mesh_error.update(live.session, frame)):
+        for task in (live.comparison.update(live.session, frame), live.force_errors.update(live.session, frame)):
             if task:
                 task.add_done_callback(report_failure)
-        live.newest = frame_bytes(frame, model, chosen, live.mesh_error.newest)
+        live.newest = frame_bytes(frame, model, chosen, live.force_errors)
         for event in live.pages.values():
             event.set()
         await asyncio.sleep(MIN_FRAME_INTERVAL)

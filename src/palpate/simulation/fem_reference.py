@@ -58,20 +58,30 @@ def fem_difference(exact: ComplianceModel, tick: DisplayedTick, radius: float, s
     """
     if not tick.tools:
         return FemDifference(np.linalg.norm(tick.shown.astype(np.float64), axis=1), np.zeros((0, 3)), 0.0)
-    _, force, u = _solution(exact, tick, radius)
+    _, force, u = linear_solution(exact, tick, radius)
     size = float(np.linalg.norm(force))
     off = float(np.linalg.norm(tick.answers + force)) / size if size > 0 else 0.0
     return FemDifference(np.linalg.norm(tick.shown - u[shown], axis=1), -force, off)
 
 
-def mesh_error(exact: ComplianceModel, tick: DisplayedTick, radius: float) -> float:
-    """Estimated error of the force of `tick` that the mesh makes, relative to the force. Raises as `fem_difference`."""
-    found, force, u = _solution(exact, tick, radius)
+LinearSolution = tuple[Contacts, Float64, Float64]
+"""Contacts, the forces (m, 3) N of their tools on the tissue, and the displacement (N, 3) mm."""
+
+
+def mesh_error(exact: ComplianceModel, solution: LinearSolution) -> float:
+    """Estimated error of the force that the mesh makes, relative to the force."""
+    found, force, u = solution
     return exact.discretization(u, found, force)
 
 
-def _solution(exact: ComplianceModel, tick: DisplayedTick, radius: float) -> tuple[Contacts, Float64, Float64]:
-    """The contacts of `tick`, the forces (m, 3) N of its tools on the tissue, and the displacement (N, 3) mm."""
+def linearisation_error(exact: ComplianceModel, solution: LinearSolution) -> tuple[float, float]:
+    """Error of the force that linear strain makes, relative to it, and the least volume ratio of an element."""
+    found, force, u = solution
+    return exact.linearisation(found, force), exact.linearisation.least_volume(u)
+
+
+def linear_solution(exact: ComplianceModel, tick: DisplayedTick, radius: float) -> LinearSolution:
+    """The linear solution for the contacts of `tick`. Raises as `fem_difference`."""
     found = contacts(exact.tissue, tick.points, tick.displacements, radius)
     force = found.forces(exact.compliance(found))
     nodes, load = exact.loads(found)

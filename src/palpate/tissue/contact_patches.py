@@ -23,7 +23,7 @@ class Answer:
     displacement of each patch. state: a contact's "stick" (always, if glued), "slide" or "open". error: certified bound
     on the distance to the exact solution of the model's own equations, in the energy norm, relative to that solution;
     the force's relative error along the push is at most about as large (of `neo-hookean` an estimate). warm: hand it
-    to the next push to start from here. mesh_error: what `estimate` calls for the mesh's part.
+    to the next push to start from here. model_errors: what `estimate` calls for the mesh's and the linearisation's part.
     """
 
     force: Float64
@@ -34,12 +34,15 @@ class Answer:
     surface_nodes: Int32
     sweeps: int = 0
     warm: Any = None
-    mesh_error: Callable[[], float] | None = None
+    model_errors: Callable[[], tuple[float, float | None]] | None = None
 
     @cached_property
     def estimate(self) -> ForceEstimate | None:
-        """Errors of the force, the mesh's estimated when first asked for; None of a model that is not linear elasticity."""
-        return ForceEstimate(self.mesh_error(), self.error) if self.mesh_error else None
+        """Errors of the force, estimated when first asked for; None of a model that is not linear elasticity."""
+        if self.model_errors is None:
+            return None
+        mesh, linearisation = self.model_errors()
+        return ForceEstimate(mesh, self.error, linearisation)
 
     @property
     def surface_displacement(self) -> Float64:
@@ -84,7 +87,7 @@ class Contacts:
         error: float,
         sweeps: int,
         warm: Any,
-        mesh_error: Callable[[], float] | None = None,
+        model_errors: Callable[[], tuple[float, float | None]] | None = None,
     ) -> Answer:
         """The answer in the shape in which the caller asked."""
         realised = np.stack([p.weights @ u[p.nodes] for p in self.patches])
@@ -93,8 +96,8 @@ class Contacts:
         if self.normals is not None:
             state = contact_states(-force, self.normals, self.friction)
         if self.single:
-            return Answer(force[0], u, realised[0], state[0], error, surface, sweeps, warm, mesh_error)
-        return Answer(force, u, realised, state, error, surface, sweeps, warm, mesh_error)
+            return Answer(force[0], u, realised[0], state[0], error, surface, sweeps, warm, model_errors)
+        return Answer(force, u, realised, state, error, surface, sweeps, warm, model_errors)
 
 
 def surface_point(tissue: Tissue, point: ArrayLike, radius: float) -> "_core.tissue.SurfacePoint":

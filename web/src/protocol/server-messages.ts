@@ -69,10 +69,14 @@ export interface Frame {
   insertion: number[];
   chosen: number;
   mesh_error: number;
+  linearisation: number;
+  least_volume: number;
+  solution_age: number;
+  solution_error: number;
   step: number;
   count: number;
 }
-export const FRAME_KIND = 2, FRAME_BYTES = 220;
+export const FRAME_KIND = 2, FRAME_BYTES = 236;
 export function encodeFrame(message: Frame): ArrayBuffer {
   const view = new DataView(new ArrayBuffer(FRAME_BYTES));
   view.setUint8(0, 2);
@@ -91,8 +95,12 @@ export function encodeFrame(message: Frame): ArrayBuffer {
   for (let i = 0; i < 4; i++) view.setFloat32(190 + 4 * i, message.insertion[i], true);
   view.setUint8(206, message.chosen);
   view.setFloat32(207, message.mesh_error, true);
-  view.setFloat32(211, message.step, true);
-  view.setUint32(215, message.count, true);
+  view.setFloat32(211, message.linearisation, true);
+  view.setFloat32(215, message.least_volume, true);
+  view.setFloat32(219, message.solution_age, true);
+  view.setFloat32(223, message.solution_error, true);
+  view.setFloat32(227, message.step, true);
+  view.setUint32(231, message.count, true);
   return view.buffer;
 }
 export function decodeFrame(view: DataView): Frame {
@@ -113,8 +121,12 @@ export function decodeFrame(view: DataView): Frame {
     insertion: Array.from({ length: 4 }, (_, i) => view.getFloat32(190 + 4 * i, true)),
     chosen: view.getUint8(206),
     mesh_error: view.getFloat32(207, true),
-    step: view.getFloat32(211, true),
-    count: view.getUint32(215, true),
+    linearisation: view.getFloat32(211, true),
+    least_volume: view.getFloat32(215, true),
+    solution_age: view.getFloat32(219, true),
+    solution_error: view.getFloat32(223, true),
+    step: view.getFloat32(227, true),
+    count: view.getUint32(231, true),
   };
 }
 

@@ -41,6 +41,7 @@ let pending: { frame: Frame; arrays: NodeArrays | null } | null = null; // arriv
 let colorMode: ColorMode = "plain";
 
 const models = new SelectList("model", (index) => post({ kind: "select", selection: { kind: SelectionKind.model, index } }));
+element("use-neo-hookean").addEventListener("click", () => models.select("neo-hookean"));
 const organs = new SelectList("organ", (index) => post({ kind: "select", selection: { kind: SelectionKind.organ, index } }));
 const changeAmount = (steps: number) => depthSlider.change(steps);
 const hover = (x: number, y: number): boolean => {

@@ -57,11 +57,19 @@ export class SelectList {
 
   constructor(id: string, private readonly onSelect: (index: number) => void) {
     this.list = element<HTMLSelectElement>(id);
-    this.list.addEventListener("change", () => {
-      this.requested = this.list.selectedIndex;
-      this.requestedAt = performance.now();
-      this.onSelect(this.requested);
-    });
+    this.list.addEventListener("change", () => this.request());
+  }
+
+  /** Requests an entry by its name, as the user would. */
+  select(name: string): void {
+    this.list.value = name;
+    this.request();
+  }
+
+  private request(): void {
+    this.requested = this.list.selectedIndex;
+    this.requestedAt = performance.now();
+    this.onSelect(this.requested);
   }
 
   setEntries(names: string[]): void {

@@ -37,6 +37,23 @@ function meshError(force: number, relative: number): string {
   return `± ${(Math.max(Math.abs(relative), 0.01) * force).toFixed(2)} N`;
 }
 
+const MOST_LINEARISATION = 0.1; // of the force; beyond it, or where elements turn over, linear strain is not valid
+
+/** How old the solution is that the force of a model at two rates rests on, and how exact. */
+function solution(frame: Frame): string {
+  if (!frame.solution_age) return "–";
+  return `${Math.round(1000 * frame.solution_age)} ms old, ± ${(100 * frame.solution_error).toFixed(0)} %`;
+}
+
+/** Whether linear strain is valid for what is held now, as far as the server has said. */
+export function linearity(frame: Frame): { valid: boolean; text: string } {
+  const { linearisation: error, least_volume } = frame;
+  const size = `${Math.round(100 * Math.abs(error))} % too ${error > 0 ? "stiff" : "soft"}`;
+  if (least_volume <= 0 || Number.isNaN(error)) return { valid: false, text: "elements inverted" };
+  if (Math.abs(error) > MOST_LINEARISATION) return { valid: false, text: size };
+  return { valid: true, text: Math.abs(error) < 0.005 ? "valid" : size };
+}
+
 export class ForceReadout {
   framesDrawn = 0; // since the timing was last updated
   work = 0; // ms of the page's thread for a frame, smoothed
@@ -62,12 +79,26 @@ export class ForceReadout {
       this.numbersUpdated = now;
       this.updateNumbers(here, kind);
       write("mesh-error", here ? meshError(here.force, frame.mesh_error) : "–");
+      const isFinite = scene.models[frame.model] === "neo-hookean";
+      element("linearity-row").hidden = element("mesh-error-row").hidden = isFinite;
+      element("solution-row").hidden = !isFinite;
+      write("solution", solution(frame));
+      if (isFinite) element("hand-over").hidden = true;
+      else if (!Number.isNaN(frame.least_volume)) this.updateLinearity(frame);
     }
     if (now - this.plotsUpdated < PLOTS_INTERVAL) return;
     this.plotsUpdated = now;
     this.forcePlot.draw();
     this.depthPlot.draw();
     this.updateBar(here?.force ?? 0, scene.limit);
+  }
+
+  /** Not while nothing is held: who lets go to press the button must still find it. */
+  private updateLinearity(frame: Frame): void {
+    const { valid, text } = linearity(frame);
+    write("linearity", text);
+    element("linearity").classList.toggle("warning", !valid);
+    element("hand-over").hidden = valid;
   }
 
   private updateBar(force: number, limit: number): void {

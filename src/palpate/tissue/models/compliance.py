@@ -12,6 +12,7 @@ from palpate.errors import DataError, MaterialError
 from palpate.meshes.display_surfaces import displayed_nodes
 from palpate.tissue.contact_patches import Contacts
 from palpate.tissue.error_bound import relative
+from palpate.tissue.linearisation_error import LinearisationError
 from palpate.tissue.models.tissue_model import TissueModel, nodal_element
 from palpate.tissue.reference.linear_elasticity import FiniteElements
 from palpate.tissue.sparse_factor import Factors
@@ -60,6 +61,16 @@ class ComplianceModel(TissueModel):
         state.u[:] = 0
         state.u[~self.tissue.held] = u.reshape(-1, 3)
         return -force.reshape(-1, 3), self._certified_error(u, whole.ravel()), 0
+
+    def model_errors(self, u: Float64, found: Contacts, force: Float64) -> tuple[float, float | None]:
+        """What the mesh and linear strain make of the force (m, 3) N of the tools on the tissue, relative to it."""
+        glued = found.normals is None
+        return self.discretization(u, found, force), self.linearisation(found, force) if glued else None
+
+    @cached_property
+    def linearisation(self) -> LinearisationError:
+        """Compares linear forces with those at finite strain."""
+        return LinearisationError(self.tissue, self.factors)
 
     def compliance(self, found: Contacts) -> Float64:
         """(3m, 3m) mm/N, symmetric: the mean displacements of the m patches under unit forces spread over them."""

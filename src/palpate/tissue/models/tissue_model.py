@@ -76,8 +76,12 @@ class TissueModel(ABC):
         state = self.start() if warm is None else warm
         force, error, done = self.solve(found, state, tolerance, most_sweeps)
         u: Float64 = state.u.copy()
-        mesh_error = (lambda: self.discretization(u, found, -force)) if self.linear_elasticity else None
-        return found.answer(self.tissue, force, u, error, done, state, mesh_error)
+        errors = (lambda: self.model_errors(u, found, -force)) if self.linear_elasticity else None
+        return found.answer(self.tissue, force, u, error, done, state, errors)
+
+    def model_errors(self, u: Float64, found: Contacts, force: Float64) -> tuple[float, float | None]:
+        """What the mesh and linear strain (None: not known) make of the force (m, 3) N of the tools, relative to it."""
+        return self.discretization(u, found, force), None
 
     @cached_property
     def discretization(self) -> DiscretizationError:

@@ -1,0 +1,70 @@
+"""The estimated errors of the force, of the mesh and of linear strain, computed in a thread beside the loop."""
+
+import asyncio
+import contextlib
+from dataclasses import dataclass
+from time import monotonic
+from typing import Any
+
+from palpate.errors import DataError
+from palpate.simulation.fem_reference import DisplayedTick, linear_solution, linearisation_error, mesh_error
+from palpate.simulation.pointer import ContactState
+from palpate.simulation.session import Session
+from palpate.tissue.models.compliance import ComplianceModel
+
+UNKNOWN = float("nan")
+MIN_INTERVAL = 0.15  # s between estimates
+TIME_SHARE = 0.2  # largest fraction of the time spent on those of either kind; the loop needs the processor
+
+
+@dataclass
+class ForceErrors:
+    """Used on the event loop's thread only. The last estimates; NaN where there is none.
+
+    mesh, linearisation: relative to the force, positive if it is too large. least_volume: of an element over its volume at
+    rest, negative if one is turned over. The model `compliance` alone has them: it answers by factors that are there
+    already.
+    """
+
+    mesh: float = UNKNOWN
+    linearisation: float = UNKNOWN
+    least_volume: float = UNKNOWN
+    task: asyncio.Task[None] | None = None
+    _due: float = 0.0  # by the monotonic clock
+    _mesh_due: float = 0.0
+    _model: object = None  # of the newest estimates
+
+    def update(self, session: Session, frame: Any) -> "asyncio.Task[None] | None":
+        """Starts an estimate for a new frame if a tool holds, none runs, and it is due."""
+        model = session.model
+        if model is not self._model or ContactState.closed not in list(frame.contact):
+            self._model, self.mesh = model, UNKNOWN
+            self.linearisation = self.least_volume = UNKNOWN
+        if not isinstance(model, ComplianceModel) or monotonic() < self._due or (self.task and not self.task.done()):
+            return None
+        tick = DisplayedTick.of(frame)
+        if not tick.tools:
+            return None
+        self.task = asyncio.create_task(self._estimate(model, tick, session.settings.radius))
+        return self.task
+
+    async def _estimate(self, model: ComplianceModel, tick: DisplayedTick, radius: float) -> None:
+        began = monotonic()
+        with contextlib.suppress(DataError):  # contacts that no force can tell apart
+            solution = await asyncio.to_thread(linear_solution, model, tick, radius)
+            linearisation, least = await asyncio.to_thread(linearisation_error, model, solution)
+            if model is self._model:
+                self.linearisation, self.least_volume = linearisation, least
+            self._due = _next(began)
+            if monotonic() < self._mesh_due:
+                return
+            began = monotonic()
+            mesh = await asyncio.to_thread(mesh_error, model, solution)
+            self._mesh_due = _next(began)
+            if model is self._model:
+                self.mesh = mesh
+
+
+def _next(began: float) -> float:
+    """When the next estimate is due after one that began then and has just ended."""
+    return monotonic() + max(MIN_INTERVAL, (monotonic() - began) * (1 / TIME_SHARE - 1))
