@@ -10,7 +10,7 @@ struct EquilibriumRequest {
     int64_t serial = 0; // counts up where contacts close or open; a solution for another number is of no use
     bool from_rest = true;
     bool moving = false; // an answer that comes soon is wanted more than an exact one
-    int64_t tick = 0;    // the asker's, unused here
+    int64_t tick = 0;    // of the asker's count; the answer returns it
     int contacts = 0;
     ContactPatch patch[TissueModel::max_patches];
     double displacement[LocalForce::most] = {};

@@ -125,6 +125,8 @@ void MultirateModel::exchange_solutions(MultirateState& s, const ContactPatch* p
         if (answer.good && answer.serial == s.serial) {
             if (!s.thread) std::swap(s.held, s.pending);
             take(s, s.thread ? answer : s.held);
+        } else if (s.thread) {
+            s.shown = &answer; // the thread may write to the one before
         }
         s.is_pending = false;
         s.events |= taken;

@@ -24,7 +24,7 @@ struct MultirateState : ModelState {
 
     // What ticks use.
     LocalForce local;                       // local.contacts == 0: no solution for these contacts yet
-    const EquilibriumAnswer* shown = &held; // whose `local` that is
+    const EquilibriumAnswer* shown = &held; // for the display: the newest, whose `local` that is if it is for these
     int contacts = 0;                       // in the last tick
     bool from_rest = true;                  // no solution has been asked for since the tissue was at rest
     int64_t serial = 0;                     // of the contacts

@@ -80,11 +80,14 @@ TEST_CASE("by the clock another thread solves, and a replay of its events gives 
     constexpr int ticks = 400;
     std::vector<int> events(ticks), stale(ticks);
     std::vector<double> felt(3 * ticks);
+    float shown[12];
     const auto touch = [&](ModelState& state, int tick, double* force) {
         double d[3] = {0, 0, -3 * std::sin(0.02 * tick)};
         const int held = tick % 150 < 120; // lets go now and then
         std::fill_n(force, 3, 0.0);
         REQUIRE(model.relax(state, &patch, held, 0, d, 1, force));
+        model.displayed_displacement(state, patch_test::top, 4, shown); // reads what the thread may be about to write
+        REQUIRE(std::isfinite(shown[2]));
     };
     model.begin_realtime(*live);
     for (int tick = 0; tick < ticks; tick++) {
