@@ -56,3 +56,10 @@ def test_what_finite_strain_cannot_answer_is_unknown():
 
 def test_models_without_factors_have_none():
     assert pp.model(block(5), "multigrid").push(TOP, (0, 0, -3.0), RADIUS).estimate.linearisation is None
+
+
+def test_more_contacts_than_a_loop_has_tools_have_none():
+    many = [[x, y, 50.0] for x in (10.0, 40.0) for y in (10.0, 25.0, 40.0)]
+    estimate = pp.model(block(7), "compliance").push(many, [[0, 0, -1.0]] * 6, 6.0).estimate
+    assert estimate.linearisation is None
+    assert np.isfinite(estimate.total)

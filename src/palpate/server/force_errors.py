@@ -1,7 +1,6 @@
 """The estimated errors of the force, of the mesh and of linear strain, computed in a thread beside the loop."""
 
 import asyncio
-import contextlib
 from dataclasses import dataclass
 from time import monotonic
 from typing import Any
@@ -50,19 +49,22 @@ class ForceErrors:
 
     async def _estimate(self, model: ComplianceModel, tick: DisplayedTick, radius: float) -> None:
         began = monotonic()
-        with contextlib.suppress(DataError):  # contacts that no force can tell apart
+        try:
             solution = await asyncio.to_thread(linear_solution, model, tick, radius)
             linearisation, least = await asyncio.to_thread(linearisation_error, model, solution)
-            if model is self._model:
-                self.linearisation, self.least_volume = linearisation, least
+        except DataError:  # contacts that no force can tell apart
+            return
+        finally:
             self._due = _next(began)
-            if monotonic() < self._mesh_due:
-                return
-            began = monotonic()
-            mesh = await asyncio.to_thread(mesh_error, model, solution)
-            self._mesh_due = _next(began)
-            if model is self._model:
-                self.mesh = mesh
+        if model is self._model:
+            self.linearisation, self.least_volume = linearisation, least
+        if monotonic() < self._mesh_due:
+            return
+        began = monotonic()
+        mesh = await asyncio.to_thread(mesh_error, model, solution)
+        self._mesh_due = _next(began)
+        if model is self._model:
+            self.mesh = mesh
 
 
 def _next(began: float) -> float:

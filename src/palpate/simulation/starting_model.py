@@ -16,7 +16,7 @@ from palpate.tissue.models.tissue_model import TissueModel
 from palpate.tissue.spring_fitting import scattered_points, surface_normals
 from palpate.tissue.tissue import Tissue
 
-CANDIDATES = {  # the most exact first; neo-hookean is for large strain, and never as quick as these
+CANDIDATES = {  # the most exact first; neo-hookean is for large strain, and has to be asked for
     "compliance": "linear finite elements, solved directly",
     "multigrid": "linear finite elements, solved by an iteration a tick",
     "blocks": "linear finite elements, relaxed by sweeps",

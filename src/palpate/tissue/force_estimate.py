@@ -31,5 +31,5 @@ class ForceEstimate:
 
     @property
     def total(self) -> float:
-        """Sum of the sizes of those that are known."""
+        """Sum of the sizes of those that are not None; NaN if one is."""
         return abs(self.mesh) + self.solver + abs(self.linearisation or 0.0)

@@ -11,6 +11,7 @@ from palpate.tissue.neo_hookean_energy import neo_hookean_energy
 from palpate.tissue.sparse_factor import Factors
 from palpate.tissue.tissue import Tissue
 
+MOST_CONTACTS: int = _core.simulation.MAX_TOOLS
 UNKNOWN = float("nan")
 
 
@@ -36,7 +37,7 @@ class LinearisationError:
         Parameters
         ----------
         found : Contacts
-            The contacts.
+            The contacts, glued, at most `MOST_CONTACTS`.
         force : ndarray, (m, 3)
             Linear force of the tools on the tissue, N.
 

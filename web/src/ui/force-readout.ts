@@ -79,11 +79,11 @@ export class ForceReadout {
       this.numbersUpdated = now;
       this.updateNumbers(here, kind);
       write("mesh-error", here ? meshError(here.force, frame.mesh_error) : "–");
-      const isFinite = scene.models[frame.model] === "neo-hookean";
-      element("linearity-row").hidden = element("mesh-error-row").hidden = isFinite;
-      element("solution-row").hidden = !isFinite;
+      const finiteStrain = scene.models[frame.model] === "neo-hookean";
+      element("linearity-row").hidden = element("mesh-error-row").hidden = finiteStrain;
+      element("solution-row").hidden = !finiteStrain;
       write("solution", solution(frame));
-      if (isFinite) element("hand-over").hidden = true;
+      if (finiteStrain) element("hand-over").hidden = true;
       else if (!Number.isNaN(frame.least_volume)) this.updateLinearity(frame);
     }
     if (now - this.plotsUpdated < PLOTS_INTERVAL) return;

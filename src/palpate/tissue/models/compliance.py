@@ -12,7 +12,7 @@ from palpate.errors import DataError, MaterialError
 from palpate.meshes.display_surfaces import displayed_nodes
 from palpate.tissue.contact_patches import Contacts
 from palpate.tissue.error_bound import relative
-from palpate.tissue.linearisation_error import LinearisationError
+from palpate.tissue.linearisation_error import MOST_CONTACTS, LinearisationError
 from palpate.tissue.models.tissue_model import TissueModel, nodal_element
 from palpate.tissue.reference.linear_elasticity import FiniteElements
 from palpate.tissue.sparse_factor import Factors
@@ -64,8 +64,8 @@ class ComplianceModel(TissueModel):
 
     def model_errors(self, u: Float64, found: Contacts, force: Float64) -> tuple[float, float | None]:
         """What the mesh and linear strain make of the force (m, 3) N of the tools on the tissue, relative to it."""
-        glued = found.normals is None
-        return self.discretization(u, found, force), self.linearisation(found, force) if glued else None
+        known = found.normals is None and len(found.patches) <= MOST_CONTACTS
+        return self.discretization(u, found, force), self.linearisation(found, force) if known else None
 
     @cached_property
     def linearisation(self) -> LinearisationError:
