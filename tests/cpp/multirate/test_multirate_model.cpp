@@ -1,4 +1,4 @@
-#include "../patch_test.h"
+#include "../free_stiffness.h"
 #include "hyperelastic/neo_hookean.h"
 #include "multirate/multirate_model.h"
 #include <cmath>
@@ -7,22 +7,6 @@ using namespace palpate;
 
 namespace {
 
-constexpr int free_nodes = patch_test::nodes - 4; // the top and the interior one
-
-BlockCsr stiffness_rows() {
-    const std::vector<double> K = patch_test::dense_stiffness();
-    BlockCsr rows;
-    for (int i = 0; i < free_nodes; i++) {
-        for (int j = 0; j < free_nodes; j++) {
-            rows.column.push_back(j);
-            for (int e = 0; e < 9; e++)
-                rows.block.push_back(K[(3 * (i + 4) + e / 3) * 3 * patch_test::nodes + 3 * (j + 4) + e % 3]);
-        }
-        rows.start.push_back(int(rows.column.size()));
-    }
-    return rows;
-}
-
 // The cube of the patch test, its bottom fixed.
 struct Cube {
     std::vector<double> x = patch_test::positions();
@@ -30,7 +14,7 @@ struct Cube {
     std::vector<double> lambda = std::vector<double>(patch_test::tets, patch_test::lambda),
                         mu = std::vector<double>(patch_test::tets, patch_test::mu);
     NeoHookean elements{x.data(), patch_test::nodes, tet.data(), patch_test::tets, lambda.data(), mu.data()};
-    SparseCholesky factor{stiffness_rows(), &x[12]};
+    SparseCholesky factor{patch_test::free_stiffness(), &x[12]};
     ComplianceModel linear{FactoredStiffness{&factor,
                                              factor.rounded(),
                                              {-1, -1, -1, -1, 0, 1, 2, 3, 4},

@@ -28,7 +28,7 @@ class NeoHookeanModel(TissueModel):
     by limited-memory BFGS steps from the factored stiffness at rest; no step turns an element inside out, and a push
     that no mesh could follow ends where the elements are flat (`push` then raises `DataError`).
 
-    By the clock a thread of its own solves, some 5 to 100 times a second, and each tick of 1 ms takes the linear force of
+    By the clock a thread of its own solves, as often as it can, and each tick of 1 ms takes the linear force of
     `compliance` and what the newest solution adds to it near its displacement. interval: the ticks that a solution takes
     in lockstep (`Session.step`), so that it is there with the delay of a thread; 0: no thread, the ticks themselves
     descend, as in version 0.1, and a larger mesh then keeps no rate.
