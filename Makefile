@@ -15,7 +15,8 @@ help:
 	@echo "make test    set up, then the tests against the built wheel"
 	@echo "make test-cpp  the kernels' own tests (needs cmake and doctest-dev; FOLDERS=\"base realtime\" SANITIZE=thread)"
 	@echo "make cross   all kernels compiled by zig for aarch64 Linux, arm64 macOS and x86-64 Windows"
-	@echo "make test-aarch64  the kernels' own tests on an emulated aarch64 (needs cmake, doctest-dev, qemu-user-static)"
+	@echo "make test-aarch64  the kernels' own tests on an emulated aarch64 (needs cmake, doctest-dev,"
+	@echo "             g++-aarch64-linux-gnu, qemu-user-static)"
 	@echo "make manylinux  a wheel for Linux with glibc 2.28 or newer, compiled by zig, in build/manylinux/"
 	@echo "make mutate  set up, then 1,300 files that lie, each to be refused in one line (HOSTILE=\"20 --seed 2\"), and 5,000"
 	@echo "             damaged ones, none of which may crash a reader (MUTANTS=\"9000 --seed 2\")"
@@ -47,16 +48,13 @@ test-cpp:
 cross: $(VENV)/crossed-with
 	$(BIN)/python .ci/cross-compile
 
-test-aarch64: export PYTHON := $(abspath $(BIN)/python)
-test-aarch64: export ZIG_TARGET := aarch64-linux-musl
-test-aarch64: $(VENV)/crossed-with
+test-aarch64:
 	cmake -S . -B build/aarch64 -DPALPATE_CPP_TESTS=ON -DCMAKE_SYSTEM_NAME=Linux -DCMAKE_SYSTEM_PROCESSOR=aarch64 \
-		-DCMAKE_CXX_COMPILER=$(abspath .ci/zig-c++) -DCMAKE_AR=$(abspath .ci/zig-ar) -DCMAKE_RANLIB=/bin/true \
-		-DCMAKE_CXX_FLAGS_RELEASE=-O1
+		-DCMAKE_CXX_COMPILER=aarch64-linux-gnu-g++ -DCMAKE_CXX_FLAGS_RELEASE=-O1
 	cmake --build build/aarch64 --parallel $$(nproc) --target $(addprefix test_,$(FOLDERS))
-	for folder in $(FOLDERS); do qemu-aarch64-static build/aarch64/test_$$folder || exit 1; done
+	for folder in $(FOLDERS); do qemu-aarch64-static -L /usr/aarch64-linux-gnu build/aarch64/test_$$folder || exit 1; done
 
-manylinux: $(VENV)/crossed-with
+manylinux: $(VENV)/crossed-with $(VENV)/tested-with
 	PYTHON=$(abspath $(BIN)/python) ZIG_TARGET=x86_64-linux-gnu.2.28 LEVELS="$(LEVELS)" .ci/manylinux
 
 mutate: $(VENV)/tested-with

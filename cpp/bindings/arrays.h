@@ -1,10 +1,15 @@
 #pragma once
-// New numpy arrays that own their memory. For the other files of this folder, with the interpreter's lock held.
+// New numpy arrays that own their memory, and vectors of three. For the other files of this folder, with the interpreter's lock held.
 #include "bindings/module.h"
 #include <algorithm>
+#include <array>
 #include <limits>
 #include <new>
 #include <vector>
+
+using Vector = std::array<double, 3>;
+
+inline Vector vector(const double v[3]) { return {v[0], v[1], v[2]}; }
 
 template <class T, int rank> using Owned = nb::ndarray<nb::numpy, T, nb::ndim<rank>, nb::c_contig>;
 

@@ -1,4 +1,4 @@
-#include "bindings/module.h"
+#include "bindings/arrays.h"
 #include "haptics/driver.h"
 #include "haptics/servo_device.h"
 #include "haptics/virtual_wall.h"
@@ -15,10 +15,7 @@ using namespace palpate;
 
 namespace {
 
-using Vector = std::array<double, 3>;
 using Matrix = std::array<double, 9>;
-
-Vector vector(const double v[3]) { return {v[0], v[1], v[2]}; }
 
 // A property that is an array in C++ and a tuple-like in Python.
 template <auto member, size_t n> void array_property(nb::class_<ServoSettings>& c, const char* name) {

@@ -13,10 +13,6 @@ using namespace palpate;
 
 namespace {
 
-using Vector = std::array<double, 3>;
-
-Vector vector(const double v[3]) { return {v[0], v[1], v[2]}; }
-
 struct Driven { // the loop and the surface it looks at
     const ContactSurface& surface;
     RealtimeLoop loop;
