@@ -1,5 +1,6 @@
 #pragma once
-// New numpy arrays that own their memory, and vectors of three. For the other files of this folder, with the interpreter's lock held.
+// Vectors of three, and new numpy arrays that own their memory. For the other files of this folder, with the
+// interpreter's lock held.
 #include "bindings/module.h"
 #include <algorithm>
 #include <array>
