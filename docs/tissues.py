@@ -33,9 +33,10 @@ where it is unknown, `fit` takes its default, since all of these tissues but the
 it. The others were read in the source, in its abstract, or in a table that quotes it. No DOI means that none was seen.
 
 Numbers of one tissue come from several papers, species and rates. Young's modulus from elastography is that of fast, small
-vibrations; tissue is softer under a slow press. `fit` uses Young's modulus and Poisson's ratio only. The relaxed
-fraction is the share of the stress that is gone in the end when a strain is held. The stiffening exponent n says that the
-shear modulus grows as C⁻ⁿ when C, which is 1 at rest, falls in compression.
+vibrations; tissue is softer under a slow press. `fit` uses Young's modulus and Poisson's ratio only; give a relaxation
+yourself, such as `--relaxation 0.55@6` for muscle. The relaxed fraction is the share of the stress that is gone in the end
+when a strain is held. The stiffening exponent n says that the shear modulus grows as C⁻ⁿ when C, which is 1 at rest, falls
+in compression.
 
 ## From a stiffness map
 

@@ -29,6 +29,21 @@ FactoredStiffness elastic(const SparseCholesky& factor, In<int32_t, 1> free, In<
     return out;
 }
 
+RelaxationSpectrum spectrum(In<double, 2> relaxation) {
+    expect(relaxation.shape(1) == 2 && relaxation.shape(0) <= RelaxationSpectrum::max_terms,
+           "relaxation: expected shape (terms, 2), at most 6 terms");
+    double sum = 0;
+    for (size_t k = 0; k < relaxation.shape(0); k++) {
+        expect(relaxation(k, 0) > 0 && relaxation(k, 0) < 1, "relaxation: a share is more than 0 and less than 1");
+        expect(within(relaxation(k, 1), 1e-3, 1e6), "relaxation: times are 0.001 to 1000000 s");
+        sum += relaxation(k, 0);
+    }
+    expect(sum < 0.999, "relaxation: some stiffness must be left");
+    RelaxationSpectrum out;
+    for (size_t k = 0; k < relaxation.shape(0); k++) out.add(relaxation(k, 0), relaxation(k, 1), sum);
+    return out;
+}
+
 std::vector<int> vertex_list(const ComplianceState& s, In<int32_t, 1> vertices) {
     expect_numbers(vertices, s.field.size() / 3, "vertices: one that is not there");
     return listed(vertices);
@@ -83,9 +98,12 @@ void bind_compliance(nb::module_& m) {
         .def(
             "__init__",
             [](ComplianceModel* self, const SparseCholesky& factor, In<int32_t, 1> free, In<int32_t, 1> vertices,
-               In<double, 2> nodes,
-               size_t budget) { new (self) ComplianceModel(elastic(factor, free, vertices, nodes), budget); },
-            "factor"_a, "free"_as_is, "vertices"_as_is, "nodes"_as_is, "budget"_a, nb::keep_alive<1, 2>(),
+               In<double, 2> nodes, size_t budget, In<double, 2> relaxation) {
+                new (self) ComplianceModel(elastic(factor, free, vertices, nodes), budget, spectrum(relaxation));
+            },
+            "factor"_a, "free"_as_is, "vertices"_as_is, "nodes"_as_is, "budget"_a, "relaxation"_as_is,
+            nb::keep_alive<1, 2>(),
             "factor: of the free nodes' stiffness, N/mm. free: (nodes) each node's number there, or -1. vertices: free "
-            "nodes that are touched or shown. nodes: (nodes, 3) mm. budget: bytes of tables that a state may keep.");
+            "nodes that are touched or shown. nodes: (nodes, 3) mm. budget: bytes of tables that a state may keep. "
+            "relaxation: (terms, 2) shares of the instantaneous stiffness, and the times in s with which they relax.");
 }

@@ -22,22 +22,12 @@ enum StateLayout { // of ComplianceState::values
     known_at = offset_at + most * most,
     size = known_at + 1
 };
+static_assert(size == ComplianceState::own_numbers);
 
 // out = a^-1, a 3x3 or larger; overwrites a. False: the contacts are linearly dependent.
 bool invert(double* a, int n, double* out) {
-    if (n == 3) {
-        invert_block(a, out);
-        return true;
-    }
-    factor_independent(a, n, 1e-6); // a = L L'
-    for (int k = 0; k < n; k++)
-        if (!(a[k * n + k] > 0)) return false;
-    for (int k = 0; k < n; k++) {
-        double column[most] = {};
-        column[k] = 1;
-        solve_positive(a, n, column);
-        for (int r = 0; r < n; r++) out[r * n + k] = column[r];
-    }
+    if (n != 3) return invert_positive(a, n, out);
+    invert_block(a, out);
     return true;
 }
 
@@ -66,17 +56,26 @@ bool carry_to_spare(ComplianceState& s, const PatchVertices& to) {
 
 } // namespace
 
-ComplianceState::ComplianceState(const FactoredStiffness& stiffness, size_t budget)
+ComplianceState::ComplianceState(const FactoredStiffness& stiffness, size_t budget, const RelaxationSpectrum& spectrum)
     : values(size, 0.0), greens(stiffness, budget), weight(TissueModel::max_patches * capacity),
       field(3 * size_t(stiffness.vertices())) {
     u.assign(3 * size_t(stiffness.nodes()), 0);
+    if (spectrum.terms == 0) return;
+    history = std::make_unique<LoadHistory>(stiffness, spectrum);
+    values.reserve(size + history->most_numbers());
 }
 ComplianceState::~ComplianceState() = default;
 
-ComplianceModel::ComplianceModel(FactoredStiffness s, size_t budget) : stiffness(std::move(s)), budget(budget) {}
+void ComplianceState::reset() {
+    if (history) history->reset();
+    values.assign(size, 0.0);
+}
+
+ComplianceModel::ComplianceModel(FactoredStiffness s, size_t budget, const RelaxationSpectrum& spectrum)
+    : stiffness(std::move(s)), spectrum(spectrum), budget(budget) {}
 
 std::unique_ptr<ModelState> ComplianceModel::make_state() const {
-    auto state = std::make_unique<ComplianceState>(stiffness, budget);
+    auto state = std::make_unique<ComplianceState>(stiffness, budget, spectrum);
     state->owner = this;
     return state;
 }
@@ -84,17 +83,20 @@ std::unique_ptr<ModelState> ComplianceModel::make_state() const {
 bool ComplianceModel::relax(ModelState& state, const ContactPatch* patches, int prescribed, int observed,
                             double* displacement, int, double* force) const {
     auto& s = static_cast<ComplianceState&>(state);
+    const bool at_rest = !s.history || s.history->size() == 0;
     s.snapshot.serial++;
     bool good = true;
-    if (prescribed > 0) {
+    if (prescribed + (at_rest ? 0 : observed) > 0) {
         if (!set_patches(s, patches, prescribed + observed)) return false;
         resize_contacts(s, prescribed);
         s.values[observed_at] = observed;
-        if (s.tables != TablePolicy::unavailable) s.blocks.fetch(s.greens);
-        if (s.blocks.missing > 0 && s.tables == TablePolicy::on_demand) compute_missing(s);
-        s.stale = s.blocks.missing > 0 || s.tables == TablePolicy::unavailable;
-        good = update_stiffness(s, prescribed, displacement);
-        if (good) apply_stiffness(s, prescribed, displacement, force);
+        find_blocks(s);
+        double driving[most]; // what a force at the end of the tick must do
+        std::copy_n(displacement, 3 * prescribed, driving);
+        if (s.history) subtract_history(s, prescribed, driving);
+        good = update_stiffness(s, prescribed, driving);
+        if (good) apply_stiffness(s, prescribed, driving, force);
+        if (good && s.history) remember(s, prescribed, displacement);
         observe(s, prescribed, observed, displacement, force);
     } else {
         release(s);
@@ -138,15 +140,35 @@ void ComplianceModel::resize_contacts(ComplianceState& s, int prescribed) const 
 
 void ComplianceModel::release(ComplianceState& s) const {
     std::fill_n(s.values.begin(), size, 0.0);
-    s.snapshot.count = 0;
+    s.snapshot.count = s.snapshot.loads = 0;
     s.stale = s.blending = false;
+    if (!s.history) return;
+    s.history->enter(s.greens, nullptr, 0, false);
+    s.history->advance(nullptr, nullptr, true);
+    write_history(s);
 }
 
 const double* ComplianceModel::contact_stiffness(const ComplianceState& state) { return &state.values[stiffness_at]; }
 
+// Looks for the blocks between the patches' nodes, and between those and what the history knows of.
+void ComplianceModel::find_blocks(ComplianceState& s) const {
+    const auto known = [&] {
+        if (s.tables != TablePolicy::unavailable) s.blocks.fetch(s.greens);
+        const bool fetched = s.tables != TablePolicy::unavailable && s.blocks.missing == 0;
+        if (!s.history) return fetched;
+        return s.history->enter(s.greens, s.blocks.vertex.data(), s.blocks.count, fetched) && fetched;
+    };
+    s.stale = !known();
+    if (!s.stale || s.tables != TablePolicy::on_demand) return;
+    compute_missing(s);
+    s.stale = !known();
+}
+
 // In lockstep: computes the blocks that are missing.
 void ComplianceModel::compute_missing(ComplianceState& s) const {
-    const std::vector<int> vertices(s.blocks.vertex.begin(), s.blocks.vertex.begin() + s.blocks.count);
+    std::vector<int> vertices(s.blocks.vertex.begin(), s.blocks.vertex.begin() + s.blocks.count);
+    for (int k = 0; s.history && k < s.history->size(); k++)
+        if (!s.blocks.contains(s.history->vertex(k))) vertices.push_back(s.history->vertex(k));
     double reach = 0;
     for (int v : vertices)
         for (int w : vertices) reach = std::max(reach, stiffness.distance(v, w));
@@ -157,7 +179,6 @@ void ComplianceModel::compute_missing(ComplianceState& s) const {
     constexpr size_t batch = GreensFunctions::batch;
     for (size_t k = 0; k < missing.size(); k += batch)
         s.greens.compute_blocks(&missing[k], int(std::min(batch, missing.size() - k)), 1.25 * reach);
-    s.blocks.fetch(s.greens);
 }
 
 // The exact stiffness plus what is left of its difference to the last one; if blocks are missing, the last one.
@@ -169,6 +190,7 @@ bool ComplianceModel::update_stiffness(ComplianceState& s, int prescribed, const
         s.blending = true;
         return true;
     }
+    if (prescribed == 0) return true;
     const int n = 3 * prescribed;
     double C[most * most], exact[most * most], part[9];
     for (int a = 0; a < prescribed; a++)
@@ -203,16 +225,17 @@ void ComplianceModel::apply_stiffness(ComplianceState& s, int prescribed, const 
         values[force_at + k] = force[k];
         values[displacement_at + k] = displacement[k];
     }
-    s.snapshot.count = s.blocks.count;
+    const int patches = prescribed > 0 ? prescribed : int(values[observed_at]);
+    s.snapshot.count = s.snapshot.loads = s.blocks.count;
     std::copy_n(s.blocks.vertex.data(), s.blocks.count, s.snapshot.vertex);
     for (int i = 0; i < s.blocks.count; i++) {
         double sum = 0, load[3] = {0, 0, 0};
-        for (int a = 0; a < prescribed; a++) {
+        for (int a = 0; a < patches; a++) {
             const double w = s.weight[a * capacity + i];
             sum += w;
-            for (int k = 0; k < 3; k++) load[k] -= w * force[3 * a + k];
+            for (int k = 0; k < 3 && a < prescribed; k++) load[k] -= w * force[3 * a + k];
         }
-        s.snapshot.weight[i] = sum / prescribed;
+        s.snapshot.weight[i] = sum / patches;
         std::copy_n(load, 3, &s.snapshot.load[3 * i]);
     }
 }
@@ -224,7 +247,11 @@ void ComplianceModel::observe(ComplianceState& s, int prescribed, int observed, 
     double* values = s.values.data();
     for (int o = prescribed; o < prescribed + observed; o++) {
         double* mean = values + displacement_at + 3 * o;
-        if (!s.stale) {
+        if (!s.stale && s.history) {
+            std::fill_n(mean, 3, 0.0);
+            for (int i = 0; i < s.blocks.count; i++)
+                for (int k = 0; k < 3; k++) mean[k] += s.weight[o * capacity + i] * s.history->displacement(i)[k];
+        } else if (!s.stale) {
             std::fill_n(mean, 3, 0.0);
             for (int a = 0; a < prescribed; a++) {
                 double part[9];
@@ -250,10 +277,10 @@ void ComplianceModel::displayed_displacement(ModelState& state, const int* nodes
     const float* field = s.field.data();
     if (s.tables == TablePolicy::background && s.precompute)
         field = s.precompute->newest_field();
-    else if (at.count == 0)
+    else if (at.loads == 0)
         std::fill(s.field.begin(), s.field.end(), 0.0f);
-    else if (!s.greens.superpose(at.vertex, at.count, at.load, s.field.data()))
-        s.greens.solve(at.vertex, at.count, at.load, s.field.data());
+    else if (!s.greens.superpose(at.vertex, at.loads, at.load, s.field.data()))
+        s.greens.solve(at.vertex, at.loads, at.load, s.field.data());
     for (int i = 0; i < count; i++) {
         const int v = stiffness.vertex_index[nodes[i]];
         for (int k = 0; k < 3; k++) out[3 * i + k] = v < 0 ? 0 : field[3 * size_t(v) + k];
@@ -263,7 +290,7 @@ void ComplianceModel::displayed_displacement(ModelState& state, const int* nodes
 void ComplianceModel::displacement(ModelState& state, double* out) const {
     const ContactSnapshot& at = static_cast<ComplianceState&>(state).snapshot;
     std::vector<double> x(3 * size_t(stiffness.factor->tree.nodes()), 0);
-    for (int k = 0; k < at.count; k++)
+    for (int k = 0; k < at.loads; k++)
         for (int c = 0; c < 3; c++) x[3 * size_t(stiffness.vertex_free[at.vertex[k]]) + c] = at.load[3 * k + c];
     stiffness.factor->solve(x.data(), 1);
     for (int i = 0; i < nodes(); i++)

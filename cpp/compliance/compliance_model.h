@@ -1,7 +1,7 @@
 #pragma once
-// Linear FEM by cached Green's functions. Simulation calls it through TissueModel, in the loop's thread; the tables are
-// computed by PrecomputeThread. Method: D. L. James & D. K. Pai, ArtDefo, SIGGRAPH 1999.
-#include "compliance/patch_blocks.h"
+// Linear FEM, elastic or viscoelastic, by cached Green's functions. Simulation calls it through TissueModel, in the
+// loop's thread; the tables are computed by PrecomputeThread. Method: D. L. James & D. K. Pai, ArtDefo, SIGGRAPH 1999.
+#include "compliance/load_history.h"
 #include "compliance/precompute_thread.h"
 
 namespace palpate {
@@ -9,13 +9,17 @@ namespace palpate {
 // The contact stiffness S = C^-1 of the patches, C_ab = sum w_ai w_bj G_ij, comes from blocks between their nodes. If
 // some are not computed yet, the last stiffness serves; once they are, the difference fades out over some ticks.
 struct ComplianceState : ModelState {
-    ComplianceState(const FactoredStiffness& stiffness, size_t budget);
+    ComplianceState(const FactoredStiffness& stiffness, size_t budget, const RelaxationSpectrum& spectrum);
     ~ComplianceState() override;
     std::vector<double>& state_vector() override { return values; } // u is not used: a tick solves for its patches only
+    void reset() override;
+    static constexpr int most = 3 * TissueModel::max_patches, own_numbers = 3 + 2 * most + 2 * most * most;
 
     // Prescribed and observed contacts (2); forces, displacements (3 per patch each); the stiffness in use, its
-    // difference to the exact one (3 prescribed by 3 prescribed, each); 1: the difference is known, -1: it is not.
+    // difference to the exact one (3 prescribed by 3 prescribed, each); 1: the difference is known, -1: it is not; the
+    // history's numbers.
     std::vector<double> values;
+    std::unique_ptr<LoadHistory> history; // of a tissue that relaxes
     GreensFunctions greens;
     TripleBuffer<ContactSnapshot> snapshots; // written by ticks
     ContactSnapshot snapshot;
@@ -26,14 +30,17 @@ struct ComplianceState : ModelState {
 };
 
 // Exact for every mesh size: a tick costs the square of the patch's number of nodes, whatever the mesh's. The body has
-// no inertia, so without contact it is at rest.
+// no inertia, so without contact it is at rest, unless its stiffness relaxes and it has been touched before.
 class ComplianceModel : public TissueModel {
 public:
-    ComplianceModel(FactoredStiffness stiffness, size_t budget); // bytes of tables per state
+    // stiffness: in the long term. budget: bytes of tables per state.
+    ComplianceModel(FactoredStiffness stiffness, size_t budget, const RelaxationSpectrum& spectrum = {});
     int nodes() const override { return stiffness.nodes(); }
     std::unique_ptr<ModelState> make_state() const override;
     bool relax(ModelState& state, const ContactPatch* patches, int prescribed, int observed, double* displacement,
                int iterations, double* force) const override;
+    double energy(const ModelState& state, int prescribed, const double* displacement,
+                  const double* force) const override;
     void displayed_displacement(ModelState& state, const int* nodes, int count, float* out) const override;
     void displacement(ModelState& state, double* out) const override;
     void prefetch(ModelState& state, const ContactPatch* patches, int count) const override;
@@ -43,13 +50,18 @@ public:
     static const double* contact_stiffness(const ComplianceState& state);
 
     const FactoredStiffness stiffness;
+    const RelaxationSpectrum spectrum;
 
 private:
     const size_t budget;
     void resize_contacts(ComplianceState& s, int prescribed) const;
     void release(ComplianceState& s) const;
     bool set_patches(ComplianceState& s, const ContactPatch* patches, int count) const;
+    void find_blocks(ComplianceState& s) const;
     void compute_missing(ComplianceState& s) const;
+    void subtract_history(ComplianceState& s, int prescribed, double* driving) const;
+    void remember(ComplianceState& s, int prescribed, const double* displacement) const;
+    void write_history(ComplianceState& s) const;
     bool update_stiffness(ComplianceState& s, int prescribed, const double* displacement) const;
     void apply_stiffness(ComplianceState& s, int prescribed, const double* displacement, double* force) const;
     void observe(ComplianceState& s, int prescribed, int observed, double* displacement, double* force) const;

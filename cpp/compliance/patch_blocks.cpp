@@ -36,6 +36,17 @@ PALPATE_KERNEL void weighted_sum(const float* block, const double* v, const doub
     for (int k = 0; k < 9; k++) out[k] = sum[k];
 }
 
+// Numerical kernel. out must be zero.
+PALPATE_KERNEL void multiply(const float* block, const double* load, int count, double* out) {
+    for (int i = 0; i < count; i++)
+        for (int j = 0; j <= i; j++, block += 9)
+            for (int r = 0; r < 3; r++)
+                for (int c = 0; c < 3; c++) {
+                    out[3 * i + r] += block[3 * r + c] * load[3 * j + c];
+                    if (j < i) out[3 * j + c] += block[3 * r + c] * load[3 * i + r];
+                }
+}
+
 } // namespace
 
 bool PatchVertices::gather(const FactoredStiffness& stiffness, const ContactPatch* patches, int patch_count) {
@@ -121,6 +132,11 @@ void PatchBlocks::compliance(const double* w, double out[9]) const { weighted_su
 
 void PatchBlocks::compliance(const double* v, const double* w, double out[9]) const {
     weighted_sum(block.data(), v, w, count, out);
+}
+
+void PatchBlocks::apply(const double* load, double* out) const {
+    std::fill_n(out, 3 * count, 0.0);
+    multiply(block.data(), load, count, out);
 }
 
 } // namespace palpate

@@ -30,6 +30,8 @@ struct PatchBlocks {
     // Sum over all i, j of w_i w_j G_ij; and between two patches, of v_i w_j G_ij. v, w: (count).
     void compliance(const double* w, double out[9]) const;
     void compliance(const double* v, const double* w, double out[9]) const;
+    void apply(const double* load, double* out) const; // out_i = sum over j of G_ij load_j, (count, 3)
+    bool contains(int v) const { return std::binary_search(vertex.begin(), vertex.begin() + count, v); }
 
     int count = 0;
     std::vector<int> vertex;    // (capacity)

@@ -29,10 +29,10 @@ PrecomputeThread::~PrecomputeThread() {
 }
 
 void ContactSnapshot::copy(const ContactSnapshot& other) {
-    serial = other.serial, count = other.count;
-    std::copy_n(other.vertex, count, vertex);
+    serial = other.serial, count = other.count, loads = other.loads;
+    std::copy_n(other.vertex, loads, vertex);
     std::copy_n(other.weight, count, weight);
-    std::copy_n(other.load, 3 * count, load);
+    std::copy_n(other.load, 3 * loads, load);
 }
 
 void PrecomputeThread::run() {
@@ -71,7 +71,11 @@ void PrecomputeThread::read_snapshot() {
     for (int i = 0; i < snapshot.count; i++)
         for (int j = 0; j < i; j++)
             patch_width = std::max(patch_width, stiffness.distance(snapshot.vertex[i], snapshot.vertex[j]));
-    if (reach_margin * patch_width > reach) reach = reach_margin * reach_margin * patch_width, all_computed = false;
+    double furthest = 0;
+    for (int k = snapshot.count; k < snapshot.loads; k++)
+        furthest = std::max(furthest, distance(&stiffness.position[3 * size_t(snapshot.vertex[k])], now));
+    needed_reach = reach_margin * (patch_width + furthest);
+    if (needed_reach > reach) reach = reach_margin * needed_reach, all_computed = false;
     const int64_t ticks = snapshot.serial - velocity_serial;
     if (!in_contact || ticks >= 5) {
         for (int c = 0; c < 3; c++) {
@@ -99,15 +103,13 @@ void PrecomputeThread::predict_path() {
     for (const auto& [cost, v] : candidates) predicted.push_back(v);
 }
 
-// Blocks of the first vertices that have none: the patch's own, then those on the predicted path.
+// Blocks of the first vertices that have none: the patch's own, those that have loads, those on the predicted path.
 bool PrecomputeThread::compute_wanted_blocks() {
-    wanted.assign(snapshot.vertex, snapshot.vertex + snapshot.count);
+    wanted.assign(snapshot.vertex, snapshot.vertex + snapshot.loads);
     wanted.insert(wanted.end(), predicted.begin(), predicted.end());
     int missing[GreensFunctions::batch], count = 0;
     for (int v : wanted) {
-        if (greens.has_blocks(v, reach_margin * patch_width) ||
-            std::find(missing, missing + count, v) < missing + count)
-            continue;
+        if (greens.has_blocks(v, needed_reach) || std::find(missing, missing + count, v) < missing + count) continue;
         missing[count++] = v;
         if (count == GreensFunctions::batch) break;
     }
@@ -119,10 +121,10 @@ bool PrecomputeThread::compute_wanted_blocks() {
 
 bool PrecomputeThread::compute_columns() {
     int missing[2], count = 0;
-    for (int k = 0; k < snapshot.count && count < 2; k++)
+    for (int k = 0; k < snapshot.loads && count < 2; k++)
         if (!greens.columns(snapshot.vertex[k])) missing[count++] = snapshot.vertex[k];
-    if (count == 0 || greens.columns_exceed_budget(snapshot.count)) return false;
-    greens.mark_used(snapshot.vertex, snapshot.count);
+    if (count == 0 || greens.columns_exceed_budget(snapshot.loads)) return false;
+    greens.mark_used(snapshot.vertex, snapshot.loads);
     greens.compute_columns(missing, count);
     return true;
 }
@@ -147,10 +149,10 @@ bool PrecomputeThread::compute_nearest_blocks() {
 
 void PrecomputeThread::publish_field() {
     float* out = fields.write_slot().data();
-    if (snapshot.count == 0)
+    if (snapshot.loads == 0)
         std::fill_n(out, 3 * size_t(stiffness.vertices()), 0.0f);
-    else if (!greens.superpose(snapshot.vertex, snapshot.count, snapshot.load, out))
-        greens.solve(snapshot.vertex, snapshot.count, snapshot.load, out);
+    else if (!greens.superpose(snapshot.vertex, snapshot.loads, snapshot.load, out))
+        greens.solve(snapshot.vertex, snapshot.loads, snapshot.load, out);
     fields.publish();
     field_serial = snapshot.serial;
 }

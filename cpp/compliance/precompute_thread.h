@@ -10,11 +10,13 @@ namespace palpate {
 
 // The contact as the last tick left it.
 struct ContactSnapshot {
+    static constexpr int capacity = 1024 + ContactPatch::capacity;
     int64_t serial = 0; // ticks answered; 0: none yet
-    int count = 0;      // 0: no contact
-    int vertex[ContactPatch::capacity];
+    int count = 0;      // vertices of the patches; 0: no contact
+    int loads = 0;      // vertices with loads: those of the patches, then those that the tissue's history holds
+    int vertex[capacity];
     double weight[ContactPatch::capacity];   // mean over the patches, sum 1
-    double load[3 * ContactPatch::capacity]; // on the tissue, N
+    double load[3 * capacity];               // on the tissue as an elastic one, N
     void copy(const ContactSnapshot& other); // copies only the entries in use
 };
 
@@ -35,7 +37,7 @@ private:
     ContactSnapshot snapshot;
     double centre[3] = {0, 0, 0}, velocity[3] = {0, 0, 0}; // mm, mm per tick
     double patch_width = 0;                                // mm
-    double reach = 0;                                      // mm, of the blocks computed
+    double reach = 0, needed_reach = 0;                    // mm, of the blocks computed, and of those a tick needs
     int64_t velocity_serial = 0, field_serial = 0;         // of the snapshots last used
     bool all_computed = false;                             // every vertex has its blocks
     std::vector<int> predicted, wanted;

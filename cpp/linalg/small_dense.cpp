@@ -72,4 +72,17 @@ void solve_positive(const double* L, int n, double* x) {
     }
 }
 
+bool invert_positive(double* A, int n, double* out) {
+    factor_independent(A, n, 1e-6);
+    for (int k = 0; k < n; k++)
+        if (!(A[k * n + k] > 0)) return false;
+    for (int k = 0; k < n; k++) {
+        double column[16] = {};
+        column[k] = 1;
+        solve_positive(A, n, column);
+        for (int r = 0; r < n; r++) out[r * n + k] = column[r];
+    }
+    return true;
+}
+
 } // namespace palpate

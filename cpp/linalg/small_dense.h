@@ -14,5 +14,7 @@ void solve_transposed(const double* A, const int* pivot, int n, double* x); // x
 void factor_independent(double* A, int n, double part);
 // x = (L L')^-1 x, every pivot positive.
 void solve_positive(const double* L, int n, double* x);
+// out = A^-1 of a positive definite A, n <= 16, which is overwritten; false if a row has less than 1e-6 that is new.
+bool invert_positive(double* A, int n, double* out);
 
 } // namespace palpate

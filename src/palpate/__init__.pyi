@@ -113,6 +113,7 @@ from .tissue.models.registry import model as model
 from .tissue.named_tissues import tissue_properties as tissue_properties
 from .tissue.reference.solver import finite_elements as finite_elements
 from .tissue.reference.solver import finite_strain as finite_strain
+from .tissue.relaxation import Relaxation as Relaxation
 from .tissue.spring_fitting import fit as fit
 from .tissue.stiffness_map import stiffness_from_map as stiffness_from_map
 from .tissue.tissue import SpringLaw as SpringLaw

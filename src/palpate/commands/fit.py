@@ -54,6 +54,9 @@ def fit_command(
         Path | None, typer.Option(help="Map of the stiffness, kPa, instead of --young: .nii.gz, .nrrd, .mha.")
     ] = None,
     quantity: Annotated[str | None, typer.Option(help="What the map holds: shear (MR elastography), young.")] = None,
+    relaxation: Annotated[
+        str | None, typer.Option(help="share@seconds of the instantaneous stiffness, which relax: 0.3@0.1,0.2@2")
+    ] = None,
     law: Annotated[str, typer.Option(help="Of the home springs: uniform, linear, exponential.")] = "exponential",
     element: Annotated[str, typer.Option(help="smoothed; P1: too stiff; P2, mixed: for springs alone.")] = "smoothed",
     within: Annotated[
@@ -79,6 +82,9 @@ def fit_command(
     With constants from the literature, and from an elastogram:
     palpate fit liver.vtu --tissue liver --region-tissue lump=liver-carcinoma -o tissue.vtu
     palpate fit liver.vtu --stiffness elastogram.nii.gz --quantity shear -o tissue.vtu
+
+    Half of the stiffness just after a push relaxes within a second:
+    palpate fit liver.vtu --young 3 --relaxation 0.3@0.1,0.2@1 -o tissue.vtu
     """
     from palpate.atomic_write import writable
     from palpate.errors import FileError
@@ -88,6 +94,7 @@ def fit_command(
     writable(output)
     if output.suffix.lower() != ".vtu":
         raise FileError(f"{output}: tissue is written as .vtu; name it so")
+    relaxing = None if relaxation is None else pp.Relaxation.parse(relaxation)
     solid = pp.read_mesh(mesh)
     kinds = _by_region(solid, "--region-tissue", str, tissue, region_tissue)
     nu = _by_region(solid, "--region-poisson", float, poisson, region_poisson)
@@ -96,7 +103,7 @@ def fit_command(
         E = _from_map(solid, stiffness, quantity, E, nu, kinds)
     fixed = pp.resting_on(solid, _numbers("--rest-on", rest_on), depth)
     with progress() as say:
-        fitted = pp.fit(solid, E, nu, fixed, law=law, element=element, progress=say, tissue=kinds)
+        fitted = pp.fit(solid, E, nu, fixed, law=law, element=element, progress=say, tissue=kinds, relaxation=relaxing)
     pp.write_tissue(output, fitted)
     with doing("trying models"):
         begin = starting_model(fitted)
@@ -105,6 +112,8 @@ def fit_command(
     typer.echo(f"palpate touch {shlex.quote(str(output))} begins with {begin.reason}")
     for line in material_lines(fitted):
         typer.echo(line)
+    if relaxing is not None:
+        typer.echo(f"relaxation: {relaxing.text}")
     assert fitted.report is not None
     typer.echo(fitted.report.text())
     if within is not None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from palpate import _core
 from palpate.arrays import Float64
-from palpate.errors import DataError
+from palpate.errors import DataError, MaterialError
 from palpate.meshes.display_surfaces import displayed_nodes
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.simulation.event_log import EventLog
@@ -69,6 +69,8 @@ class Session:
     ------
     DataError
         If a number is not valid, or the contact covers too many nodes.
+    MaterialError
+        If the tissue relaxes and the model does not.
 
     Examples
     --------
@@ -87,6 +89,7 @@ class Session:
         limit: float = 20.0,
         friction: float = 0.3,
     ) -> None:
+        _require_relaxation(model)
         self.first = self.model = model
         self.mesh: TetMesh = model.tissue.mesh
         self.shown = displayed_nodes(self.mesh)
@@ -181,9 +184,12 @@ class Session:
         ------
         DataError
             If the model is of another tissue, or its springs follow another law.
+        MaterialError
+            If the tissue relaxes and the model does not.
         """
         if not same_tissue(model, self.first):
             raise DataError("change: the model is of another tissue or spring law; make it of the session's own tissue")
+        _require_relaxation(model)
         seconds = _core.simulation.sweep_seconds(model.native, model.tissue.surface, self.settings.radius)
         done = self._sweeps(sweeps, seconds)
         with self._lock:
@@ -382,6 +388,13 @@ class Session:
         self.loop.free_retired()
         if self.journal and not self.loop.dropped():
             self.journal.append(events, self._changes_made(), self._marks)
+
+
+def _require_relaxation(model: TissueModel) -> None:
+    if model.tissue.relaxation is not None and not model.relaxes:
+        raise MaterialError(
+            f"model: {name_of(model)} does not follow the tissue's relaxation; take compliance, or fit without --relaxation"
+        )
 
 
 def _collect_while_running(session: "ReferenceType[Session]", stopped: Event) -> None:

@@ -73,6 +73,8 @@ def _hash(tissue: Tissue, law: SpringLaw | None) -> str:
     hash_.update(repr(law).encode())
     if tissue.element != "P1":  # the only one of version 0.1
         hash_.update(tissue.element.encode())
+    if tissue.relaxation is not None:
+        hash_.update(repr(tissue.relaxation).encode())
     return hash_.hexdigest()[:32]
 
 

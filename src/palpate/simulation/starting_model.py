@@ -54,6 +54,9 @@ def starting_model(tissue: Tissue, radius: float | None = None) -> StartingModel
         except MaterialError as problem:
             notes.append(f"{name}: {problem}")
             continue
+        if tissue.relaxation is not None and not one.relaxes:
+            notes.append(f"{name} does not follow the tissue's relaxation")
+            continue
         ms = 1e3 * tick_seconds(one, radius)
         if ms <= 1e3 / RATE:
             first = f"{name} ({meaning}): {SHARE:.0%} of its ticks take at most {ms:.2g} ms here, in time for {RATE} a second"

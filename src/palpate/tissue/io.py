@@ -12,6 +12,7 @@ from palpate.atomic_write import replacing
 from palpate.bounded_read import parse_json
 from palpate.errors import DataError, FileError, MaterialError
 from palpate.meshes.io import read_stored, repaired, write_mesh
+from palpate.tissue.relaxation import Relaxation
 from palpate.tissue.spring_fit_report import FitReport
 from palpate.tissue.tissue import SpringLaw, Tissue
 
@@ -50,6 +51,7 @@ def write_tissue(path: str | Path, tissue: Tissue) -> None:
         "springs": None if tissue.springs is None else asdict(tissue.springs),
         "report": None if tissue.report is None else tissue.report.plain(),
         "materials": {str(region): name for region, name in tissue.materials.items()},
+        "relaxation": None if tissue.relaxation is None else asdict(tissue.relaxation),
     }
     with replacing(path) as temporary:
         write_mesh(temporary, tissue.mesh, nodal, {"young": tissue.young, "poisson": tissue.poisson})
@@ -102,9 +104,16 @@ def read_tissue(path: str | Path) -> Tissue:
         report = None if text["report"] is None else FitReport.from_plain(text["report"], stored.point_data["error"])
         held = np.asarray(stored.point_data["fixed"]).astype(bool)
         materials = {int(region): str(name) for region, name in text.get("materials", {}).items()}
+        relaxation = Relaxation(**text["relaxation"]) if text.get("relaxation") else None
         constants = (fields["young"], fields["poisson"], held)
         return Tissue(
-            mesh, *constants, element=text.get("element", "P1"), springs=springs, report=report, materials=materials
+            mesh,
+            *constants,
+            element=text.get("element", "P1"),
+            springs=springs,
+            report=report,
+            materials=materials,
+            relaxation=relaxation,
         )
     except (MaterialError, DataError) as problem:
         raise type(problem)(f"{path}: {problem}") from None

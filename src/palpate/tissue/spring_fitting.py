@@ -14,6 +14,7 @@ from palpate.tissue.models.mass_spring import SpringModel
 from palpate.tissue.named_tissues import Named, named_materials, poisson_of, young_of
 from palpate.tissue.reference.linear_elasticity import FiniteElements
 from palpate.tissue.reference.solver import finite_elements
+from palpate.tissue.relaxation import Relaxation
 from palpate.tissue.spring_fit_report import FitReport
 from palpate.tissue.tissue import Constant, SpringLaw, Tissue
 
@@ -35,6 +36,7 @@ def fit(
     progress: Callable[[str, float], None] | None = None,
     *,
     tissue: Named | None = None,
+    relaxation: Relaxation | None = None,
 ) -> Tissue:
     """Return a tissue whose springs are as close to finite elements as their law allows.
 
@@ -60,6 +62,8 @@ def fit(
         Called with what is done and the share done.
     tissue : str or dict, optional
         Name of a tissue of `tissue_properties`, or a dict of names by region. What is given in numbers wins.
+    relaxation : Relaxation, optional
+        How the stiffness relaxes, in sessions; `young` is what remains in the long term, and what springs are fitted to.
 
     Returns
     -------
@@ -109,7 +113,9 @@ def fit(
     report = compare(truth, SpringModel(solid, springs), points[held_out], tilt_half(inward[held_out]), r, d)
     say("springs fitted", 1.0)
     constants = (solid.young, solid.poisson, solid.fixed)
-    return Tissue(mesh, *constants, element=element, springs=springs, report=report, materials=materials)
+    return Tissue(
+        mesh, *constants, element=element, springs=springs, report=report, materials=materials, relaxation=relaxation
+    )
 
 
 def compare(truth: FiniteElements, model: SpringModel, points: Float64, push: Float64, r: float, d: float) -> FitReport:

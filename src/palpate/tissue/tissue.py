@@ -12,6 +12,7 @@ from palpate.arrays import ArrayLike, Bool, Float64, Int32, float64
 from palpate.errors import MaterialError
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.tissue.boundary_conditions import rigid_rank
+from palpate.tissue.relaxation import Relaxation
 from palpate.tissue.spring_fit_report import FitReport
 
 KPA = 1e-3  # N/mm² in a kPa
@@ -95,6 +96,8 @@ class Tissue:
         The report of `fit`.
     materials : dict of int to str, optional
         Name of the tissue of each region, for those that `fit` was given by name.
+    relaxation : Relaxation, optional
+        How the stiffness relaxes, in sessions; `young` is what remains in the long term.
 
     Raises
     ------
@@ -117,6 +120,7 @@ class Tissue:
     springs: SpringLaw | None
     report: FitReport | None
     materials: dict[int, str]
+    relaxation: Relaxation | None
 
     def __init__(
         self,
@@ -129,6 +133,7 @@ class Tissue:
         springs: SpringLaw | None = None,
         report: FitReport | None = None,
         materials: Mapping[int, str] | None = None,
+        relaxation: Relaxation | None = None,
     ) -> None:
         modulus = constant_per_tet("young", young, mesh)
         ratio = constant_per_tet("poisson", poisson, mesh)
@@ -152,6 +157,7 @@ class Tissue:
         for name, thing in (("mesh", mesh), ("element", element), ("springs", springs), ("report", report)):
             object.__setattr__(self, name, thing)
         object.__setattr__(self, "materials", dict(materials or {}))
+        object.__setattr__(self, "relaxation", relaxation)
 
     @cached_property
     def held(self) -> Bool:

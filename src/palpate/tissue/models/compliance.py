@@ -25,7 +25,8 @@ class ComplianceModel(TissueModel):
     memory: MB of tables that a state may keep; the least recently used go first. A push solves in double precision, as
     `finite_elements` does. The real-time loop takes the force from 3×3 blocks of K⁻¹ between the nodes of the patch, in
     single precision (they err by some 1e-5); by the clock, a thread makes them where the hand is going, and where it is
-    late the last stiffness serves until they come, then fades into the exact one.
+    late the last stiffness serves until they come, then fades into the exact one. If the tissue has a relaxation, the
+    loop follows it at every node that has been touched; `push` answers for the long term.
 
     Raises `MaterialError` if the stiffness is not positive definite, `DataError` on a memory that is not positive.
     """
@@ -33,6 +34,7 @@ class ComplianceModel(TissueModel):
     native: "_core.compliance.ComplianceModel"
     linear_elasticity = True
     slides = True
+    relaxes = True
 
     def __init__(self, tissue: Tissue, memory: float = 256.0) -> None:
         if not (np.isfinite(memory) and memory > 0):
@@ -44,8 +46,9 @@ class ComplianceModel(TissueModel):
         self._free[~tissue.held] = np.arange(np.count_nonzero(~tissue.held))
         shown = displayed_nodes(tissue.mesh)
         self.vertices: Int32 = shown[~tissue.held[shown]]
+        relaxation = np.empty((0, 2)) if tissue.relaxation is None else tissue.relaxation.table()
         native = _core.compliance.ComplianceModel(
-            self.factors.native, self._free, self.vertices, tissue.mesh.nodes, int(memory * 2**20)
+            self.factors.native, self._free, self.vertices, tissue.mesh.nodes, int(memory * 2**20), relaxation
         )
         super().__init__(tissue, native)
 

@@ -1,0 +1,222 @@
+#include "compliance/load_history.h"
+#include <algorithm>
+#include <cmath>
+
+namespace palpate {
+namespace {
+
+constexpr double negligible = 1e-7; // of the largest load of a node: from there on it is forgotten
+
+double size_of(const double (*value)[3], int fields) {
+    double sum = 0;
+    for (int j = 0; j < fields; j++)
+        for (int c = 0; c < 3; c++) sum += std::abs(value[j][c]);
+    return sum;
+}
+
+} // namespace
+
+LoadHistory::LoadHistory(const FactoredStiffness& stiffness, const RelaxationSpectrum& spectrum)
+    : spectrum(spectrum), stiffness(stiffness), slot(stiffness.vertices(), -1) {
+    node.reserve(capacity);
+    contact.reserve(ContactPatch::capacity);
+    entering.reserve(ContactPatch::capacity);
+    // p' = (f + sum_k gain_k p - sum_k decay_k h_k) / instant, then h_k' = decay_k h_k + gain_k (p' - p).
+    const int fields = 1 + spectrum.terms;
+    drive[0] = 1 / spectrum.instant;
+    step[0][0] = (spectrum.instant - 1) / spectrum.instant;
+    for (int j = 1; j < fields; j++) step[0][j] = -spectrum.decay[j - 1] / spectrum.instant;
+    for (int k = 1; k < fields; k++) {
+        const double gain = spectrum.gain[k - 1];
+        drive[k] = gain * drive[0];
+        for (int j = 0; j < fields; j++) step[k][j] = gain * (step[0][j] - (j == 0));
+        step[k][k] += spectrum.decay[k - 1];
+    }
+}
+
+void LoadHistory::reset() {
+    for (const Node& n : node) slot[n.vertex] = -1;
+    node.clear();
+    contact.clear();
+    peak = 0;
+    for (auto& row : product) std::fill_n(row, max_fields, 0.0);
+}
+
+bool LoadHistory::enter(GreensFunctions& greens, const int* vertices, int count, bool may_read) {
+    entering.clear();
+    size_t old = 0;
+    bool known = true;
+    for (int i = 0; i < count; i++) {
+        while (old < contact.size() && contact[old].vertex < vertices[i]) old++;
+        if (old < contact.size() && contact[old].vertex == vertices[i]) {
+            entering.push_back(contact[old]);
+        } else {
+            entering.emplace_back();
+            entering.back().vertex = vertices[i];
+            entering.back().known = node.empty();
+        }
+        known = known && entering.back().known;
+    }
+    std::swap(contact, entering);
+    return known || (may_read && read_fields(greens));
+}
+
+// The sums over the history at the vertices that are not known; false, and nothing has changed, if a block is missing.
+bool LoadHistory::read_fields(GreensFunctions& greens) {
+    constexpr int batch = 64;
+    GreensFunctions::BlockRequest request[batch];
+    float block[9 * batch];
+    const int fields = 1 + spectrum.terms;
+    bool all = true;
+    entering.assign(contact.begin(), contact.end());
+    greens.begin_read();
+    for (Node& at : entering) {
+        if (at.known) continue;
+        std::fill_n(&at.value[0][0], 3 * max_fields, 0.0);
+        for (size_t first = 0; first < node.size() && all; first += batch) {
+            const int count = int(std::min<size_t>(batch, node.size() - first));
+            for (int k = 0; k < count; k++) request[k] = {at.vertex, node[first + k].vertex, &block[9 * k], false};
+            greens.read(request, count);
+            for (int k = 0; k < count; k++) {
+                all = all && request[k].found;
+                for (int j = 0; j < fields; j++)
+                    for (int c = 0; c < 9; c++)
+                        at.value[j][c / 3] += block[9 * k + c] * node[first + k].value[j][c % 3];
+            }
+        }
+        at.known = true;
+        if (!all) break;
+    }
+    greens.end_read();
+    if (all) std::swap(contact, entering);
+    return all;
+}
+
+void LoadHistory::free_displacement(int i, double out[3]) const {
+    for (int c = 0; c < 3; c++) {
+        out[c] = 0;
+        for (int j = 0; j <= spectrum.terms; j++) out[c] += step[0][j] * contact[i].value[j][c];
+    }
+}
+
+void LoadHistory::advance_node(Node& n, const double driver[3]) const {
+    const int fields = 1 + spectrum.terms;
+    for (int c = 0; c < 3; c++) {
+        double next[max_fields];
+        for (int k = 0; k < fields; k++) {
+            next[k] = drive[k] * driver[c];
+            for (int j = 0; j < fields; j++) next[k] += step[k][j] * n.value[j][c];
+        }
+        for (int k = 0; k < fields; k++) n.value[k][c] = next[k];
+    }
+}
+
+void LoadHistory::advance(const double* load, const double* elastic, bool known) {
+    advance_products(load, elastic);
+    for (size_t i = 0; i < contact.size(); i++) {
+        advance_node(contact[i], elastic + 3 * i);
+        contact[i].known = known;
+    }
+    advance_loads(load);
+}
+
+// With x' = S x + b f the products become S Q S' + (S X) b' + b (S X)' + b b' s, where X_j = x_j' G f and s = f' G f.
+void LoadHistory::advance_products(const double* load, const double* elastic) {
+    const int fields = 1 + spectrum.terms;
+    double with_load[max_fields] = {}, square = 0;
+    for (size_t i = 0; i < contact.size(); i++)
+        for (int c = 0; c < 3; c++) {
+            square += load[3 * i + c] * elastic[3 * i + c];
+            for (int j = 0; j < fields; j++) with_load[j] += contact[i].value[j][c] * load[3 * i + c];
+        }
+    double stepped[max_fields] = {}, half[max_fields][max_fields] = {};
+    for (int k = 0; k < fields; k++)
+        for (int j = 0; j < fields; j++) {
+            stepped[k] += step[k][j] * with_load[j];
+            for (int m = 0; m < fields; m++) half[k][m] += step[k][j] * product[j][m];
+        }
+    for (int k = 0; k < fields; k++)
+        for (int m = 0; m < fields; m++) {
+            product[k][m] = stepped[k] * drive[m] + drive[k] * stepped[m] + drive[k] * drive[m] * square;
+            for (int j = 0; j < fields; j++) product[k][m] += half[k][j] * step[m][j];
+        }
+}
+
+void LoadHistory::advance_loads(const double* load) {
+    for (const Node& at : contact) history_of(at.vertex);
+    constexpr double none[3] = {0, 0, 0};
+    for (Node& n : node) {
+        const int i = place_in_contact(n.vertex);
+        advance_node(n, i >= 0 ? load + 3 * i : none);
+        peak = std::max(peak, size_of(n.value, 1));
+    }
+    for (int k = size() - 1; k >= 0; k--)
+        if (!touched(k) && size_of(node[k].value, 1 + spectrum.terms) < negligible * peak) drop(k);
+}
+
+int LoadHistory::place_in_contact(int vertex) const {
+    const auto at =
+        std::lower_bound(contact.begin(), contact.end(), vertex, [](const Node& n, int v) { return n.vertex < v; });
+    return at != contact.end() && at->vertex == vertex ? int(at - contact.begin()) : -1;
+}
+
+bool LoadHistory::touched(int k) const { return place_in_contact(node[k].vertex) >= 0; }
+
+LoadHistory::Node& LoadHistory::history_of(int vertex) {
+    if (slot[vertex] >= 0) return node[slot[vertex]];
+    if (size() == capacity) merge_least();
+    slot[vertex] = size();
+    node.emplace_back();
+    node.back().vertex = vertex;
+    return node.back();
+}
+
+// What acts somewhat beside its place acts nearly alike.
+void LoadHistory::merge_least() {
+    const int fields = 1 + spectrum.terms;
+    int least = -1, nearest = -1;
+    for (int k = 0; k < size(); k++) {
+        if (!touched(k) && (least < 0 || size_of(node[k].value, fields) < size_of(node[least].value, fields)))
+            least = k;
+    }
+    if (least < 0) throw std::logic_error("LoadHistory: a contact larger than its capacity");
+    for (int k = 0; k < size(); k++)
+        if (k != least && (nearest < 0 || stiffness.distance(vertex(k), vertex(least)) <
+                                              stiffness.distance(vertex(nearest), vertex(least))))
+            nearest = k;
+    for (int j = 0; j < fields; j++)
+        for (int c = 0; c < 3; c++) node[nearest].value[j][c] += node[least].value[j][c];
+    drop(least);
+}
+
+void LoadHistory::drop(int k) {
+    slot[node[k].vertex] = -1;
+    node[k] = node.back();
+    if (k + 1 < size()) slot[node[k].vertex] = k;
+    node.pop_back();
+}
+
+double LoadHistory::energy() const {
+    double sum = product[0][0];
+    for (int k = 0; k < spectrum.terms; k++)
+        if (spectrum.ratio[k] > 0) sum += product[k + 1][k + 1] / spectrum.ratio[k];
+    return 0.5 * std::max(sum, 0.0);
+}
+
+size_t LoadHistory::most_numbers() const {
+    const size_t fields = 1 + spectrum.terms;
+    return (capacity + ContactPatch::capacity) * (1 + 3 * fields) + 1 + fields * fields;
+}
+
+void LoadHistory::append_to(std::vector<double>& numbers) const {
+    const int fields = 1 + spectrum.terms;
+    for (const auto* list : {&node, &contact})
+        for (const Node& n : *list) {
+            numbers.push_back(n.vertex + (n.known ? 0 : 0.5));
+            numbers.insert(numbers.end(), &n.value[0][0], &n.value[0][0] + 3 * fields);
+        }
+    numbers.push_back(peak);
+    for (int k = 0; k < fields; k++) numbers.insert(numbers.end(), product[k], product[k] + fields);
+}
+
+} // namespace palpate

@@ -1,0 +1,139 @@
+"""How the stiffness of a tissue relaxes after it has been strained."""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from palpate.arrays import ArrayLike, Float64
+from palpate.errors import MaterialError
+
+MOST_TERMS = 6
+LEAST_LEFT = 1e-3  # of the instantaneous modulus
+
+
+@dataclass(frozen=True)
+class Relaxation:
+    """A Prony series of a tissue's stiffness, the same for shear and bulk and in all regions.
+
+    Just after a strain the modulus is E₀, and t seconds later E₀ (1 − Σ gₖ (1 − exp(−t/τₖ))). A tissue's `young` is what
+    remains in the long term, E₀ (1 − Σ gₖ). Tissue's bulk hardly relaxes: at ν = 0.49 that changes little, at 0.3 a bulk
+    that does not relax leaves up to a third of the relaxation out.
+
+    Parameters
+    ----------
+    shares : sequence of float
+        The gₖ: parts of the instantaneous modulus, no unit. They sum to less than 1.
+    times : sequence of float
+        The relaxation times τₖ, s, from 0.001 to 1e6.
+
+    Raises
+    ------
+    MaterialError
+        If a number is out of its range, or there are more than six terms.
+
+    References
+    ----------
+    Christensen, Theory of Viscoelasticity, 2nd ed., 1982, section 1.5.
+
+    Examples
+    --------
+    >>> pp.Relaxation((0.5,), (0.2,)).modulus([0, 0.2, 100])
+    array([2.        , 1.36787944, 1.        ])
+    """
+
+    shares: tuple[float, ...]
+    times: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "shares", tuple(float(g) for g in self.shares))
+        object.__setattr__(self, "times", tuple(float(t) for t in self.times))
+        if not 1 <= len(self.shares) == len(self.times) <= MOST_TERMS:
+            raise MaterialError(
+                f"relaxation: {len(self.shares)} shares and {len(self.times)} times; give 1 to {MOST_TERMS} of each"
+            )
+        for share, time in zip(self.shares, self.times, strict=True):
+            if not 0 < share < 1:
+                raise MaterialError(f"relaxation: a share of {share:g}; give more than 0 and less than 1, such as 0.4")
+            if not 1e-3 <= time <= 1e6:
+                raise MaterialError(f"relaxation: a time of {time:g} s; give 0.001 s (a tick) to 1e6 s")
+        if sum(self.shares) > 1 - LEAST_LEFT:
+            raise MaterialError(f"relaxation: the shares sum to {sum(self.shares):g}; a solid needs less than 1")
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """Return the relaxation that a text gives.
+
+        Parameters
+        ----------
+        text : str
+            Shares, and the times in s with which they relax, such as "0.3@0.1,0.2@2".
+
+        Returns
+        -------
+        Relaxation
+            The series.
+
+        Raises
+        ------
+        MaterialError
+            If the text is not of this form, or a number is out of its range.
+
+        Examples
+        --------
+        >>> pp.Relaxation.parse("0.3@0.1,0.2@2").times
+        (0.1, 2.0)
+        """
+        try:
+            pairs = [(float(share), float(time)) for share, time in (part.split("@") for part in text.split(","))]
+        except ValueError:
+            raise MaterialError(f"relaxation: {text!r}; give share@seconds, such as 0.3@0.1,0.2@2") from None
+        return cls(tuple(share for share, _ in pairs), tuple(time for _, time in pairs))
+
+    @property
+    def instantaneous(self) -> float:
+        """Modulus just after a strain, over that in the long term."""
+        return 1 / (1 - sum(self.shares))
+
+    def modulus(self, time: ArrayLike) -> Float64:
+        """Return the modulus after a strain.
+
+        Parameters
+        ----------
+        time : array_like
+            Times after the strain, s.
+
+        Returns
+        -------
+        ndarray
+            Modulus over that in the long term, no unit, of the shape of `time`.
+
+        Examples
+        --------
+        >>> float(pp.Relaxation((0.5,), (0.2,)).modulus(0))
+        2.0
+        """
+        t = np.asarray(time, dtype=np.float64)
+        ratios = self.instantaneous * np.array(self.shares)
+        return np.asarray(1 + np.exp(-t[..., None] / np.array(self.times)) @ ratios)
+
+    @property
+    def text(self) -> str:
+        """What it means, in a sentence."""
+        parts = " and ".join(f"{g:.0%} with {t:g} s" for g, t in zip(self.shares, self.times, strict=True))
+        return f"just after a strain stiffness is {self.instantaneous:.3g} times that in the long term; {parts} relax"
+
+    def table(self) -> Float64:
+        """Return shares and times as an array.
+
+        Returns
+        -------
+        ndarray, (terms, 2)
+            A share (no unit) and a time (s) in each row.
+
+        Examples
+        --------
+        >>> pp.Relaxation((0.5,), (0.2,)).table().shape
+        (1, 2)
+        """
+        return np.column_stack([self.shares, self.times])
