@@ -17,8 +17,8 @@ class Relaxation:
     """A Prony series of a tissue's stiffness, the same for shear and bulk and in all regions.
 
     Just after a strain the modulus is E₀, and t seconds later E₀ (1 − Σ gₖ (1 − exp(−t/τₖ))). A tissue's `young` is what
-    remains in the long term, E₀ (1 − Σ gₖ). Tissue's bulk hardly relaxes: at ν = 0.49 that changes little, at 0.3 a bulk
-    that does not relax leaves up to a third of the relaxation out.
+    remains in the long term, E₀ (1 − Σ gₖ). The bulk of tissue hardly relaxes. Near ν = 0.5 that matters little; at 0.3 the
+    force would rise by a quarter to a third less (`benchmarks/relaxation_strokes.py`).
 
     Parameters
     ----------
