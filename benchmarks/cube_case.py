@@ -22,6 +22,8 @@ from palpate.tissue.sparse_factor import Factors
 
 sys.path.append(str(Path(__file__).parents[1] / "tests"))
 from support.brick_meshes import brick
+from support.vibrating_body import AllModes as AllModes
+from support.vibrating_body import smooth as smooth
 
 TOP, PUSH = np.array([25.0, 25.0, 50.0]), np.array([0.0, 0.0, -5.0])
 YOUNG, POISSON, DENSITY = 10.0, 0.3, 1e-6  # kPa, no unit, kg/mm³

@@ -93,6 +93,23 @@ void bind_compliance(nb::module_& m) {
                 return all;
             },
             "vertices"_as_is);
+    nb::class_<VibrationModes>(m, "VibrationModes", "The lowest modes of a body, by which it has inertia.")
+        .def(
+            "__init__",
+            [](VibrationModes* self, In<double, 1> frequency, In<float, 3> shape, double damping, double lag) {
+                expect(frequency.size() <= size_t(VibrationModes::most), "frequencies: at most 256");
+                for (size_t m = 0; m < frequency.shape(0); m++)
+                    expect(within(frequency(m), 1e-3, 1e6), "frequencies: 0.001 to 1000000 rad/s");
+                expect(shape.shape(1) == frequency.shape(0) && shape.shape(2) == 3,
+                       "shapes: expected shape (nodes, modes, 3)");
+                expect_finite(shape, "shapes: not finite");
+                expect(within(damping, 0.0, 0.99) && within(lag, 1e-5, 1.0), "damping: 0 to 0.99; lag: 0.00001 to 1 s");
+                new (self) VibrationModes(listed(frequency),
+                                          std::vector<float>(shape.data(), shape.data() + shape.size()), damping, lag);
+            },
+            "frequencies"_as_is, "shapes"_as_is, "damping"_a, "lag"_a,
+            "frequencies: (modes) rad/s. shapes: (nodes, modes, 3) mm for an amplitude of 1 root of N mm s^2. damping: "
+            "ratio. lag: s.");
     nb::class_<ComplianceModel, TissueModel>(m, "ComplianceModel",
                                              "Exact linear finite elements by tables of Green's functions.")
         .def(
@@ -105,5 +122,13 @@ void bind_compliance(nb::module_& m) {
             nb::keep_alive<1, 2>(),
             "factor: of the free nodes' stiffness, N/mm. free: (nodes) each node's number there, or -1. vertices: free "
             "nodes that are touched or shown. nodes: (nodes, 3) mm. budget: bytes of tables that a state may keep. "
-            "relaxation: (terms, 2) shares of the instantaneous stiffness, and the times in s with which they relax.");
+            "relaxation: (terms, 2) shares of the instantaneous stiffness, and the times in s with which they relax.")
+        .def(
+            "__init__",
+            [](ComplianceModel* self, const SparseCholesky& factor, In<int32_t, 1> free, In<int32_t, 1> vertices,
+               In<double, 2> nodes, size_t budget, const VibrationModes& modes) {
+                expect(modes.shape.size() == 3 * size_t(modes.count()) * nodes.shape(0), "modes: of another mesh");
+                new (self) ComplianceModel(elastic(factor, free, vertices, nodes), budget, modes);
+            },
+            "factor"_a, "free"_as_is, "vertices"_as_is, "nodes"_as_is, "budget"_a, "modes"_a, nb::keep_alive<1, 2>());
 }

@@ -56,26 +56,34 @@ bool carry_to_spare(ComplianceState& s, const PatchVertices& to) {
 
 } // namespace
 
-ComplianceState::ComplianceState(const FactoredStiffness& stiffness, size_t budget, const RelaxationSpectrum& spectrum)
+ComplianceState::ComplianceState(const FactoredStiffness& stiffness, size_t budget, const LoadRecursion& recursion,
+                                 const VibrationModes& modes)
     : values(size, 0.0), greens(stiffness, budget), weight(TissueModel::max_patches * capacity),
       field(3 * size_t(stiffness.vertices())) {
     u.assign(3 * size_t(stiffness.nodes()), 0);
-    if (spectrum.terms == 0) return;
-    history = std::make_unique<LoadHistory>(stiffness, spectrum);
-    values.reserve(size + history->most_numbers());
+    if (recursion.fields == 0) return;
+    history = std::make_unique<LoadHistory>(stiffness, recursion);
+    if (modes.count() > 0) motion = std::make_unique<ModalMotion>(modes);
+    shapes.resize(3 * size_t(modes.count()) * TissueModel::max_patches);
+    values.reserve(size + history->most_numbers() + 3 * modes.count());
 }
 ComplianceState::~ComplianceState() = default;
 
 void ComplianceState::reset() {
     if (history) history->reset();
+    if (motion) motion->reset();
     values.assign(size, 0.0);
 }
 
 ComplianceModel::ComplianceModel(FactoredStiffness s, size_t budget, const RelaxationSpectrum& spectrum)
-    : stiffness(std::move(s)), spectrum(spectrum), budget(budget) {}
+    : stiffness(std::move(s)), recursion(LoadRecursion::of(spectrum)), budget(budget) {}
+
+ComplianceModel::ComplianceModel(FactoredStiffness s, size_t budget, VibrationModes vibration)
+    : stiffness(std::move(s)), recursion(LoadRecursion::lag(vibration.kept)), modes(std::move(vibration)),
+      budget(budget) {}
 
 std::unique_ptr<ModelState> ComplianceModel::make_state() const {
-    auto state = std::make_unique<ComplianceState>(stiffness, budget, spectrum);
+    auto state = std::make_unique<ComplianceState>(stiffness, budget, recursion, modes);
     state->owner = this;
     return state;
 }
@@ -83,7 +91,7 @@ std::unique_ptr<ModelState> ComplianceModel::make_state() const {
 bool ComplianceModel::relax(ModelState& state, const ContactPatch* patches, int prescribed, int observed,
                             double* displacement, int, double* force) const {
     auto& s = static_cast<ComplianceState&>(state);
-    const bool at_rest = !s.history || s.history->size() == 0;
+    const bool at_rest = (!s.history || s.history->size() == 0) && (!s.motion || s.motion->at_rest);
     s.snapshot.serial++;
     bool good = true;
     if (prescribed + (at_rest ? 0 : observed) > 0) {
@@ -96,7 +104,7 @@ bool ComplianceModel::relax(ModelState& state, const ContactPatch* patches, int 
         if (s.history) subtract_history(s, prescribed, driving);
         good = update_stiffness(s, prescribed, driving);
         if (good) apply_stiffness(s, prescribed, driving, force);
-        if (good && s.history) remember(s, prescribed, displacement);
+        if (good && s.history) remember(s, prescribed, displacement, force);
         observe(s, prescribed, observed, displacement, force);
     } else {
         release(s);
@@ -120,6 +128,8 @@ bool ComplianceModel::set_patches(ComplianceState& s, const ContactPatch* patche
         s.weight[p * capacity + vertices.index[k]] = patches[p].weight[vertices.source[k] % capacity];
     }
     if (carry_to_spare(s, vertices)) std::swap(s.blocks, s.spare_blocks);
+    for (int p = 0; s.motion && p < count; p++)
+        modes.project(patches[p].node, patches[p].weight, patches[p].count, s.shape(p));
     return true;
 }
 
@@ -145,6 +155,7 @@ void ComplianceModel::release(ComplianceState& s) const {
     if (!s.history) return;
     s.history->enter(s.greens, nullptr, 0, false);
     s.history->advance(nullptr, nullptr, true);
+    if (s.motion) s.motion->advance(nullptr);
     write_history(s);
 }
 
@@ -197,6 +208,8 @@ bool ComplianceModel::update_stiffness(ComplianceState& s, int prescribed, const
         for (int b = 0; b <= a; b++) {
             const double *v = &s.weight[a * capacity], *w = &s.weight[b * capacity];
             a == b ? s.blocks.compliance(v, part) : s.blocks.compliance(v, w, part);
+            for (int k = 0; s.history && k < 9; k++) part[k] *= recursion.drive[0];
+            if (s.motion) modes.add_compliance(s.shape(a), s.shape(b), part);
             for (int k = 0; k < 9; k++) C[(3 * a + k / 3) * n + 3 * b + k % 3] = part[k];
         }
     if (!invert(C, n, exact)) return false;
@@ -248,9 +261,7 @@ void ComplianceModel::observe(ComplianceState& s, int prescribed, int observed, 
     for (int o = prescribed; o < prescribed + observed; o++) {
         double* mean = values + displacement_at + 3 * o;
         if (!s.stale && s.history) {
-            std::fill_n(mean, 3, 0.0);
-            for (int i = 0; i < s.blocks.count; i++)
-                for (int k = 0; k < 3; k++) mean[k] += s.weight[o * capacity + i] * s.history->displacement(i)[k];
+            present_displacement(s, o, mean);
         } else if (!s.stale) {
             std::fill_n(mean, 3, 0.0);
             for (int a = 0; a < prescribed; a++) {
@@ -284,6 +295,7 @@ void ComplianceModel::displayed_displacement(ModelState& state, const int* nodes
     for (int i = 0; i < count; i++) {
         const int v = stiffness.vertex_index[nodes[i]];
         for (int k = 0; k < 3; k++) out[3 * i + k] = v < 0 ? 0 : field[3 * size_t(v) + k];
+        if (v >= 0 && field == s.field.data() && s.motion) modes.add_displacement(nodes[i], at.amplitude, out + 3 * i);
     }
 }
 
@@ -296,11 +308,19 @@ void ComplianceModel::displacement(ModelState& state, double* out) const {
     for (int i = 0; i < nodes(); i++)
         for (int c = 0; c < 3; c++)
             out[3 * size_t(i) + c] = stiffness.free_index[i] < 0 ? 0 : x[3 * size_t(stiffness.free_index[i]) + c];
+    const auto& motion = static_cast<ComplianceState&>(state).motion;
+    if (!motion) return;
+    double amplitude[VibrationModes::most], moved[3];
+    motion->amplitude(amplitude);
+    for (int i = 0; i < nodes(); i++) {
+        modes.displacement(i, amplitude, moved);
+        for (int c = 0; c < 3; c++) out[3 * size_t(i) + c] += moved[c];
+    }
 }
 
 void ComplianceModel::begin_realtime(ModelState& state) const {
     auto& s = static_cast<ComplianceState&>(state);
-    s.precompute = std::make_unique<PrecomputeThread>(stiffness, s.greens, s.snapshots);
+    s.precompute = std::make_unique<PrecomputeThread>(stiffness, s.greens, modes, s.snapshots);
     s.tables = TablePolicy::background;
 }
 

@@ -1,15 +1,18 @@
 #pragma once
-// Linear FEM, elastic or viscoelastic, by cached Green's functions. Simulation calls it through TissueModel, in the
-// loop's thread; the tables are computed by PrecomputeThread. Method: D. L. James & D. K. Pai, ArtDefo, SIGGRAPH 1999.
+// Linear FEM, elastic, viscoelastic or with inertia, by cached Green's functions. Simulation calls it through
+// TissueModel, in the loop's thread; the tables are computed by PrecomputeThread. Method: D. L. James & D. K. Pai,
+// ArtDefo, SIGGRAPH 1999.
 #include "compliance/load_history.h"
 #include "compliance/precompute_thread.h"
+#include "compliance/vibration_modes.h"
 
 namespace palpate {
 
 // The contact stiffness S = C^-1 of the patches, C_ab = sum w_ai w_bj G_ij, comes from blocks between their nodes. If
 // some are not computed yet, the last stiffness serves; once they are, the difference fades out over some ticks.
 struct ComplianceState : ModelState {
-    ComplianceState(const FactoredStiffness& stiffness, size_t budget, const RelaxationSpectrum& spectrum);
+    ComplianceState(const FactoredStiffness& stiffness, size_t budget, const LoadRecursion& recursion,
+                    const VibrationModes& modes);
     ~ComplianceState() override;
     std::vector<double>& state_vector() override { return values; } // u is not used: a tick solves for its patches only
     void reset() override;
@@ -19,7 +22,10 @@ struct ComplianceState : ModelState {
     // difference to the exact one (3 prescribed by 3 prescribed, each); 1: the difference is known, -1: it is not; the
     // history's numbers.
     std::vector<double> values;
-    std::unique_ptr<LoadHistory> history; // of a tissue that relaxes
+    std::unique_ptr<LoadHistory> history; // of a tissue that relaxes or has inertia
+    std::unique_ptr<ModalMotion> motion;  // of one that has inertia
+    std::vector<double> shapes;           // (patches, modes, 3) of the modes under each patch
+    double* shape(int patch) { return &shapes[shapes.size() / TissueModel::max_patches * patch]; }
     GreensFunctions greens;
     TripleBuffer<ContactSnapshot> snapshots; // written by ticks
     ContactSnapshot snapshot;
@@ -29,12 +35,13 @@ struct ComplianceState : ModelState {
     std::unique_ptr<PrecomputeThread> precompute;
 };
 
-// Exact for every mesh size: a tick costs the square of the patch's number of nodes, whatever the mesh's. The body has
-// no inertia, so without contact it is at rest, unless its stiffness relaxes and it has been touched before.
+// Exact for every mesh size: a tick costs the square of the patch's number of nodes, whatever the mesh's. Without
+// contact the body is at rest, unless it has been touched before and its stiffness relaxes or it has inertia.
 class ComplianceModel : public TissueModel {
 public:
     // stiffness: in the long term. budget: bytes of tables per state.
     ComplianceModel(FactoredStiffness stiffness, size_t budget, const RelaxationSpectrum& spectrum = {});
+    ComplianceModel(FactoredStiffness stiffness, size_t budget, VibrationModes modes);
     int nodes() const override { return stiffness.nodes(); }
     std::unique_ptr<ModelState> make_state() const override;
     bool relax(ModelState& state, const ContactPatch* patches, int prescribed, int observed, double* displacement,
@@ -50,7 +57,8 @@ public:
     static const double* contact_stiffness(const ComplianceState& state);
 
     const FactoredStiffness stiffness;
-    const RelaxationSpectrum spectrum;
+    const LoadRecursion recursion;
+    const VibrationModes modes;
 
 private:
     const size_t budget;
@@ -60,7 +68,8 @@ private:
     void find_blocks(ComplianceState& s) const;
     void compute_missing(ComplianceState& s) const;
     void subtract_history(ComplianceState& s, int prescribed, double* driving) const;
-    void remember(ComplianceState& s, int prescribed, const double* displacement) const;
+    void present_displacement(ComplianceState& s, int patch, double out[3]) const;
+    void remember(ComplianceState& s, int prescribed, const double* displacement, const double* force) const;
     void write_history(ComplianceState& s) const;
     bool update_stiffness(ComplianceState& s, int prescribed, const double* displacement) const;
     void apply_stiffness(ComplianceState& s, int prescribed, const double* displacement, double* force) const;

@@ -16,22 +16,11 @@ double size_of(const double (*value)[3], int fields) {
 
 } // namespace
 
-LoadHistory::LoadHistory(const FactoredStiffness& stiffness, const RelaxationSpectrum& spectrum)
-    : spectrum(spectrum), stiffness(stiffness), slot(stiffness.vertices(), -1) {
+LoadHistory::LoadHistory(const FactoredStiffness& stiffness, const LoadRecursion& recursion)
+    : recursion(recursion), stiffness(stiffness), slot(stiffness.vertices(), -1) {
     node.reserve(capacity);
     contact.reserve(ContactPatch::capacity);
     entering.reserve(ContactPatch::capacity);
-    // p' = (f + sum_k gain_k p - sum_k decay_k h_k) / instant, then h_k' = decay_k h_k + gain_k (p' - p).
-    const int fields = 1 + spectrum.terms;
-    drive[0] = 1 / spectrum.instant;
-    step[0][0] = (spectrum.instant - 1) / spectrum.instant;
-    for (int j = 1; j < fields; j++) step[0][j] = -spectrum.decay[j - 1] / spectrum.instant;
-    for (int k = 1; k < fields; k++) {
-        const double gain = spectrum.gain[k - 1];
-        drive[k] = gain * drive[0];
-        for (int j = 0; j < fields; j++) step[k][j] = gain * (step[0][j] - (j == 0));
-        step[k][k] += spectrum.decay[k - 1];
-    }
 }
 
 void LoadHistory::reset() {
@@ -66,7 +55,7 @@ bool LoadHistory::read_fields(GreensFunctions& greens) {
     constexpr int batch = 64;
     GreensFunctions::BlockRequest request[batch];
     float block[9 * batch];
-    const int fields = 1 + spectrum.terms;
+    const int fields = recursion.fields;
     bool all = true;
     entering.assign(contact.begin(), contact.end());
     greens.begin_read();
@@ -95,17 +84,17 @@ bool LoadHistory::read_fields(GreensFunctions& greens) {
 void LoadHistory::free_displacement(int i, double out[3]) const {
     for (int c = 0; c < 3; c++) {
         out[c] = 0;
-        for (int j = 0; j <= spectrum.terms; j++) out[c] += step[0][j] * contact[i].value[j][c];
+        for (int j = 0; j < recursion.fields; j++) out[c] += recursion.step[0][j] * contact[i].value[j][c];
     }
 }
 
 void LoadHistory::advance_node(Node& n, const double driver[3]) const {
-    const int fields = 1 + spectrum.terms;
+    const int fields = recursion.fields;
     for (int c = 0; c < 3; c++) {
         double next[max_fields];
         for (int k = 0; k < fields; k++) {
-            next[k] = drive[k] * driver[c];
-            for (int j = 0; j < fields; j++) next[k] += step[k][j] * n.value[j][c];
+            next[k] = recursion.drive[k] * driver[c];
+            for (int j = 0; j < fields; j++) next[k] += recursion.step[k][j] * n.value[j][c];
         }
         for (int k = 0; k < fields; k++) n.value[k][c] = next[k];
     }
@@ -122,7 +111,7 @@ void LoadHistory::advance(const double* load, const double* elastic, bool known)
 
 // With x' = S x + b f the products become S Q S' + (S X) b' + b (S X)' + b b' s, where X_j = x_j' G f and s = f' G f.
 void LoadHistory::advance_products(const double* load, const double* elastic) {
-    const int fields = 1 + spectrum.terms;
+    const int fields = recursion.fields;
     double with_load[max_fields] = {}, square = 0;
     for (size_t i = 0; i < contact.size(); i++)
         for (int c = 0; c < 3; c++) {
@@ -132,13 +121,14 @@ void LoadHistory::advance_products(const double* load, const double* elastic) {
     double stepped[max_fields] = {}, half[max_fields][max_fields] = {};
     for (int k = 0; k < fields; k++)
         for (int j = 0; j < fields; j++) {
-            stepped[k] += step[k][j] * with_load[j];
-            for (int m = 0; m < fields; m++) half[k][m] += step[k][j] * product[j][m];
+            stepped[k] += recursion.step[k][j] * with_load[j];
+            for (int m = 0; m < fields; m++) half[k][m] += recursion.step[k][j] * product[j][m];
         }
     for (int k = 0; k < fields; k++)
         for (int m = 0; m < fields; m++) {
-            product[k][m] = stepped[k] * drive[m] + drive[k] * stepped[m] + drive[k] * drive[m] * square;
-            for (int j = 0; j < fields; j++) product[k][m] += half[k][j] * step[m][j];
+            product[k][m] = stepped[k] * recursion.drive[m] + recursion.drive[k] * stepped[m] +
+                            recursion.drive[k] * recursion.drive[m] * square;
+            for (int j = 0; j < fields; j++) product[k][m] += half[k][j] * recursion.step[m][j];
         }
 }
 
@@ -151,7 +141,7 @@ void LoadHistory::advance_loads(const double* load) {
         peak = std::max(peak, size_of(n.value, 1));
     }
     for (int k = size() - 1; k >= 0; k--)
-        if (!touched(k) && size_of(node[k].value, 1 + spectrum.terms) < negligible * peak) drop(k);
+        if (!touched(k) && size_of(node[k].value, recursion.fields) < negligible * peak) drop(k);
 }
 
 int LoadHistory::place_in_contact(int vertex) const {
@@ -173,7 +163,7 @@ LoadHistory::Node& LoadHistory::history_of(int vertex) {
 
 // What acts somewhat beside its place acts nearly alike.
 void LoadHistory::merge_least() {
-    const int fields = 1 + spectrum.terms;
+    const int fields = recursion.fields;
     int least = -1, nearest = -1;
     for (int k = 0; k < size(); k++) {
         if (!touched(k) && (least < 0 || size_of(node[k].value, fields) < size_of(node[least].value, fields)))
@@ -197,19 +187,18 @@ void LoadHistory::drop(int k) {
 }
 
 double LoadHistory::energy() const {
-    double sum = product[0][0];
-    for (int k = 0; k < spectrum.terms; k++)
-        if (spectrum.ratio[k] > 0) sum += product[k + 1][k + 1] / spectrum.ratio[k];
+    double sum = 0;
+    for (int k = 0; k < recursion.fields; k++) sum += product[k][k] / recursion.share[k];
     return 0.5 * std::max(sum, 0.0);
 }
 
 size_t LoadHistory::most_numbers() const {
-    const size_t fields = 1 + spectrum.terms;
+    const size_t fields = recursion.fields;
     return (capacity + ContactPatch::capacity) * (1 + 3 * fields) + 1 + fields * fields;
 }
 
 void LoadHistory::append_to(std::vector<double>& numbers) const {
-    const int fields = 1 + spectrum.terms;
+    const int fields = recursion.fields;
     for (const auto* list : {&node, &contact})
         for (const Node& n : *list) {
             numbers.push_back(n.vertex + (n.known ? 0 : 0.5));

@@ -1,20 +1,21 @@
 #pragma once
-// What a body of Maxwell solids remembers of the loads on it. ComplianceModel uses it in the loop's thread.
+// What a body remembers of the loads on it. ComplianceModel uses it in the loop's thread.
+#include "compliance/load_recursion.h"
 #include "compliance/patch_blocks.h"
-#include "compliance/relaxation_spectrum.h"
 
 namespace palpate {
 
 // If the whole stiffness relaxes alike, the displacement is u = G p at any time, where the elastic loads p differ from
 // zero at nodes that have been touched, until they have decayed there. Each such node keeps p and the forces h_k of the
 // branches, whose sum p + sum h_k is the force on it: that of the tools, or zero. So a dent lasts after the tool has
-// left, and another tool finds it. G p and G h_k are followed at the vertices of the contact alone.
+// left, and another tool finds it. G p and G h_k are followed at the vertices of the contact alone. What lags behind
+// its loads obeys another recursion of the same kind.
 class LoadHistory {
 public:
     static constexpr int capacity = 1024; // nodes; if they are more, the least is added to its nearest
-    static constexpr int max_fields = 1 + RelaxationSpectrum::max_terms;
+    static constexpr int max_fields = LoadRecursion::max_fields;
 
-    LoadHistory(const FactoredStiffness& stiffness, const RelaxationSpectrum& spectrum);
+    LoadHistory(const FactoredStiffness& stiffness, const LoadRecursion& recursion);
 
     // --- a tick, in this order
     // The contact's vertices, ascending: true if all their displacements due to the history are known. The blocks that
@@ -25,7 +26,7 @@ public:
     // A tick with these loads f (contact's vertices, 3) N on the tissue and the elastic displacements G f, mm. If those
     // are not known but guessed, the next enter() that finds the blocks mends the vertices' displacements.
     void advance(const double* load, const double* elastic, bool known);
-    // The displacement of the contact's vertex i after the tick.
+    // The displacement of the contact's vertex i as it is now: after advance(), at the end of the tick.
     const double* displacement(int i) const { return contact[i].value[0]; }
     double energy() const; // N mm, of all springs: what could be regained
 
@@ -41,7 +42,7 @@ public:
     void append_to(std::vector<double>& numbers) const;
     size_t most_numbers() const;
 
-    const RelaxationSpectrum spectrum;
+    const LoadRecursion recursion;
 
 private:
     struct Node { // of the history: p and h_k, N; of the contact: G p and G h_k, mm
@@ -51,10 +52,9 @@ private:
     };
     const FactoredStiffness& stiffness;
     std::vector<Node> node, contact, entering;
-    std::vector<int> slot;                                  // (vertices) place in `node`, or -1
-    double peak = 0;                                        // N, the largest load of a node yet
-    double product[max_fields][max_fields] = {};            // of p and h_k: a' G b, N mm
-    double step[max_fields][max_fields], drive[max_fields]; // a tick: values' = step values + drive f
+    std::vector<int> slot;                       // (vertices) place in `node`, or -1
+    double peak = 0;                             // N, the largest load of a node yet
+    double product[max_fields][max_fields] = {}; // of p and h_k: a' G b, N mm
 
     bool read_fields(GreensFunctions& greens);
     void advance_node(Node& n, const double driver[3]) const;

@@ -17,8 +17,8 @@ constexpr double reach_margin = 1.25; // reach of the blocks over the patch's wi
 } // namespace
 
 PrecomputeThread::PrecomputeThread(const FactoredStiffness& stiffness, GreensFunctions& greens,
-                                   TripleBuffer<ContactSnapshot>& snapshots)
-    : stiffness(stiffness), greens(greens), snapshots(snapshots),
+                                   const VibrationModes& modes, TripleBuffer<ContactSnapshot>& snapshots)
+    : stiffness(stiffness), greens(greens), modes(modes), snapshots(snapshots),
       fields(std::vector<float>(3 * size_t(stiffness.vertices()), 0.0f)) {
     thread = std::thread([this] { run(); });
 }
@@ -33,6 +33,8 @@ void ContactSnapshot::copy(const ContactSnapshot& other) {
     std::copy_n(other.vertex, loads, vertex);
     std::copy_n(other.weight, count, weight);
     std::copy_n(other.load, 3 * loads, load);
+    modes = other.modes;
+    std::copy_n(other.amplitude, modes, amplitude);
 }
 
 void PrecomputeThread::run() {
@@ -153,6 +155,8 @@ void PrecomputeThread::publish_field() {
         std::fill_n(out, 3 * size_t(stiffness.vertices()), 0.0f);
     else if (!greens.superpose(snapshot.vertex, snapshot.loads, snapshot.load, out))
         greens.solve(snapshot.vertex, snapshot.loads, snapshot.load, out);
+    for (int v = 0; snapshot.modes > 0 && v < stiffness.vertices(); v++)
+        modes.add_displacement(stiffness.vertex_node[v], snapshot.amplitude, out + 3 * size_t(v));
     fields.publish();
     field_serial = snapshot.serial;
 }

@@ -2,6 +2,7 @@
 // The background thread of a ComplianceState. It fills GreensFunctions ahead of the tool; the loop's thread sends it
 // snapshots and reads its display field, both through triple buffers.
 #include "compliance/greens_functions.h"
+#include "compliance/vibration_modes.h"
 #include "realtime/triple_buffer.h"
 #include "tissue/contact_patch.h"
 #include <thread>
@@ -15,8 +16,10 @@ struct ContactSnapshot {
     int count = 0;      // vertices of the patches; 0: no contact
     int loads = 0;      // vertices with loads: those of the patches, then those that the tissue's history holds
     int vertex[capacity];
-    double weight[ContactPatch::capacity];   // mean over the patches, sum 1
-    double load[3 * capacity];               // on the tissue as an elastic one, N
+    double weight[ContactPatch::capacity]; // mean over the patches, sum 1
+    double load[3 * capacity];             // on the tissue as an elastic one, N
+    int modes = 0;
+    float amplitude[VibrationModes::most];   // of the modes of vibration
     void copy(const ContactSnapshot& other); // copies only the entries in use
 };
 
@@ -24,7 +27,7 @@ struct ContactSnapshot {
 // tool is slow, blocks of the nearest other vertices. Publishes a display field about 30 times a second.
 class PrecomputeThread {
 public:
-    PrecomputeThread(const FactoredStiffness& stiffness, GreensFunctions& greens,
+    PrecomputeThread(const FactoredStiffness& stiffness, GreensFunctions& greens, const VibrationModes& modes,
                      TripleBuffer<ContactSnapshot>& snapshots);
     ~PrecomputeThread();
     const float* newest_field() { return fields.latest().data(); } // (vertices, 3) mm; for one thread
@@ -32,6 +35,7 @@ public:
 private:
     const FactoredStiffness& stiffness;
     GreensFunctions& greens;
+    const VibrationModes& modes;
     TripleBuffer<ContactSnapshot>& snapshots;
     TripleBuffer<std::vector<float>> fields;
     ContactSnapshot snapshot;

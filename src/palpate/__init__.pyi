@@ -120,6 +120,7 @@ from .tissue.tissue import SpringLaw as SpringLaw
 from .tissue.tissue import Tissue as Tissue
 from .tissue.tissue_properties import Measured as Measured
 from .tissue.tissue_properties import TissueProperties as TissueProperties
+from .tissue.vibration import Inertia as Inertia
 from .version import __version__ as __version__
 from .volumes.grid import Grid as Grid
 from .volumes.image_metrics import contrast_to_noise as contrast_to_noise

@@ -57,6 +57,10 @@ def fit_command(
     relaxation: Annotated[
         str | None, typer.Option(help="share@seconds of the instantaneous stiffness, which relax: 0.3@0.1,0.2@2")
     ] = None,
+    inertia: Annotated[
+        float | None, typer.Option(help="Damping ratio of the swings of a tissue that has mass: 0.05")
+    ] = None,
+    density: Annotated[float, typer.Option(help="For --inertia, kg/m³.")] = 1060.0,
     law: Annotated[str, typer.Option(help="Of the home springs: uniform, linear, exponential.")] = "exponential",
     element: Annotated[str, typer.Option(help="smoothed; P1: too stiff; P2, mixed: for springs alone.")] = "smoothed",
     within: Annotated[
@@ -85,6 +89,9 @@ def fit_command(
 
     Half of the stiffness just after a push relaxes within a second:
     palpate fit liver.vtu --young 3 --relaxation 0.3@0.1,0.2@1 -o tissue.vtu
+
+    With mass, so that it swings when it is let go:
+    palpate fit liver.vtu --young 3 --inertia 0.05 -o tissue.vtu
     """
     from palpate.atomic_write import writable
     from palpate.errors import FileError
@@ -95,6 +102,7 @@ def fit_command(
     if output.suffix.lower() != ".vtu":
         raise FileError(f"{output}: tissue is written as .vtu; name it so")
     relaxing = None if relaxation is None else pp.Relaxation.parse(relaxation)
+    swinging = None if inertia is None else pp.Inertia(inertia, density)
     solid = pp.read_mesh(mesh)
     kinds = _by_region(solid, "--region-tissue", str, tissue, region_tissue)
     nu = _by_region(solid, "--region-poisson", float, poisson, region_poisson)
@@ -103,7 +111,18 @@ def fit_command(
         E = _from_map(solid, stiffness, quantity, E, nu, kinds)
     fixed = pp.resting_on(solid, _numbers("--rest-on", rest_on), depth)
     with progress() as say:
-        fitted = pp.fit(solid, E, nu, fixed, law=law, element=element, progress=say, tissue=kinds, relaxation=relaxing)
+        fitted = pp.fit(
+            solid,
+            E,
+            nu,
+            fixed,
+            law=law,
+            element=element,
+            progress=say,
+            tissue=kinds,
+            relaxation=relaxing,
+            inertia=swinging,
+        )
     pp.write_tissue(output, fitted)
     with doing("trying models"):
         begin = starting_model(fitted)
@@ -114,6 +133,8 @@ def fit_command(
         typer.echo(line)
     if relaxing is not None:
         typer.echo(f"relaxation: {relaxing.text}")
+    if swinging is not None:
+        typer.echo(f"inertia: {swinging.density:g} kg/m³, damping ratio {swinging.damping:g}, {swinging.modes} modes")
     assert fitted.report is not None
     typer.echo(fitted.report.text())
     if within is not None:

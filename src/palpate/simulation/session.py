@@ -70,7 +70,7 @@ class Session:
     DataError
         If a number is not valid, or the contact covers too many nodes.
     MaterialError
-        If the tissue relaxes and the model does not.
+        If the tissue relaxes or has inertia, and the model does not follow.
 
     Examples
     --------
@@ -89,7 +89,7 @@ class Session:
         limit: float = 20.0,
         friction: float = 0.3,
     ) -> None:
-        _require_relaxation(model)
+        _require_time(model)
         self.first = self.model = model
         self.mesh: TetMesh = model.tissue.mesh
         self.shown = displayed_nodes(self.mesh)
@@ -185,11 +185,11 @@ class Session:
         DataError
             If the model is of another tissue, or its springs follow another law.
         MaterialError
-            If the tissue relaxes and the model does not.
+            If the tissue relaxes or has inertia, and the model does not follow.
         """
         if not same_tissue(model, self.first):
             raise DataError("change: the model is of another tissue or spring law; make it of the session's own tissue")
-        _require_relaxation(model)
+        _require_time(model)
         seconds = _core.simulation.sweep_seconds(model.native, model.tissue.surface, self.settings.radius)
         done = self._sweeps(sweeps, seconds)
         with self._lock:
@@ -390,10 +390,12 @@ class Session:
             self.journal.append(events, self._changes_made(), self._marks)
 
 
-def _require_relaxation(model: TissueModel) -> None:
-    if model.tissue.relaxation is not None and not model.relaxes:
+def _require_time(model: TissueModel) -> None:
+    tissue = model.tissue
+    if (tissue.relaxation is not None or tissue.inertia is not None) and not model.moves_in_time:
+        what = "relaxation" if tissue.inertia is None else "inertia"
         raise MaterialError(
-            f"model: {name_of(model)} does not follow the tissue's relaxation; take compliance, or fit without --relaxation"
+            f"model: {name_of(model)} does not follow the tissue's {what}; take compliance, or fit without --{what}"
         )
 
 

@@ -75,6 +75,8 @@ def _hash(tissue: Tissue, law: SpringLaw | None) -> str:
         hash_.update(tissue.element.encode())
     if tissue.relaxation is not None:
         hash_.update(repr(tissue.relaxation).encode())
+    if tissue.inertia is not None:
+        hash_.update(repr(tissue.inertia).encode())
     return hash_.hexdigest()[:32]
 
 

@@ -15,6 +15,7 @@ from palpate.meshes.io import read_stored, repaired, write_mesh
 from palpate.tissue.relaxation import Relaxation
 from palpate.tissue.spring_fit_report import FitReport
 from palpate.tissue.tissue import SpringLaw, Tissue
+from palpate.tissue.vibration import Inertia
 
 _TEXT = "palpate"  # field of bytes: JSON in UTF-8
 
@@ -52,6 +53,7 @@ def write_tissue(path: str | Path, tissue: Tissue) -> None:
         "report": None if tissue.report is None else tissue.report.plain(),
         "materials": {str(region): name for region, name in tissue.materials.items()},
         "relaxation": None if tissue.relaxation is None else asdict(tissue.relaxation),
+        "inertia": None if tissue.inertia is None else asdict(tissue.inertia),
     }
     with replacing(path) as temporary:
         write_mesh(temporary, tissue.mesh, nodal, {"young": tissue.young, "poisson": tissue.poisson})
@@ -105,6 +107,7 @@ def read_tissue(path: str | Path) -> Tissue:
         held = np.asarray(stored.point_data["fixed"]).astype(bool)
         materials = {int(region): str(name) for region, name in text.get("materials", {}).items()}
         relaxation = Relaxation(**text["relaxation"]) if text.get("relaxation") else None
+        inertia = Inertia(**text["inertia"]) if text.get("inertia") else None
         constants = (fields["young"], fields["poisson"], held)
         return Tissue(
             mesh,
@@ -114,6 +117,7 @@ def read_tissue(path: str | Path) -> Tissue:
             report=report,
             materials=materials,
             relaxation=relaxation,
+            inertia=inertia,
         )
     except (MaterialError, DataError) as problem:
         raise type(problem)(f"{path}: {problem}") from None

@@ -18,7 +18,7 @@ class Relaxation:
 
     Just after a strain the modulus is E₀, and t seconds later E₀ (1 − Σ gₖ (1 − exp(−t/τₖ))). A tissue's `young` is what
     remains in the long term, E₀ (1 − Σ gₖ). The bulk of tissue hardly relaxes. Near ν = 0.5 that matters little; at 0.3 the
-    force would rise by a quarter to a third less (`benchmarks/relaxation_strokes.py`).
+    force would rise by a quarter to a third less (`benchmarks/tissue_in_time.py`).
 
     Parameters
     ----------

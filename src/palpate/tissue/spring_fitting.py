@@ -17,6 +17,7 @@ from palpate.tissue.reference.solver import finite_elements
 from palpate.tissue.relaxation import Relaxation
 from palpate.tissue.spring_fit_report import FitReport
 from palpate.tissue.tissue import Constant, SpringLaw, Tissue
+from palpate.tissue.vibration import Inertia
 
 _SEARCH = {"uniform": (3e-3, 3.0), "linear": (1e-3, 1.0), "exponential": (3e-3, 2.0)}  # of |RSC0|, by its logarithm
 _TRAINING, _HELD_OUT = 10, 8
@@ -37,6 +38,7 @@ def fit(
     *,
     tissue: Named | None = None,
     relaxation: Relaxation | None = None,
+    inertia: Inertia | None = None,
 ) -> Tissue:
     """Return a tissue whose springs are as close to finite elements as their law allows.
 
@@ -64,6 +66,8 @@ def fit(
         Name of a tissue of `tissue_properties`, or a dict of names by region. What is given in numbers wins.
     relaxation : Relaxation, optional
         How the stiffness relaxes, in sessions; `young` is what remains in the long term, and what springs are fitted to.
+    inertia : Inertia, optional
+        The mass, in sessions. Not beside a relaxation.
 
     Returns
     -------
@@ -114,7 +118,14 @@ def fit(
     say("springs fitted", 1.0)
     constants = (solid.young, solid.poisson, solid.fixed)
     return Tissue(
-        mesh, *constants, element=element, springs=springs, report=report, materials=materials, relaxation=relaxation
+        mesh,
+        *constants,
+        element=element,
+        springs=springs,
+        report=report,
+        materials=materials,
+        relaxation=relaxation,
+        inertia=inertia,
     )
 
 

@@ -14,6 +14,7 @@ from palpate.meshes.tet_mesh import TetMesh
 from palpate.tissue.boundary_conditions import rigid_rank
 from palpate.tissue.relaxation import Relaxation
 from palpate.tissue.spring_fit_report import FitReport
+from palpate.tissue.vibration import Inertia
 
 KPA = 1e-3  # N/mm² in a kPa
 ELEMENTS = ("smoothed", "P1", "P2", "mixed")
@@ -98,6 +99,8 @@ class Tissue:
         Name of the tissue of each region, for those that `fit` was given by name.
     relaxation : Relaxation, optional
         How the stiffness relaxes, in sessions; `young` is what remains in the long term.
+    inertia : Inertia, optional
+        The mass, in sessions. Not beside a relaxation.
 
     Raises
     ------
@@ -121,6 +124,7 @@ class Tissue:
     report: FitReport | None
     materials: dict[int, str]
     relaxation: Relaxation | None
+    inertia: Inertia | None
 
     def __init__(
         self,
@@ -134,6 +138,7 @@ class Tissue:
         report: FitReport | None = None,
         materials: Mapping[int, str] | None = None,
         relaxation: Relaxation | None = None,
+        inertia: Inertia | None = None,
     ) -> None:
         modulus = constant_per_tet("young", young, mesh)
         ratio = constant_per_tet("poisson", poisson, mesh)
@@ -157,7 +162,10 @@ class Tissue:
         for name, thing in (("mesh", mesh), ("element", element), ("springs", springs), ("report", report)):
             object.__setattr__(self, name, thing)
         object.__setattr__(self, "materials", dict(materials or {}))
+        if relaxation is not None and inertia is not None:
+            raise MaterialError("inertia: not built beside a relaxation; leave one of them out")
         object.__setattr__(self, "relaxation", relaxation)
+        object.__setattr__(self, "inertia", inertia)
 
     @cached_property
     def held(self) -> Bool:

@@ -88,7 +88,7 @@ void advance(Body& body, LoadHistory& history, Dense& truth, const std::vector<i
 
 TEST_CASE("a contact that moves, leaves and comes back finds the displacement that its history left") {
     Body body(40);
-    LoadHistory history(body.stiffness, two_terms());
+    LoadHistory history(body.stiffness, LoadRecursion::of(two_terms()));
     Dense truth(body.K);
     int seed = 1;
     for (const std::vector<int>& contact :
@@ -108,7 +108,7 @@ TEST_CASE("a contact that moves, leaves and comes back finds the displacement th
 
 TEST_CASE("a force that is not there is what the free displacement says") {
     Body body(20);
-    LoadHistory history(body.stiffness, two_terms());
+    LoadHistory history(body.stiffness, LoadRecursion::of(two_terms()));
     Dense truth(body.K);
     advance(body, history, truth, {2, 3, 7}, 5, 1);
     const std::vector<int> contact{2, 3, 7};
@@ -122,7 +122,7 @@ TEST_CASE("a force that is not there is what the free displacement says") {
 
 TEST_CASE("a history that has decayed is forgotten") {
     Body body(20);
-    LoadHistory history(body.stiffness, two_terms());
+    LoadHistory history(body.stiffness, LoadRecursion::of(two_terms()));
     Dense truth(body.K);
     advance(body, history, truth, {2, 3, 7}, 5, 1);
     CHECK(history.size() == 3);
@@ -139,7 +139,7 @@ TEST_CASE("the history of a long way keeps its total when it is full") {
     for (int i = 0; i < nodes; i++) stiffness.position.insert(stiffness.position.end(), {0.1 * i, 0.0, 0.0});
     RelaxationSpectrum spectrum;
     spectrum.add(0.5, 0.05, 0.5);
-    LoadHistory history(stiffness, spectrum);
+    LoadHistory history(stiffness, LoadRecursion::of(spectrum));
     double elastic = 0, branch = 0; // all nodes obey one recursion, and so do their sums
     FactoredStiffness small = Body::factored(factor, 2);
     GreensFunctions unread(small, 1 << 20);

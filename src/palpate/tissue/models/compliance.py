@@ -17,6 +17,7 @@ from palpate.tissue.models.tissue_model import TissueModel, nodal_element
 from palpate.tissue.reference.linear_elasticity import FiniteElements
 from palpate.tissue.sparse_factor import Factors
 from palpate.tissue.tissue import Tissue
+from palpate.tissue.vibration import Inertia, lowest_modes, nodal_mass
 
 
 class ComplianceModel(TissueModel):
@@ -26,7 +27,8 @@ class ComplianceModel(TissueModel):
     `finite_elements` does. The real-time loop takes the force from 3×3 blocks of K⁻¹ between the nodes of the patch, in
     single precision (they err by some 1e-5); by the clock, a thread makes them where the hand is going, and where it is
     late the last stiffness serves until they come, then fades into the exact one. If the tissue has a relaxation, the
-    loop follows it at every node that has been touched; `push` answers for the long term.
+    loop follows it at every node that has been touched; `push` answers for the long term. If it has inertia, the loop moves
+    it in its lowest modes, and adds what the others give (residual flexibility) with a lag.
 
     Raises `MaterialError` if the stiffness is not positive definite, `DataError` on a memory that is not positive.
     """
@@ -34,7 +36,7 @@ class ComplianceModel(TissueModel):
     native: "_core.compliance.ComplianceModel"
     linear_elasticity = True
     slides = True
-    relaxes = True
+    moves_in_time = True
 
     def __init__(self, tissue: Tissue, memory: float = 256.0) -> None:
         if not (np.isfinite(memory) and memory > 0):
@@ -47,10 +49,20 @@ class ComplianceModel(TissueModel):
         shown = displayed_nodes(tissue.mesh)
         self.vertices: Int32 = shown[~tissue.held[shown]]
         relaxation = np.empty((0, 2)) if tissue.relaxation is None else tissue.relaxation.table()
+        in_time = relaxation if tissue.inertia is None else self._modes(tissue, tissue.inertia)
         native = _core.compliance.ComplianceModel(
-            self.factors.native, self._free, self.vertices, tissue.mesh.nodes, int(memory * 2**20), relaxation
+            self.factors.native, self._free, self.vertices, tissue.mesh.nodes, int(memory * 2**20), in_time
         )
         super().__init__(tissue, native)
+
+    def _modes(self, tissue: Tissue, inertia: Inertia) -> "_core.compliance.VibrationModes":
+        free = ~tissue.held
+        mass = np.repeat(nodal_mass(tissue.mesh, inertia.density)[free], 3)
+        K = csr_array(self.elements.K[self.elements.free][:, self.elements.free])
+        frequencies, shapes = lowest_modes(K, mass, self.factors, inertia.modes)
+        whole = np.zeros((len(tissue.mesh.nodes), len(frequencies), 3), dtype=np.float32)
+        whole[free] = shapes.reshape(-1, 3, len(frequencies)).transpose(0, 2, 1)
+        return _core.compliance.VibrationModes(frequencies, whole, inertia.damping, inertia.lag)
 
     def solve(
         self, found: Contacts, state: "_core.tissue.ModelState", tolerance: float, most_sweeps: int

@@ -21,7 +21,9 @@ class TissueModel(ABC):
     """
 
     slides = False  # whether contacts of finite friction can be answered
-    relaxes = False  # whether its ticks follow the tissue's relaxation; `push` answers for the long term
+    moves_in_time = (
+        False  # whether its ticks follow the tissue's relaxation and inertia; `push` answers for the long term
+    )
     linear_elasticity = (
         False  # whether it is: finite elements of the tissue's own element, whose error can be estimated
     )

@@ -1,0 +1,94 @@
+// The part of ComplianceModel for tissue whose answer depends on what came before: it relaxes, or has inertia.
+#include "compliance/compliance_model.h"
+#include <algorithm>
+
+namespace palpate {
+namespace {
+
+constexpr int capacity = ContactPatch::capacity;
+
+} // namespace
+
+// What a force at the end of the tick must do: the displacement from where the tissue would be without it.
+void ComplianceModel::subtract_history(ComplianceState& s, int prescribed, double* driving) const {
+    double amplitude[VibrationModes::most], free[3];
+    if (s.motion) s.motion->free_amplitude(amplitude);
+    for (int a = 0; a < prescribed; a++) {
+        for (int i = 0; i < s.blocks.count; i++) {
+            s.history->free_displacement(i, free);
+            for (int k = 0; k < 3; k++) driving[3 * a + k] -= s.weight[a * capacity + i] * free[k];
+        }
+        if (!s.motion) continue;
+        modes.displacement(s.shape(a), amplitude, free);
+        for (int k = 0; k < 3; k++) driving[3 * a + k] -= free[k];
+    }
+}
+
+// The mean displacement of a patch after the tick.
+void ComplianceModel::present_displacement(ComplianceState& s, int patch, double out[3]) const {
+    std::fill_n(out, 3, 0.0);
+    if (s.motion) {
+        double amplitude[VibrationModes::most];
+        s.motion->amplitude(amplitude);
+        modes.displacement(s.shape(patch), amplitude, out);
+    }
+    for (int i = 0; i < s.blocks.count; i++)
+        for (int k = 0; k < 3; k++) out[k] += s.weight[patch * capacity + i] * s.history->displacement(i)[k];
+}
+
+// The tick's loads enter the history. If blocks are missing, the patches' vertices are taken to move as their tools do.
+void ComplianceModel::remember(ComplianceState& s, int prescribed, const double* displacement,
+                               const double* force) const {
+    double elastic[3 * capacity] = {}, amplitude[VibrationModes::most], load[VibrationModes::most] = {};
+    if (!s.stale) s.blocks.apply(s.snapshot.load, elastic);
+    if (s.stale && s.motion) s.motion->free_amplitude(amplitude);
+    for (int i = 0; s.stale && i < s.blocks.count; i++) {
+        double sum = 0, mean[3] = {0, 0, 0}, free[3], swing[3] = {0, 0, 0};
+        for (int a = 0; a < prescribed; a++) {
+            const double w = s.weight[a * capacity + i];
+            sum += w;
+            for (int k = 0; k < 3; k++) mean[k] += w * displacement[3 * a + k];
+        }
+        s.history->free_displacement(i, free);
+        if (s.motion) modes.displacement(stiffness.vertex_node[s.blocks.vertex[i]], amplitude, swing);
+        for (int k = 0; k < 3 && sum > 0; k++)
+            elastic[3 * i + k] = (mean[k] / sum - free[k] - swing[k]) / recursion.drive[0];
+    }
+    s.history->advance(s.snapshot.load, elastic, !s.stale);
+    for (int a = 0; s.motion && a < prescribed; a++)
+        for (int m = 0; m < modes.count(); m++)
+            for (int k = 0; k < 3; k++) load[m] -= s.shape(a)[3 * m + k] * force[3 * a + k];
+    if (s.motion) s.motion->advance(prescribed > 0 ? load : nullptr);
+    write_history(s);
+}
+
+// The loads for the display, those of the contact first, and all numbers of the history.
+void ComplianceModel::write_history(ComplianceState& s) const {
+    ContactSnapshot& to = s.snapshot;
+    const LoadHistory& from = *s.history;
+    for (int i = 0; i < to.count; i++) std::copy_n(from.elastic_load(from.slot_of(to.vertex[i])), 3, &to.load[3 * i]);
+    to.loads = to.count;
+    for (int k = 0; k < from.size(); k++) {
+        if (from.touched(k)) continue;
+        to.vertex[to.loads] = from.vertex(k);
+        std::copy_n(from.elastic_load(k), 3, &to.load[3 * to.loads++]);
+    }
+    s.values.resize(ComplianceState::own_numbers);
+    from.append_to(s.values);
+    if (!s.motion) return;
+    double amplitude[VibrationModes::most];
+    s.motion->amplitude(amplitude);
+    to.modes = modes.count();
+    std::copy_n(amplitude, to.modes, to.amplitude);
+    for (const auto* part : {&s.motion->eta, &s.motion->rate, &s.motion->lagging})
+        s.values.insert(s.values.end(), part->begin(), part->end());
+}
+
+double ComplianceModel::energy(const ModelState& state, int prescribed, const double* displacement,
+                               const double* force) const {
+    const auto& s = static_cast<const ComplianceState&>(state);
+    if (!s.history) return TissueModel::energy(state, prescribed, displacement, force);
+    return s.history->energy() + (s.motion ? s.motion->energy() : 0);
+}
+
+} // namespace palpate
