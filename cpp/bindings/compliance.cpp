@@ -96,7 +96,8 @@ void bind_compliance(nb::module_& m) {
     nb::class_<VibrationModes>(m, "VibrationModes", "The lowest modes of a body, by which it has inertia.")
         .def(
             "__init__",
-            [](VibrationModes* self, In<double, 1> frequency, In<float, 3> shape, double damping, double lag) {
+            [](VibrationModes* self, In<double, 1> frequency, In<float, 3> shape, double damping, double lag,
+               In<double, 2> relaxation) {
                 expect(frequency.size() <= size_t(VibrationModes::most), "frequencies: at most 256");
                 for (size_t m = 0; m < frequency.shape(0); m++)
                     expect(within(frequency(m), 1e-3, 1e6), "frequencies: 0.001 to 1000000 rad/s");
@@ -104,12 +105,13 @@ void bind_compliance(nb::module_& m) {
                        "shapes: expected shape (nodes, modes, 3)");
                 expect_finite(shape, "shapes: not finite");
                 expect(within(damping, 0.0, 0.99) && within(lag, 1e-5, 1.0), "damping: 0 to 0.99; lag: 0.00001 to 1 s");
-                new (self) VibrationModes(listed(frequency),
-                                          std::vector<float>(shape.data(), shape.data() + shape.size()), damping, lag);
+                new (self)
+                    VibrationModes(listed(frequency), std::vector<float>(shape.data(), shape.data() + shape.size()),
+                                   damping, lag, spectrum(relaxation));
             },
-            "frequencies"_as_is, "shapes"_as_is, "damping"_a, "lag"_a,
+            "frequencies"_as_is, "shapes"_as_is, "damping"_a, "lag"_a, "relaxation"_as_is,
             "frequencies: (modes) rad/s. shapes: (nodes, modes, 3) mm for an amplitude of 1 root of N mm s^2. damping: "
-            "ratio. lag: s.");
+            "ratio. lag: s. relaxation: as of ComplianceModel.");
     nb::class_<ComplianceModel, TissueModel>(m, "ComplianceModel",
                                              "Exact linear finite elements by tables of Green's functions.")
         .def(

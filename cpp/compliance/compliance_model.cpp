@@ -65,7 +65,7 @@ ComplianceState::ComplianceState(const FactoredStiffness& stiffness, size_t budg
     history = std::make_unique<LoadHistory>(stiffness, recursion);
     if (modes.count() > 0) motion = std::make_unique<ModalMotion>(modes);
     shapes.resize(3 * size_t(modes.count()) * TissueModel::max_patches);
-    values.reserve(size + history->most_numbers() + 3 * modes.count());
+    values.reserve(size + history->most_numbers() + size_t(modes.width + recursion.fields) * modes.count());
 }
 ComplianceState::~ComplianceState() = default;
 
@@ -79,8 +79,7 @@ ComplianceModel::ComplianceModel(FactoredStiffness s, size_t budget, const Relax
     : stiffness(std::move(s)), recursion(LoadRecursion::of(spectrum)), budget(budget) {}
 
 ComplianceModel::ComplianceModel(FactoredStiffness s, size_t budget, VibrationModes vibration)
-    : stiffness(std::move(s)), recursion(LoadRecursion::lag(vibration.kept)), modes(std::move(vibration)),
-      budget(budget) {}
+    : stiffness(std::move(s)), recursion(vibration.loads), modes(std::move(vibration)), budget(budget) {}
 
 std::unique_ptr<ModelState> ComplianceModel::make_state() const {
     auto state = std::make_unique<ComplianceState>(stiffness, budget, recursion, modes);

@@ -11,15 +11,18 @@ struct LoadRecursion {
     int fields = 0; // 0: an elastic body, without history
     double step[max_fields][max_fields] = {}, drive[max_fields] = {}, share[max_fields] = {};
 
-    // p' = (f + sum_k gain_k p - sum_k decay_k h_k) / instant, then h_k' = decay_k h_k + gain_k (p' - p).
-    static LoadRecursion of(const RelaxationSpectrum& spectrum) {
+    // p' = (f + (sum_k gain_k + l) p - sum_k decay_k h_k) / (instant + l), then h_k' = decay_k h_k + gain_k (p' - p).
+    // With l = kept / (1 - kept) a dashpot beside all springs holds p back: without branches, p' = kept p + (1 - kept)
+    // f.
+    static LoadRecursion of(const RelaxationSpectrum& spectrum, double kept = 0) {
         LoadRecursion out;
-        if (spectrum.terms == 0) return out;
+        if (spectrum.terms == 0 && kept == 0) return out;
+        const double instant = spectrum.instant + kept / (1 - kept);
         out.fields = 1 + spectrum.terms;
-        out.drive[0] = 1 / spectrum.instant;
+        out.drive[0] = 1 / instant;
         out.share[0] = 1;
-        out.step[0][0] = (spectrum.instant - 1) / spectrum.instant;
-        for (int j = 1; j < out.fields; j++) out.step[0][j] = -spectrum.decay[j - 1] / spectrum.instant;
+        out.step[0][0] = (instant - 1) / instant;
+        for (int j = 1; j < out.fields; j++) out.step[0][j] = -spectrum.decay[j - 1] / instant;
         for (int k = 1; k < out.fields; k++) {
             const double gain = spectrum.gain[k - 1];
             out.drive[k] = gain * out.drive[0];
@@ -27,16 +30,6 @@ struct LoadRecursion {
             out.step[k][k] += spectrum.decay[k - 1];
             out.share[k] = spectrum.ratio[k - 1];
         }
-        return out;
-    }
-
-    // q' = kept q + (1 - kept) f.
-    static LoadRecursion lag(double kept) {
-        LoadRecursion out;
-        out.fields = 1;
-        out.step[0][0] = kept;
-        out.drive[0] = 1 - kept;
-        out.share[0] = 1;
         return out;
     }
 };

@@ -80,7 +80,7 @@ void ComplianceModel::write_history(ComplianceState& s) const {
     s.motion->amplitude(amplitude);
     to.modes = modes.count();
     std::copy_n(amplitude, to.modes, to.amplitude);
-    for (const auto* part : {&s.motion->eta, &s.motion->rate, &s.motion->lagging})
+    for (const auto* part : {&s.motion->state, &s.motion->lagging})
         s.values.insert(s.values.end(), part->begin(), part->end());
 }
 

@@ -20,21 +20,59 @@ PALPATE_KERNEL void add_modes(const float* shape, const float* amplitude, int mo
     for (int c = 0; c < 3; c++) out[c] += sum[c];
 }
 
+constexpr int most_size = VibrationModes::most_width + 1;
+
+// out = exp(A time) of an n x n matrix: the Taylor series of a short time, squared.
+void exponential(const double* A, int n, double time, double* out) {
+    constexpr int squarings = 12, terms = 10;
+    const double h = std::ldexp(time, -squarings);
+    double term[most_size * most_size], next[most_size * most_size];
+    const auto multiply = [n](const double* a, const double* b, double scale, double* to) {
+        for (int i = 0; i < n; i++)
+            for (int j = 0; j < n; j++) {
+                double sum = 0;
+                for (int k = 0; k < n; k++) sum += a[i * n + k] * b[k * n + j];
+                to[i * n + j] = scale * sum;
+            }
+    };
+    // exp(A h) - 1, so that squaring loses no digits: (1 + x)^2 - 1 = 2 x + x x.
+    for (int k = 0; k < n * n; k++) out[k] = term[k] = h * A[k];
+    for (int t = 2; t <= terms; t++) {
+        multiply(term, A, h / t, next);
+        for (int k = 0; k < n * n; k++) out[k] += term[k] = next[k];
+    }
+    for (int s = 0; s < squarings; s++) {
+        multiply(out, out, 1, next);
+        for (int k = 0; k < n * n; k++) out[k] = 2 * out[k] + next[k];
+    }
+    for (int k = 0; k < n; k++) out[k * n + k] += 1;
+}
+
 } // namespace
 
-VibrationModes::VibrationModes(std::vector<double> frequencies, std::vector<float> shapes, double damping, double lag)
-    : frequency(std::move(frequencies)), shape(std::move(shapes)), kept(std::exp(-tick / lag)) {
+VibrationModes::VibrationModes(std::vector<double> frequencies, std::vector<float> shapes, double damping, double lag,
+                               const RelaxationSpectrum& spectrum)
+    : frequency(std::move(frequencies)), shape(std::move(shapes)), width(2 + spectrum.terms),
+      loads(LoadRecursion::of(spectrum, std::exp(-RelaxationSpectrum::tick / lag))) {
     if (count() > most) throw std::invalid_argument("VibrationModes: too many modes");
     for (double w : frequency) {
-        const double wd = w * std::sqrt(1 - damping * damping), e = std::exp(-damping * w * tick);
-        const double c = e * std::cos(wd * tick), s = e * std::sin(wd * tick);
-        a11.push_back(c + damping * w / wd * s);
-        a12.push_back(s / wd);
-        a21.push_back(-w * w / wd * s);
-        a22.push_back(c - damping * w / wd * s);
         flexibility.push_back(1 / (w * w));
-        b1.push_back((1 - a11.back()) * flexibility.back());
-        b2.push_back(-a21.back() * flexibility.back());
+        double A[most_size * most_size] = {}, e[most_size * most_size]; // of the state, and a constant load
+        const int n = width + 1;
+        A[1] = 1;
+        A[n] = -w * w;
+        A[n + 1] = -2 * damping * w;
+        A[n + n - 1] = 1;
+        for (int k = 0; k < spectrum.terms; k++) {
+            A[n + 2 + k] = -1;
+            A[(2 + k) * n + 1] = spectrum.ratio[k] * w * w;
+            A[(2 + k) * n + 2 + k] = std::log(spectrum.decay[k]) / RelaxationSpectrum::tick;
+        }
+        exponential(A, n, RelaxationSpectrum::tick, e);
+        for (int r = 0; r < width; r++) {
+            step.insert(step.end(), e + r * n, e + r * n + width);
+            drive.push_back(e[r * n + width]);
+        }
     }
 }
 
@@ -45,7 +83,7 @@ void VibrationModes::project(const int* nodes, const double* weight, int n, doub
 
 void VibrationModes::add_compliance(const double* a, const double* b, double C[9]) const {
     for (int m = 0; m < count(); m++) {
-        const double part = b1[m] - (1 - kept) * flexibility[m];
+        const double part = drive[size_t(width) * m] - loads.drive[0] * flexibility[m];
         for (int k = 0; k < 9; k++) C[k] += part * a[3 * m + k / 3] * b[3 * m + k % 3];
     }
 }
@@ -68,42 +106,71 @@ void VibrationModes::add_displacement(int node, const float* amplitude, float ou
 }
 
 ModalMotion::ModalMotion(const VibrationModes& modes)
-    : modes(modes), eta(modes.count(), 0.0), rate(eta), lagging(eta) {}
+    : modes(modes), state(size_t(modes.width) * modes.count(), 0.0),
+      lagging(size_t(modes.loads.fields) * modes.count(), 0.0) {}
 
 void ModalMotion::amplitude(double* out) const {
-    for (int m = 0; m < modes.count(); m++) out[m] = eta[m] - modes.flexibility[m] * lagging[m];
+    for (int m = 0; m < modes.count(); m++)
+        out[m] = eta(m) - modes.flexibility[m] * lagging[size_t(modes.loads.fields) * m];
 }
 
 void ModalMotion::free_amplitude(double* out) const {
-    for (int m = 0; m < modes.count(); m++)
-        out[m] = modes.a11[m] * eta[m] + modes.a12[m] * rate[m] - modes.kept * modes.flexibility[m] * lagging[m];
+    const int width = modes.width, fields = modes.loads.fields;
+    for (int m = 0; m < modes.count(); m++) {
+        double swing = 0, load = 0;
+        for (int k = 0; k < width; k++)
+            swing += modes.step[size_t(width) * width * m + k] * state[size_t(width) * m + k];
+        for (int k = 0; k < fields; k++) load += modes.loads.step[0][k] * lagging[size_t(fields) * m + k];
+        out[m] = swing - modes.flexibility[m] * load;
+    }
 }
 
 // Without a load it comes to rest when the modes' amplitudes, in roots of N mm, are too small to be seen or felt.
 void ModalMotion::advance(const double* load) {
+    const int width = modes.width, fields = modes.loads.fields;
     double size = 0;
     for (int m = 0; m < modes.count(); m++) {
-        const double x = eta[m], v = rate[m], f = load ? load[m] : 0;
-        eta[m] = modes.a11[m] * x + modes.a12[m] * v + modes.b1[m] * f;
-        rate[m] = modes.a21[m] * x + modes.a22[m] * v + modes.b2[m] * f;
-        lagging[m] = modes.kept * lagging[m] + (1 - modes.kept) * f;
-        size +=
-            std::abs(rate[m]) + modes.frequency[m] * (std::abs(eta[m]) + modes.flexibility[m] * std::abs(lagging[m]));
+        const double f = load ? load[m] : 0, w = modes.frequency[m];
+        double *x = &state[size_t(width) * m], *q = &lagging[size_t(fields) * m], next[VibrationModes::most_width];
+        for (int r = 0; r < width; r++) {
+            next[r] = modes.drive[size_t(width) * m + r] * f;
+            for (int k = 0; k < width; k++) next[r] += modes.step[(size_t(m) * width + r) * width + k] * x[k];
+        }
+        std::copy_n(next, width, x);
+        for (int r = 0; r < fields; r++) {
+            next[r] = modes.loads.drive[r] * f;
+            for (int k = 0; k < fields; k++) next[r] += modes.loads.step[r][k] * q[k];
+        }
+        std::copy_n(next, fields, q);
+        size += std::abs(x[1]) + w * std::abs(x[0]);
+        for (int k = 2; k < width; k++) size += std::abs(x[k]) / w;
+        for (int k = 0; k < fields; k++) size += std::abs(q[k]) / w;
     }
     at_rest = !load && size < 1e-9;
     if (at_rest) reset();
 }
 
 double ModalMotion::energy() const {
+    const int width = modes.width, fields = modes.loads.fields;
     double sum = 0;
-    for (int m = 0; m < modes.count(); m++)
-        sum += rate[m] * rate[m] + (eta[m] * eta[m] / modes.flexibility[m]) -
-               modes.flexibility[m] * lagging[m] * lagging[m];
+    for (int m = 0; m < modes.count(); m++) {
+        const double soft = modes.flexibility[m];
+        sum += rate(m) * rate(m) + eta(m) * eta(m) / soft;
+        for (int k = 2; k < width; k++) {
+            const double h = state[size_t(width) * m + k];
+            sum += h * h * soft / modes.loads.share[k - 1];
+        }
+        for (int k = 0; k < fields; k++) {
+            const double q = lagging[size_t(fields) * m + k];
+            sum -= q * q * soft / modes.loads.share[k];
+        }
+    }
     return 0.5 * sum;
 }
 
 void ModalMotion::reset() {
-    for (auto* v : {&eta, &rate, &lagging}) std::fill(v->begin(), v->end(), 0.0);
+    std::fill(state.begin(), state.end(), 0.0);
+    std::fill(lagging.begin(), lagging.end(), 0.0);
     at_rest = true;
 }
 

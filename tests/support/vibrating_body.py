@@ -17,7 +17,7 @@ def smooth(t, over):
 
 
 class AllModes:
-    """Every mode of the free nodes, damped alike, by the implicit Euler method in 32 steps a tick."""
+    """Every mode of the free nodes, with the tissue's relaxation, by the implicit Euler method in 32 steps a tick."""
 
     def __init__(self, tissue, radius, substeps=32):
         elements = FiniteElements(tissue, "smoothed")
@@ -29,6 +29,11 @@ class AllModes:
         self.omega = np.sqrt(square)
         self.damping = 2 * tissue.inertia.damping * self.omega
         self.eta, self.rate = np.zeros(len(self.omega)), np.zeros(len(self.omega))
+        series = tissue.relaxation
+        shares, times = (np.empty(0), np.empty(0)) if series is None else series.table().T
+        self.ratio = shares * (1 if series is None else series.instantaneous)
+        self.kept = 1 / (1 + self.h / times)
+        self.branch = np.zeros((len(times), len(self.omega)))
 
     def weights(self, at):
         W = np.zeros((3 * len(self.tissue.mesh.nodes), 3))
@@ -41,16 +46,21 @@ class AllModes:
         """The mean force of the tissue on the tool that goes from one displacement to another, evenly."""
         h, total = self.h, np.zeros(3)
         P = None if at is None else self.weights(at)
-        scale = 1 / (1 + h * self.damping + h * h * self.omega**2)
+        square = self.omega**2
+        stiffer = 1 + (self.kept * self.ratio).sum()
+        scale = 1 / (1 + h * self.damping + h * h * stiffer * square)
         for s in range(1, self.substeps + 1):
             there = self.eta + h * self.rate
-            rest = scale * (-self.damping * self.rate - self.omega**2 * there)  # acceleration without a load
+            pull = self.kept @ self.branch + (stiffer - 1) * square * h * self.rate
+            rest = scale * (-self.damping * self.rate - square * there - pull)  # acceleration without a load
             if P is not None:
                 d = before + (after - before) * s / self.substeps
                 force = np.linalg.solve(h * h * (P.T * scale) @ P, d - P.T @ (there + h * h * rest))
                 rest = rest + scale * (P @ force)
                 total -= force / self.substeps
-            self.eta, self.rate = there + h * h * rest, self.rate + h * rest
+            moved = h * (self.rate + h * rest)
+            self.branch = self.kept[:, None] * (self.branch + self.ratio[:, None] * square * moved)
+            self.eta, self.rate = self.eta + moved, self.rate + h * rest
         return total
 
     def whole(self):

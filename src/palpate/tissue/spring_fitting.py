@@ -67,7 +67,7 @@ def fit(
     relaxation : Relaxation, optional
         How the stiffness relaxes, in sessions; `young` is what remains in the long term, and what springs are fitted to.
     inertia : Inertia, optional
-        The mass, in sessions. Not beside a relaxation.
+        The mass, in sessions.
 
     Returns
     -------

@@ -100,7 +100,7 @@ class Tissue:
     relaxation : Relaxation, optional
         How the stiffness relaxes, in sessions; `young` is what remains in the long term.
     inertia : Inertia, optional
-        The mass, in sessions. Not beside a relaxation.
+        The mass, in sessions.
 
     Raises
     ------
@@ -162,8 +162,6 @@ class Tissue:
         for name, thing in (("mesh", mesh), ("element", element), ("springs", springs), ("report", report)):
             object.__setattr__(self, name, thing)
         object.__setattr__(self, "materials", dict(materials or {}))
-        if relaxation is not None and inertia is not None:
-            raise MaterialError("inertia: not built beside a relaxation; leave one of them out")
         object.__setattr__(self, "relaxation", relaxation)
         object.__setattr__(self, "inertia", inertia)
 

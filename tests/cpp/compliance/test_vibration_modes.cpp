@@ -8,10 +8,10 @@ using namespace palpate;
 
 namespace {
 
-VibrationModes three(double damping) {
+VibrationModes three(double damping, const RelaxationSpectrum& spectrum = {}) {
     std::vector<float> shape(2 * 3 * 3);
     for (size_t k = 0; k < shape.size(); k++) shape[k] = 0.1f * float(k + 1) - 0.8f;
-    return VibrationModes({20, 180, 900}, shape, damping, 2e-3);
+    return VibrationModes({20, 180, 900}, shape, damping, 2e-3, spectrum);
 }
 
 } // namespace
@@ -25,7 +25,7 @@ TEST_CASE("a tick is the exact solution for a constant force") {
         for (int tick = 0; tick < 5; tick++) {
             motion.advance(load);
             constexpr int steps = 20000;
-            const double h = VibrationModes::tick / steps;
+            const double h = RelaxationSpectrum::tick / steps;
             for (int m = 0; m < 3; m++)
                 for (int s = 0; s < steps; s++) { // midpoint
                     const double w = modes.frequency[m];
@@ -35,9 +35,45 @@ TEST_CASE("a tick is the exact solution for a constant force") {
                     eta[m] += h * v;
                 }
             for (int m = 0; m < 3; m++) {
-                CHECK(motion.eta[m] == doctest::Approx(eta[m]).epsilon(1e-6));
-                CHECK(motion.rate[m] == doctest::Approx(rate[m]).epsilon(1e-6));
+                CHECK(motion.eta(m) == doctest::Approx(eta[m]).epsilon(1e-6));
+                CHECK(motion.rate(m) == doctest::Approx(rate[m]).epsilon(1e-6));
             }
+        }
+    }
+}
+
+TEST_CASE("nor does a stiffness that relaxes keep it from being exact") {
+    RelaxationSpectrum spectrum;
+    spectrum.add(0.3, 0.01, 0.5);
+    spectrum.add(0.2, 0.2, 0.5);
+    const double times[2] = {0.01, 0.2};
+    const VibrationModes modes = three(0.05, spectrum);
+    ModalMotion motion(modes);
+    const double load[3] = {0.3, -2, 1};
+    double eta[3] = {}, rate[3] = {}, branch[3][2] = {};
+    for (int tick = 0; tick < 5; tick++) {
+        motion.advance(load);
+        constexpr int steps = 20000;
+        const double h = RelaxationSpectrum::tick / steps;
+        for (int m = 0; m < 3; m++)
+            for (int s = 0; s < steps; s++) { // midpoint
+                const double w = modes.frequency[m];
+                const auto slopes = [&](double x, double v, const double* b, double* out) {
+                    out[0] = v;
+                    out[1] = load[m] - 2 * 0.05 * w * v - w * w * x - b[0] - b[1];
+                    for (int k = 0; k < 2; k++) out[2 + k] = spectrum.ratio[k] * w * w * v - b[k] / times[k];
+                };
+                double first[4], middle[4];
+                slopes(eta[m], rate[m], branch[m], first);
+                const double half[2] = {branch[m][0] + h / 2 * first[2], branch[m][1] + h / 2 * first[3]};
+                slopes(eta[m] + h / 2 * first[0], rate[m] + h / 2 * first[1], half, middle);
+                eta[m] += h * middle[0];
+                rate[m] += h * middle[1];
+                for (int k = 0; k < 2; k++) branch[m][k] += h * middle[2 + k];
+            }
+        for (int m = 0; m < 3; m++) {
+            CHECK(motion.eta(m) == doctest::Approx(eta[m]).epsilon(1e-6));
+            CHECK(motion.rate(m) == doctest::Approx(rate[m]).epsilon(1e-6));
         }
     }
 }

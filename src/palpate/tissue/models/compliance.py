@@ -49,20 +49,20 @@ class ComplianceModel(TissueModel):
         shown = displayed_nodes(tissue.mesh)
         self.vertices: Int32 = shown[~tissue.held[shown]]
         relaxation = np.empty((0, 2)) if tissue.relaxation is None else tissue.relaxation.table()
-        in_time = relaxation if tissue.inertia is None else self._modes(tissue, tissue.inertia)
+        in_time = relaxation if tissue.inertia is None else self._modes(tissue, tissue.inertia, relaxation)
         native = _core.compliance.ComplianceModel(
             self.factors.native, self._free, self.vertices, tissue.mesh.nodes, int(memory * 2**20), in_time
         )
         super().__init__(tissue, native)
 
-    def _modes(self, tissue: Tissue, inertia: Inertia) -> "_core.compliance.VibrationModes":
+    def _modes(self, tissue: Tissue, inertia: Inertia, relaxation: Float64) -> "_core.compliance.VibrationModes":
         free = ~tissue.held
         mass = np.repeat(nodal_mass(tissue.mesh, inertia.density)[free], 3)
         K = csr_array(self.elements.K[self.elements.free][:, self.elements.free])
         frequencies, shapes = lowest_modes(K, mass, self.factors, inertia.modes)
         whole = np.zeros((len(tissue.mesh.nodes), len(frequencies), 3), dtype=np.float32)
         whole[free] = shapes.reshape(-1, 3, len(frequencies)).transpose(0, 2, 1)
-        return _core.compliance.VibrationModes(frequencies, whole, inertia.damping, inertia.lag)
+        return _core.compliance.VibrationModes(frequencies, whole, inertia.damping, inertia.lag, relaxation)
 
     def solve(
         self, found: Contacts, state: "_core.tissue.ModelState", tolerance: float, most_sweeps: int
