@@ -3,11 +3,6 @@
 #include <algorithm>
 
 namespace palpate {
-namespace {
-
-constexpr int capacity = ContactPatch::capacity;
-
-} // namespace
 
 // What a force at the end of the tick must do: the displacement from where the tissue would be without it.
 void ComplianceModel::subtract_history(ComplianceState& s, int prescribed, double* driving) const {
@@ -16,7 +11,7 @@ void ComplianceModel::subtract_history(ComplianceState& s, int prescribed, doubl
     for (int a = 0; a < prescribed; a++) {
         for (int i = 0; i < s.blocks.count; i++) {
             s.history->free_displacement(i, free);
-            for (int k = 0; k < 3; k++) driving[3 * a + k] -= s.weight[a * capacity + i] * free[k];
+            for (int k = 0; k < 3; k++) driving[3 * a + k] -= s.weight[a * ContactPatch::capacity + i] * free[k];
         }
         if (!s.motion) continue;
         modes.displacement(s.shape(a), amplitude, free);
@@ -33,19 +28,20 @@ void ComplianceModel::present_displacement(ComplianceState& s, int patch, double
         modes.displacement(s.shape(patch), amplitude, out);
     }
     for (int i = 0; i < s.blocks.count; i++)
-        for (int k = 0; k < 3; k++) out[k] += s.weight[patch * capacity + i] * s.history->displacement(i)[k];
+        for (int k = 0; k < 3; k++)
+            out[k] += s.weight[patch * ContactPatch::capacity + i] * s.history->displacement(i)[k];
 }
 
 // The tick's loads enter the history. If blocks are missing, the patches' vertices are taken to move as their tools do.
 void ComplianceModel::remember(ComplianceState& s, int prescribed, const double* displacement,
                                const double* force) const {
-    double elastic[3 * capacity] = {}, amplitude[VibrationModes::most], load[VibrationModes::most] = {};
+    double elastic[3 * ContactPatch::capacity] = {}, amplitude[VibrationModes::most], load[VibrationModes::most] = {};
     if (!s.stale) s.blocks.apply(s.snapshot.load, elastic);
     if (s.stale && s.motion) s.motion->free_amplitude(amplitude);
     for (int i = 0; s.stale && i < s.blocks.count; i++) {
         double sum = 0, mean[3] = {0, 0, 0}, free[3], swing[3] = {0, 0, 0};
         for (int a = 0; a < prescribed; a++) {
-            const double w = s.weight[a * capacity + i];
+            const double w = s.weight[a * ContactPatch::capacity + i];
             sum += w;
             for (int k = 0; k < 3; k++) mean[k] += w * displacement[3 * a + k];
         }
