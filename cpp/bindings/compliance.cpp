@@ -32,16 +32,16 @@ FactoredStiffness elastic(const SparseCholesky& factor, In<int32_t, 1> free, In<
 RelaxationSpectrum spectrum(In<double, 2> relaxation) {
     expect(relaxation.shape(1) == 2 && relaxation.shape(0) <= RelaxationSpectrum::max_terms,
            "relaxation: expected shape (terms, 2), at most 6 terms");
+    std::vector<std::array<double, 2>> series;
     double sum = 0;
     for (size_t k = 0; k < relaxation.shape(0); k++) {
         expect(relaxation(k, 0) > 0 && relaxation(k, 0) < 1, "relaxation: a share is more than 0 and less than 1");
         expect(within(relaxation(k, 1), 1e-3, 1e6), "relaxation: times are 0.001 to 1000000 s");
         sum += relaxation(k, 0);
+        series.push_back({relaxation(k, 0), relaxation(k, 1)});
     }
     expect(sum < 0.999, "relaxation: some stiffness must be left");
-    RelaxationSpectrum out;
-    for (size_t k = 0; k < relaxation.shape(0); k++) out.add(relaxation(k, 0), relaxation(k, 1), sum);
-    return out;
+    return RelaxationSpectrum(series);
 }
 
 std::vector<int> vertex_list(const ComplianceState& s, In<int32_t, 1> vertices) {

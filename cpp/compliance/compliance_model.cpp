@@ -11,18 +11,7 @@ constexpr int capacity = ContactPatch::capacity;
 // the force by at most this part of it, since steps of some per cent can be felt.
 constexpr double decay = 0.95, largest_step = 0.015;
 
-constexpr int most = 3 * TissueModel::max_patches;
-enum StateLayout { // of ComplianceState::values
-    prescribed_at = 0,
-    observed_at = 1,
-    force_at = 2,
-    displacement_at = force_at + most,
-    stiffness_at = displacement_at + most,
-    offset_at = stiffness_at + most * most,
-    known_at = offset_at + most * most,
-    size = known_at + 1
-};
-static_assert(size == ComplianceState::own_numbers);
+constexpr int most = ComplianceState::most;
 
 // out = a^-1, a 3x3 or larger; overwrites a. False: the contacts are linearly dependent.
 bool invert(double* a, int n, double* out) {
@@ -96,14 +85,14 @@ bool ComplianceModel::relax(ModelState& state, const ContactPatch* patches, int 
     if (prescribed + (at_rest ? 0 : observed) > 0) {
         if (!set_patches(s, patches, prescribed + observed)) return false;
         resize_contacts(s, prescribed);
-        s.values[observed_at] = observed;
+        s.values[ComplianceState::observed_at] = observed;
         find_blocks(s);
         double driving[most]; // what a force at the end of the tick must do
         std::copy_n(displacement, 3 * prescribed, driving);
         if (s.history) subtract_history(s, prescribed, driving);
         good = update_stiffness(s, prescribed, driving);
         if (good) apply_stiffness(s, prescribed, driving, force);
-        if (good && s.history) remember(s, prescribed, displacement, force);
+        if (good && s.history) advance_history(s, prescribed, displacement, force);
         observe(s, prescribed, observed, displacement, force);
     } else {
         release(s);
@@ -134,21 +123,22 @@ bool ComplianceModel::set_patches(ComplianceState& s, const ContactPatch* patche
 
 // New contacts come last: the stiffness of those before stays in use. If one goes, the stiffness is dropped.
 void ComplianceModel::resize_contacts(ComplianceState& s, int prescribed) const {
-    const int was = 3 * int(s.values[prescribed_at]), n = 3 * prescribed;
+    const int was = 3 * int(s.values[ComplianceState::prescribed_at]), n = 3 * prescribed;
     if (was == n) return;
-    double before[size];
-    std::copy_n(s.values.begin(), size, before);
+    double before[ComplianceState::size];
+    std::copy_n(s.values.begin(), ComplianceState::size, before);
     std::fill(s.values.begin(), s.values.end(), 0.0);
-    s.values[prescribed_at] = prescribed;
+    s.values[ComplianceState::prescribed_at] = prescribed;
     if (was > n || was == 0) return;
-    s.values[known_at] = before[known_at];
+    s.values[ComplianceState::known_at] = before[ComplianceState::known_at];
     for (int i = 0; i < was; i++)
         for (int j = 0; j < was; j++)
-            for (int at : {int(stiffness_at), int(offset_at)}) s.values[at + n * i + j] = before[at + was * i + j];
+            for (int at : {int(ComplianceState::stiffness_at), int(ComplianceState::offset_at)})
+                s.values[at + n * i + j] = before[at + was * i + j];
 }
 
 void ComplianceModel::release(ComplianceState& s) const {
-    std::fill_n(s.values.begin(), size, 0.0);
+    std::fill_n(s.values.begin(), ComplianceState::size, 0.0);
     s.snapshot.count = s.snapshot.loads = 0;
     s.stale = s.blending = false;
     if (!s.history) return;
@@ -158,7 +148,9 @@ void ComplianceModel::release(ComplianceState& s) const {
     write_history(s);
 }
 
-const double* ComplianceModel::contact_stiffness(const ComplianceState& state) { return &state.values[stiffness_at]; }
+const double* ComplianceModel::contact_stiffness(const ComplianceState& state) {
+    return &state.values[ComplianceState::stiffness_at];
+}
 
 // Looks for the blocks between the patches' nodes, and between those and what the history knows of.
 void ComplianceModel::find_blocks(ComplianceState& s) const {
@@ -194,9 +186,9 @@ void ComplianceModel::compute_missing(ComplianceState& s) const {
 // The exact stiffness plus what is left of its difference to the last one; if blocks are missing, the last one.
 bool ComplianceModel::update_stiffness(ComplianceState& s, int prescribed, const double* displacement) const {
     double* values = s.values.data();
-    double *in_use = values + stiffness_at, *offset = values + offset_at;
+    double *in_use = values + ComplianceState::stiffness_at, *offset = values + ComplianceState::offset_at;
     if (s.stale) {
-        values[known_at] = -1;
+        values[ComplianceState::known_at] = -1;
         s.blending = true;
         return true;
     }
@@ -212,7 +204,7 @@ bool ComplianceModel::update_stiffness(ComplianceState& s, int prescribed, const
             for (int k = 0; k < 9; k++) C[(3 * a + k / 3) * n + 3 * b + k % 3] = part[k];
         }
     if (!invert(C, n, exact)) return false;
-    if (values[known_at] < 0)
+    if (values[ComplianceState::known_at] < 0)
         for (int k = 0; k < n * n; k++) offset[k] = in_use[k] - exact[k];
     const double difference = norm_of_product(offset, n, displacement);
     const double step = largest_step * norm_of_product(exact, n, displacement);
@@ -222,7 +214,7 @@ bool ComplianceModel::update_stiffness(ComplianceState& s, int prescribed, const
         offset[k] = negligible ? 0 : left * offset[k];
         in_use[k] = exact[k] + offset[k];
     }
-    values[known_at] = 1;
+    values[ComplianceState::known_at] = 1;
     s.blending = norm(offset, n * n) > 0.02 * norm(exact, n * n);
     return true;
 }
@@ -233,11 +225,11 @@ void ComplianceModel::apply_stiffness(ComplianceState& s, int prescribed, const 
     const int n = 3 * prescribed;
     for (int k = 0; k < n; k++) {
         force[k] = 0;
-        for (int c = 0; c < n; c++) force[k] -= values[stiffness_at + n * k + c] * displacement[c];
-        values[force_at + k] = force[k];
-        values[displacement_at + k] = displacement[k];
+        for (int c = 0; c < n; c++) force[k] -= values[ComplianceState::stiffness_at + n * k + c] * displacement[c];
+        values[ComplianceState::force_at + k] = force[k];
+        values[ComplianceState::displacement_at + k] = displacement[k];
     }
-    const int patches = prescribed > 0 ? prescribed : int(values[observed_at]);
+    const int patches = prescribed > 0 ? prescribed : int(values[ComplianceState::observed_at]);
     s.snapshot.count = s.snapshot.loads = s.blocks.count;
     std::copy_n(s.blocks.vertex.data(), s.blocks.count, s.snapshot.vertex);
     for (int i = 0; i < s.blocks.count; i++) {
@@ -258,7 +250,7 @@ void ComplianceModel::observe(ComplianceState& s, int prescribed, int observed, 
                               double* force) const {
     double* values = s.values.data();
     for (int o = prescribed; o < prescribed + observed; o++) {
-        double* mean = values + displacement_at + 3 * o;
+        double* mean = values + ComplianceState::displacement_at + 3 * o;
         if (!s.stale && s.history) {
             present_displacement(s, o, mean);
         } else if (!s.stale) {
@@ -279,42 +271,6 @@ void ComplianceModel::prefetch(ModelState& state, const ContactPatch* patches, i
     auto& s = static_cast<ComplianceState&>(state);
     PatchVertices vertices;
     if (vertices.gather(stiffness, patches, count) && carry_to_spare(s, vertices)) s.spare_blocks.fetch(s.greens);
-}
-
-void ComplianceModel::displayed_displacement(ModelState& state, const int* nodes, int count, float* out) const {
-    auto& s = static_cast<ComplianceState&>(state);
-    const ContactSnapshot& at = s.snapshot;
-    const float* field = s.field.data();
-    if (s.tables == TablePolicy::background && s.precompute)
-        field = s.precompute->newest_field();
-    else if (at.loads == 0)
-        std::fill(s.field.begin(), s.field.end(), 0.0f);
-    else if (!s.greens.superpose(at.vertex, at.loads, at.load, s.field.data()))
-        s.greens.solve(at.vertex, at.loads, at.load, s.field.data());
-    for (int i = 0; i < count; i++) {
-        const int v = stiffness.vertex_index[nodes[i]];
-        for (int k = 0; k < 3; k++) out[3 * i + k] = v < 0 ? 0 : field[3 * size_t(v) + k];
-        if (v >= 0 && field == s.field.data() && s.motion) modes.add_displacement(nodes[i], at.amplitude, out + 3 * i);
-    }
-}
-
-void ComplianceModel::displacement(ModelState& state, double* out) const {
-    const ContactSnapshot& at = static_cast<ComplianceState&>(state).snapshot;
-    std::vector<double> x(3 * size_t(stiffness.factor->tree.nodes()), 0);
-    for (int k = 0; k < at.loads; k++)
-        for (int c = 0; c < 3; c++) x[3 * size_t(stiffness.vertex_free[at.vertex[k]]) + c] = at.load[3 * k + c];
-    stiffness.factor->solve(x.data(), 1);
-    for (int i = 0; i < nodes(); i++)
-        for (int c = 0; c < 3; c++)
-            out[3 * size_t(i) + c] = stiffness.free_index[i] < 0 ? 0 : x[3 * size_t(stiffness.free_index[i]) + c];
-    const auto& motion = static_cast<ComplianceState&>(state).motion;
-    if (!motion) return;
-    double amplitude[VibrationModes::most], moved[3];
-    motion->amplitude(amplitude);
-    for (int i = 0; i < nodes(); i++) {
-        modes.displacement(i, amplitude, moved);
-        for (int c = 0; c < 3; c++) out[3 * size_t(i) + c] += moved[c];
-    }
 }
 
 void ComplianceModel::begin_realtime(ModelState& state) const {

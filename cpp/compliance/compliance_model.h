@@ -2,7 +2,6 @@
 // Linear FEM, elastic, viscoelastic or with inertia, by cached Green's functions. Simulation calls it through
 // TissueModel, in the loop's thread; the tables are computed by PrecomputeThread. Method: D. L. James & D. K. Pai,
 // ArtDefo, SIGGRAPH 1999.
-#include "compliance/load_history.h"
 #include "compliance/precompute_thread.h"
 #include "compliance/vibration_modes.h"
 
@@ -16,7 +15,17 @@ struct ComplianceState : ModelState {
     ~ComplianceState() override;
     std::vector<double>& state_vector() override { return values; } // u is not used: a tick solves for its patches only
     void reset() override;
-    static constexpr int most = 3 * TissueModel::max_patches, own_numbers = 3 + 2 * most + 2 * most * most;
+    static constexpr int most = 3 * TissueModel::max_patches;
+    enum Layout { // of `values`; the history's numbers follow
+        prescribed_at = 0,
+        observed_at = 1,
+        force_at = 2,
+        displacement_at = force_at + most,
+        stiffness_at = displacement_at + most,
+        offset_at = stiffness_at + most * most,
+        known_at = offset_at + most * most,
+        size = known_at + 1
+    };
 
     // Prescribed and observed contacts (2); forces, displacements (3 per patch each); the stiffness in use, its
     // difference to the exact one (3 prescribed by 3 prescribed, each); 1: the difference is known, -1: it is not; the
@@ -69,7 +78,7 @@ private:
     void compute_missing(ComplianceState& s) const;
     void subtract_history(ComplianceState& s, int prescribed, double* driving) const;
     void present_displacement(ComplianceState& s, int patch, double out[3]) const;
-    void remember(ComplianceState& s, int prescribed, const double* displacement, const double* force) const;
+    void advance_history(ComplianceState& s, int prescribed, const double* displacement, const double* force) const;
     void write_history(ComplianceState& s) const;
     bool update_stiffness(ComplianceState& s, int prescribed, const double* displacement) const;
     void apply_stiffness(ComplianceState& s, int prescribed, const double* displacement, double* force) const;

@@ -1,7 +1,7 @@
 #pragma once
 // The background thread of a ComplianceState. It fills GreensFunctions ahead of the tool; the loop's thread sends it
 // snapshots and reads its display field, both through triple buffers.
-#include "compliance/greens_functions.h"
+#include "compliance/load_history.h"
 #include "compliance/vibration_modes.h"
 #include "realtime/triple_buffer.h"
 #include "tissue/contact_patch.h"
@@ -11,7 +11,7 @@ namespace palpate {
 
 // The contact as the last tick left it.
 struct ContactSnapshot {
-    static constexpr int capacity = 1024 + ContactPatch::capacity;
+    static constexpr int capacity = LoadHistory::capacity;
     int64_t serial = 0; // ticks answered; 0: none yet
     int count = 0;      // vertices of the patches; 0: no contact
     int loads = 0;      // vertices with loads: those of the patches, then those that the tissue's history holds

@@ -33,8 +33,8 @@ void ComplianceModel::present_displacement(ComplianceState& s, int patch, double
 }
 
 // The tick's loads enter the history. If blocks are missing, the patches' vertices are taken to move as their tools do.
-void ComplianceModel::remember(ComplianceState& s, int prescribed, const double* displacement,
-                               const double* force) const {
+void ComplianceModel::advance_history(ComplianceState& s, int prescribed, const double* displacement,
+                                      const double* force) const {
     double elastic[3 * ContactPatch::capacity] = {}, amplitude[VibrationModes::most], load[VibrationModes::most] = {};
     if (!s.stale) s.blocks.apply(s.snapshot.load, elastic);
     if (s.stale && s.motion) s.motion->free_amplitude(amplitude);
@@ -69,7 +69,7 @@ void ComplianceModel::write_history(ComplianceState& s) const {
         to.vertex[to.loads] = from.vertex(k);
         std::copy_n(from.elastic_load(k), 3, &to.load[3 * to.loads++]);
     }
-    s.values.resize(ComplianceState::own_numbers);
+    s.values.resize(ComplianceState::size);
     from.append_to(s.values);
     if (!s.motion) return;
     double amplitude[VibrationModes::most];

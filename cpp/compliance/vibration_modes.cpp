@@ -66,7 +66,7 @@ VibrationModes::VibrationModes(std::vector<double> frequencies, std::vector<floa
         for (int k = 0; k < spectrum.terms; k++) {
             A[n + 2 + k] = -1;
             A[(2 + k) * n + 1] = spectrum.ratio[k] * w * w;
-            A[(2 + k) * n + 2 + k] = std::log(spectrum.decay[k]) / RelaxationSpectrum::tick;
+            A[(2 + k) * n + 2 + k] = -1 / spectrum.time[k];
         }
         exponential(A, n, RelaxationSpectrum::tick, e);
         for (int r = 0; r < width; r++) {

@@ -60,7 +60,9 @@ def fit_command(
     inertia: Annotated[
         float | None, typer.Option(help="Damping ratio of the swings of a tissue that has mass: 0.05")
     ] = None,
-    density: Annotated[float, typer.Option(help="For --inertia, kg/m³.")] = 1060.0,
+    density: Annotated[
+        float | None, typer.Option(help="For --inertia, kg/m³. Default: 1060.", show_default=False)
+    ] = None,
     law: Annotated[str, typer.Option(help="Of the home springs: uniform, linear, exponential.")] = "exponential",
     element: Annotated[str, typer.Option(help="smoothed; P1: too stiff; P2, mixed: for springs alone.")] = "smoothed",
     within: Annotated[
@@ -102,7 +104,7 @@ def fit_command(
     if output.suffix.lower() != ".vtu":
         raise FileError(f"{output}: tissue is written as .vtu; name it so")
     relaxing = None if relaxation is None else pp.Relaxation.parse(relaxation)
-    swinging = None if inertia is None else pp.Inertia(inertia, density)
+    swinging = _inertia(inertia, density)
     solid = pp.read_mesh(mesh)
     kinds = _by_region(solid, "--region-tissue", str, tissue, region_tissue)
     nu = _by_region(solid, "--region-poisson", float, poisson, region_poisson)
@@ -142,6 +144,16 @@ def fit_command(
             found = pp.select_model(fitted, within, force_within / 100, up_to, progress=say)
         typer.echo(found.text())
     typer.echo(f"{len(solid.nodes)} nodes, {len(fitted.fixed)} held; wrote {output}")
+
+
+def _inertia(damping: float | None, density: float | None) -> "pp.Inertia | None":
+    if damping is None:
+        if density is not None:
+            raise typer.BadParameter(
+                "mass alone does nothing; give --inertia, the damping ratio, too", param_hint="--density"
+            )
+        return None
+    return pp.Inertia(damping) if density is None else pp.Inertia(damping, density)
 
 
 def _numbers(option: str, text: str) -> list[float]:

@@ -89,7 +89,7 @@ class Session:
         limit: float = 20.0,
         friction: float = 0.3,
     ) -> None:
-        _require_time(model)
+        _require_time_dependence(model)
         self.first = self.model = model
         self.mesh: TetMesh = model.tissue.mesh
         self.shown = displayed_nodes(self.mesh)
@@ -189,7 +189,7 @@ class Session:
         """
         if not same_tissue(model, self.first):
             raise DataError("change: the model is of another tissue or spring law; make it of the session's own tissue")
-        _require_time(model)
+        _require_time_dependence(model)
         seconds = _core.simulation.sweep_seconds(model.native, model.tissue.surface, self.settings.radius)
         done = self._sweeps(sweeps, seconds)
         with self._lock:
@@ -390,9 +390,9 @@ class Session:
             self.journal.append(events, self._changes_made(), self._marks)
 
 
-def _require_time(model: TissueModel) -> None:
+def _require_time_dependence(model: TissueModel) -> None:
     tissue = model.tissue
-    if (tissue.relaxation is not None or tissue.inertia is not None) and not model.moves_in_time:
+    if tissue.time_dependent and not model.time_dependent:
         what = "relaxation" if tissue.inertia is None else "inertia"
         raise MaterialError(
             f"model: {name_of(model)} does not follow the tissue's {what}; take compliance, or fit without --{what}"

@@ -54,8 +54,8 @@ def starting_model(tissue: Tissue, radius: float | None = None) -> StartingModel
         except MaterialError as problem:
             notes.append(f"{name}: {problem}")
             continue
-        if (tissue.relaxation is not None or tissue.inertia is not None) and not one.moves_in_time:
-            notes.append(f"{name} does not follow the tissue in time")
+        if tissue.time_dependent and not one.time_dependent:
+            notes.append(f"{name} does not follow the tissue's relaxation or inertia")
             continue
         ms = 1e3 * tick_seconds(one, radius)
         if ms <= 1e3 / RATE:

@@ -165,6 +165,11 @@ class Tissue:
         object.__setattr__(self, "relaxation", relaxation)
         object.__setattr__(self, "inertia", inertia)
 
+    @property
+    def time_dependent(self) -> bool:
+        """Whether it relaxes or has inertia."""
+        return self.relaxation is not None or self.inertia is not None
+
     @cached_property
     def held(self) -> Bool:
         """True where a node is held, (N,)."""

@@ -1,8 +1,8 @@
 #include "../free_stiffness.h"
 #include "../random_blocks.h"
+#include "all_vertices.h"
 #include "compliance/compliance_model.h"
 #include <chrono>
-#include <numeric>
 
 using namespace palpate;
 
@@ -13,18 +13,9 @@ struct Organ {
     RandomBlocks K;
     SparseCholesky factor;
     ComplianceModel model;
-    static FactoredStiffness factored(const SparseCholesky& factor, int nodes) {
-        FactoredStiffness out{&factor, factor.rounded(), std::vector<int>(nodes), {}, {}, {}, {}};
-        std::iota(out.free_index.begin(), out.free_index.end(), 0);
-        out.vertex_index = out.vertex_node = out.vertex_free = out.free_index;
-        std::mt19937 random(3);
-        std::uniform_real_distribution<double> coordinate(0, 20);
-        for (int i = 0; i < 3 * nodes; i++) out.position.push_back(coordinate(random));
-        return out;
-    }
     explicit Organ(int nodes, size_t budget)
         : K(nodes), factor(K.rows(), std::vector<double>(3 * nodes, 0.0).data()),
-          model(factored(factor, nodes), budget) {}
+          model(all_vertices(factor, nodes), budget) {}
 };
 
 ContactPatch patch(std::vector<int> nodes, std::vector<double> weights) {

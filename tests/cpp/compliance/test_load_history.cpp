@@ -1,6 +1,7 @@
 // The history of loads against Maxwell solids by a dense matrix: every node's displacement, and the energy of all
 // springs.
 #include "../random_blocks.h"
+#include "all_vertices.h"
 #include "compliance/compliance_model.h"
 #include "compliance/load_history.h"
 #include <doctest.h>
@@ -10,31 +11,16 @@ using namespace palpate;
 
 namespace {
 
-RelaxationSpectrum two_terms() {
-    RelaxationSpectrum out;
-    out.add(0.3, 0.004, 0.6);
-    out.add(0.3, 0.02, 0.6);
-    return out;
-}
+RelaxationSpectrum two_terms() { return RelaxationSpectrum({{0.3, 0.004}, {0.3, 0.02}}); }
 
-// Vertices are all nodes, at random positions in a box of 20 mm.
 struct Body {
     RandomBlocks K;
     SparseCholesky factor;
     FactoredStiffness stiffness;
     GreensFunctions greens;
-    static FactoredStiffness factored(const SparseCholesky& factor, int nodes) {
-        FactoredStiffness out{&factor, factor.rounded(), std::vector<int>(nodes), {}, {}, {}, {}};
-        std::iota(out.free_index.begin(), out.free_index.end(), 0);
-        out.vertex_index = out.vertex_node = out.vertex_free = out.free_index;
-        std::mt19937 random(3);
-        std::uniform_real_distribution<double> coordinate(0, 20);
-        for (int i = 0; i < 3 * nodes; i++) out.position.push_back(coordinate(random));
-        return out;
-    }
     explicit Body(int nodes)
-        : K(nodes), factor(K.rows(), std::vector<double>(3 * nodes, 0.0).data()), stiffness(factored(factor, nodes)),
-          greens(stiffness, size_t(1) << 26) {
+        : K(nodes), factor(K.rows(), std::vector<double>(3 * nodes, 0.0).data()),
+          stiffness(all_vertices(factor, nodes)), greens(stiffness, size_t(1) << 26) {
         std::vector<int> all(nodes);
         std::iota(all.begin(), all.end(), 0);
         for (int k = 0; k < nodes; k += GreensFunctions::batch)
@@ -95,7 +81,8 @@ TEST_CASE("a contact that moves, leaves and comes back finds the displacement th
          {std::vector<int>{1, 5, 9}, {5, 9, 12, 20}, {}, {30, 31}, {}, {1, 2, 3, 5}, {9}}) {
         advance(body, history, truth, contact, 7, seed++);
         const std::vector<double> u = solve_dense(body.K.dense, truth.elastic);
-        const double size = std::abs(*std::max_element(u.begin(), u.end()));
+        double size = 0;
+        for (double x : u) size = std::max(size, std::abs(x));
         for (size_t i = 0; i < contact.size(); i++)
             for (int c = 0; c < 3; c++)
                 CHECK(std::abs(history.displacement(int(i))[c] - u[3 * contact[i] + c]) < 1e-5 * size);
@@ -137,11 +124,10 @@ TEST_CASE("the history of a long way keeps its total when it is full") {
     FactoredStiffness stiffness{&factor, {}, std::vector<int>(nodes), {}, {}, {}, {}};
     stiffness.vertex_node.resize(nodes), stiffness.vertex_free.assign(nodes, 0);
     for (int i = 0; i < nodes; i++) stiffness.position.insert(stiffness.position.end(), {0.1 * i, 0.0, 0.0});
-    RelaxationSpectrum spectrum;
-    spectrum.add(0.5, 0.05, 0.5);
+    const RelaxationSpectrum spectrum({{0.5, 0.05}});
     LoadHistory history(stiffness, LoadRecursion::of(spectrum));
     double elastic = 0, branch = 0; // all nodes obey one recursion, and so do their sums
-    FactoredStiffness small = Body::factored(factor, 2);
+    FactoredStiffness small = all_vertices(factor, 2);
     GreensFunctions unread(small, 1 << 20);
     for (int first = 0; first + 4 <= nodes; first += 4) {
         const int contact[4] = {first, first + 1, first + 2, first + 3};

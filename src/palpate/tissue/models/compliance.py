@@ -36,7 +36,7 @@ class ComplianceModel(TissueModel):
     native: "_core.compliance.ComplianceModel"
     linear_elasticity = True
     slides = True
-    moves_in_time = True
+    time_dependent = True
 
     def __init__(self, tissue: Tissue, memory: float = 256.0) -> None:
         if not (np.isfinite(memory) and memory > 0):

@@ -21,9 +21,7 @@ class TissueModel(ABC):
     """
 
     slides = False  # whether contacts of finite friction can be answered
-    moves_in_time = (
-        False  # whether its ticks follow the tissue's relaxation and inertia; `push` answers for the long term
-    )
+    time_dependent = False  # whether its ticks follow the tissue's relaxation and inertia; `push` is for the long term
     linear_elasticity = (
         False  # whether it is: finite elements of the tissue's own element, whose error can be estimated
     )
