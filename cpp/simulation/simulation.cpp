@@ -97,7 +97,9 @@ bool Simulation::solve_contacts() {
         ToolProxy& p = proxy[tool_of[c]];
         std::copy_n(force + 3 * c, 3, p.force);
         if (c < closed && p.kind == CommandKind::free) separate_if_pulled(p);
-        if (c >= closed) std::copy_n(displaced + 3 * c, 3, p.displacement);
+        if (c < closed) continue;
+        std::copy_n(displaced + 3 * c, 3, p.displacement);
+        p.released = false;
     }
     return true;
 }
@@ -108,6 +110,7 @@ void Simulation::separate_if_pulled(ToolProxy& p) const {
     surface.normal(p.at, out);
     if (dot(p.force, out) >= 0) return;
     p.state = ContactState::open;
+    p.released = true;
     std::fill_n(p.force, 3, 0.0);
     std::fill_n(p.slope, 3, 0.0);
 }

@@ -57,7 +57,8 @@ struct ProxyUpdate {
     }
 
     // A tool in space: its tip is carried back by the tissue's displacement here and compared with the surface at rest,
-    // so that one search tree serves every deformation.
+    // so that one search tree serves every deformation. In the tick after it has let go that displacement is still the
+    // tool's own, so that rounding alone would say on which side it is.
     void detect_contact() {
         double point[3], out[3], gap = 0;
         for (int k = 0; k < 3; k++) point[k] = proxy.tip[k] - proxy.displacement[k];
@@ -67,7 +68,7 @@ struct ProxyUpdate {
         for (int k = 0; k < 3; k++) gap += (point[k] - proxy.at.point[k]) * out[k];
         if (gap >= 0) {
             proxy.seen_outside = true;
-        } else if (proxy.seen_outside) { // a tool that starts inside touches nothing until it has been outside
+        } else if (proxy.seen_outside && !proxy.released) { // one that starts inside touches nothing until it was outside
             proxy.state = ContactState::closed;
             std::fill_n(proxy.slope, 3, 0.0);
             std::fill_n(proxy.filtered_slope, 3, 0.0);

@@ -57,6 +57,7 @@ struct ToolProxy {
 
     // Of a tool in space.
     bool seen_outside = false;                // it has been outside the tissue, so that it may touch it
+    bool released = false;                    // it has let go, and the tissue has not moved yet
     double filtered_slope[3] = {0, 0, 0};     // N, `slope` low-pass filtered
     double first_displacement[3] = {0, 0, 0}; // mm, of the tissue when it was touched
     double compliance_sums[2] = {0, 0};       // mm N and N^2, over the first ticks of the contact

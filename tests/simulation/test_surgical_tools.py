@@ -135,6 +135,20 @@ def test_a_tool_in_space_sticks_within_the_cone(models, tissue):
     np.testing.assert_allclose(session.frame().point[0], held, atol=1e-9)
 
 
+def test_a_grasp_that_opens_in_the_air_lets_the_tissue_go(models, tissue):
+    """Wherever the tool is: rounding alone must not say whether it still touches what it has just let go."""
+    rng = np.random.default_rng(1)
+    for _ in range(60):
+        at = surface_point(tissue, [*rng.uniform(-15, 15, 2), 25.0])
+        lifted = [*rng.uniform(-4, 4, 2), rng.uniform(2, 9)]
+        session = session_of(models["compliance"])
+        session.step([[hold(at, lifted)]] * 200)
+        assert np.abs(session.frame().shown).max() > 1
+        session.step([[free(session.frame().tip[0])]] * 20)
+        assert session.frame().contact[0] == OPEN
+        assert (session.frame().shown == 0).all()
+
+
 def test_a_tool_that_begins_inside_has_no_force_until_it_was_outside(models, tissue):
     session = session_of(models["blocks"])
     top = surface_point(tissue, TOP)
