@@ -10,6 +10,7 @@ constexpr int most_steps = 40;
 constexpr double tolerance = 0.02, moving_tolerance = 0.08;
 constexpr int response_steps = 2, moving_response_steps = 1;
 constexpr int response_interval = 4; // solutions of a moving tool between two responses
+constexpr double most_slid = 0.3;    // change of a force by sliding, over that by its tool's way
 constexpr int most = LocalForce::most;
 
 } // namespace
@@ -53,16 +54,17 @@ void EquilibriumSolver::solve(const EquilibriumRequest& request, EquilibriumAnsw
         std::copy_n(response.stiffness.data(), n * n, stiffness);
         since_response = 1;
     }
-    if (request.moving && follows) update_stiffness(n, local.displacement);
+    double linear[most * most];
+    s.constraints.rest_stiffness(linear);
+    if (request.moving && follows) update_stiffness(n, local.displacement, linear);
     known = n;
+    std::copy_n(linear, n * n, last_linear);
     std::copy_n(local.displacement, n, displacement);
     std::copy_n(response.force.data(), n, last_force);
     local.contacts = request.contacts;
     local.energy = s.current.energy;
     local.linear_work = 0;
     answer.error = response.error;
-    double linear[most * most];
-    s.constraints.rest_stiffness(linear);
     for (int i = 0; i < n; i++) {
         local.gradient[i] = response.force[i];
         for (int j = 0; j < n; j++) {
@@ -80,15 +82,23 @@ void EquilibriumSolver::solve(const EquilibriumRequest& request, EquilibriumAnsw
 }
 
 // Along the tools' way the stiffness becomes that between the last two solutions, symmetric (M. J. D. Powell, 1970).
-void EquilibriumSolver::update_stiffness(int n, const double* now) {
-    double way[most], off[most], square = 0, along = 0;
+// A contact that slides changes its force without a way of its tool: by as much as linear elasticity says, and where
+// that is not small against what the way does, nothing is learnt of the stiffness.
+void EquilibriumSolver::update_stiffness(int n, const double* now, const double* linear) {
+    double way[most], off[most], square = 0, along = 0, slid = 0, moved = 0;
     for (int k = 0; k < n; k++) way[k] = now[k] - displacement[k], square += way[k] * way[k];
     if (!(square > 1e-12)) return;
     for (int i = 0; i < n; i++) {
-        off[i] = state->response->force[i] - last_force[i];
-        for (int j = 0; j < n; j++) off[i] -= stiffness[n * i + j] * way[j];
+        double by_slide = 0, by_way = 0;
+        for (int j = 0; j < n; j++) {
+            by_slide += (linear[n * i + j] - last_linear[n * i + j]) * displacement[j];
+            by_way += stiffness[n * i + j] * way[j];
+        }
+        off[i] = state->response->force[i] - last_force[i] - by_slide - by_way;
+        slid += by_slide * by_slide, moved += by_way * by_way;
         along += off[i] * way[i];
     }
+    if (slid > most_slid * most_slid * moved) return;
     for (int i = 0; i < n; i++)
         for (int j = 0; j < n; j++)
             stiffness[n * i + j] += (off[i] * way[j] + way[i] * off[j] - along / square * way[i] * way[j]) / square;

@@ -41,8 +41,8 @@ private:
     std::unique_ptr<HyperelasticState> state;
     int known = 0, since_response = 0; // of the last solution: its displacements' number; solutions since a response
     double displacement[LocalForce::most] = {}, last_force[LocalForce::most] = {};
-    double stiffness[LocalForce::most * LocalForce::most] = {};
-    void update_stiffness(int n, const double* now);
+    double stiffness[LocalForce::most * LocalForce::most] = {}, last_linear[LocalForce::most * LocalForce::most] = {};
+    void update_stiffness(int n, const double* now, const double* linear);
 };
 
 } // namespace palpate

@@ -36,7 +36,7 @@ bool same(const ContactPatch& a, const ContactPatch& b) {
 MultirateState::MultirateState(std::unique_ptr<ModelState> linear, const HyperelasticModel& finite,
                                const std::vector<int>& vertices)
     : linear(std::move(linear)), solver(finite, vertices), pending(solver.blank()), held(pending),
-      numbers(4 * most + most * most + 4 + this->linear->state_vector().size(), 0.0) {
+      numbers(5 * most + most * most + 4 + this->linear->state_vector().size(), 0.0) {
     u.assign(3 * size_t(finite.nodes()), 0.0);
 }
 
@@ -46,7 +46,7 @@ void MultirateState::reset() {
     linear->reset();
     local = LocalForce();
     contacts = fading = 0;
-    extra_energy = faded_energy = 0;
+    extra_energy = faded_energy = energy_shift = 0;
     serial++;
     from_rest = true;
     is_pending = false;
@@ -75,17 +75,35 @@ bool MultirateModel::relax(ModelState& state, const ContactPatch* patches, int p
     s.ticks++;
     if (prescribed == 0) {
         if (s.contacts) s.reset();
-        s.solution_age = 0, s.solution_error = 0;
+        s.solution_age = 0, s.solution_error = 0, s.energy_shift = 0;
         return true;
     }
+    fade(s, prescribed, displacement);
     follow_contacts(s, prescribed, displacement);
     exchange_solutions(s, patches);
     add_extra_force(s, force);
-    s.blending = s.linear->blending || s.fading > 0;
+    s.blending = s.linear->blending;
     s.solution_age = s.local.contacts ? int(s.ticks - s.shown->tick) : 0;
     s.solution_error = s.local.contacts ? s.shown->error : 0;
     write_numbers(s);
     return true;
+}
+
+// One tick less: the energy changes, and no tool has worked for that.
+void MultirateModel::fade(MultirateState& s, int prescribed, const double* displacement) const {
+    s.energy_shift = 0;
+    if (s.fading == 0) return;
+    s.fading--;
+    double energy = s.faded_energy;
+    for (int k = 0; k < 3 * std::min(prescribed, s.contacts); k++)
+        energy += s.fade[k] * (0.5 * (s.displacement[k] + displacement[k]) - s.fade_from[k]);
+    s.energy_shift = -energy / fade_ticks;
+}
+
+double MultirateModel::faded_energy(const MultirateState& s) const {
+    double energy = s.faded_energy;
+    for (int k = 0; k < 3 * s.contacts; k++) energy += s.fade[k] * (s.displacement[k] - s.fade_from[k]);
+    return energy * s.fading / fade_ticks;
 }
 
 void MultirateModel::follow_contacts(MultirateState& s, int prescribed, const double* displacement) const {
@@ -98,7 +116,7 @@ void MultirateModel::follow_contacts(MultirateState& s, int prescribed, const do
             s.fade[k] = s.extra[was];
             s.velocity[k] = s.velocity[was];
             s.solved[k] = s.solved[was];
-            s.displacement[k] = s.displacement[was];
+            s.fade_from[k] = s.displacement[k] = s.displacement[was];
         }
         s.faded_energy = s.extra_energy;
         s.fading = fade_ticks;
@@ -196,30 +214,29 @@ double MultirateModel::scale(const MultirateState& s) const {
 
 void MultirateModel::take(MultirateState& s, const EquilibriumAnswer& answer) const {
     s.latency = int(std::min<int64_t>(s.ticks - s.sent, most_latency));
-    const double left = double(s.fading) / fade_ticks;
-    for (double& f : s.fade) f *= left;
-    s.faded_energy = left * s.faded_energy + s.local.add_force(s.displacement, s.fade, scale(s));
+    s.faded_energy = faded_energy(s);
+    for (double& f : s.fade) f *= double(s.fading) / fade_ticks;
+    s.faded_energy += s.local.add_force(s.displacement, s.fade, scale(s));
     s.local = answer.local;
     s.shown = &answer;
     double now[most] = {};
     s.faded_energy -= answer.local.add_force(s.displacement, now, scale(s));
     for (int k = 0; k < most; k++) s.fade[k] -= now[k];
+    std::copy_n(s.displacement, most, s.fade_from);
     s.fading = fade_ticks;
 }
 
 void MultirateModel::add_extra_force(MultirateState& s, double* force) const {
-    const double left = double(s.fading) / fade_ticks;
-    for (int k = 0; k < most; k++) s.extra[k] = left * s.fade[k];
-    s.extra_energy = left * s.faded_energy + s.local.add_force(s.displacement, s.extra, scale(s));
+    for (int k = 0; k < most; k++) s.extra[k] = s.fade[k] * s.fading / fade_ticks;
+    s.extra_energy = faded_energy(s) + s.local.add_force(s.displacement, s.extra, scale(s));
     for (int k = 0; k < 3 * s.contacts; k++) force[k] -= s.extra[k];
-    s.fading = std::max(s.fading - 1, 0);
 }
 
 void MultirateModel::write_numbers(MultirateState& s) const {
     const LocalForce& local = s.local;
     double* out = s.numbers.data();
     for (const double* from :
-         std::initializer_list<const double*>{s.fade, s.velocity, local.displacement, local.gradient})
+         std::initializer_list<const double*>{s.fade, s.fade_from, s.velocity, local.displacement, local.gradient})
         out = std::copy_n(from, most, out);
     out = std::copy_n(local.curvature, most * most, out);
     for (double x : {double(s.contacts), double(s.fading), s.extra_energy, local.energy}) *out++ = x;

@@ -31,7 +31,8 @@ struct MultirateState : ModelState {
     int64_t ticks = 0, sent = 0;            // all; at the last request
     int latency = 0;                        // ticks from a request to its answer, the last one's
     int fading = 0;                         // ticks until what a new solution has changed at once is gone:
-    double fade[LocalForce::most] = {}, faded_energy = 0;  // N on the tissue, N mm
+    double fade[LocalForce::most] = {}, faded_energy = 0;  // N on the tissue, N mm; the energy that goes with it
+    double fade_from[LocalForce::most] = {};               // mm, displacement when the fading began
     double extra[LocalForce::most] = {}, extra_energy = 0; // beyond the linear force and energy, in the last tick
     double displacement[LocalForce::most] = {}, velocity[LocalForce::most] = {}; // mm, mm a tick (smoothed)
     double solved[LocalForce::most] = {};                                        // mm, of the last request,
@@ -70,6 +71,8 @@ private:
     void take(MultirateState& s, const EquilibriumAnswer& answer) const;
     void write_request(MultirateState& s, const ContactPatch* patches, EquilibriumRequest& request) const;
     double scale(const MultirateState& s) const;
+    void fade(MultirateState& s, int prescribed, const double* displacement) const;
+    double faded_energy(const MultirateState& s) const;
     void add_extra_force(MultirateState& s, double* force) const;
     void write_numbers(MultirateState& s) const;
 };

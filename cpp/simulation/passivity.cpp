@@ -30,7 +30,7 @@ void move(double from[3], const double wanted[3], double most) {
 // Math. Comput. 19 (1965) 577).
 void Simulation::estimate_energy_slopes() {
     const double stored = now.model->energy(*now.state, closed, displaced, force);
-    double unexplained = stored - energy, square = 0, way[most_tools][3] = {};
+    double unexplained = stored - energy - now.state->energy_shift, square = 0, way[most_tools][3] = {};
     bool same = true;
     for (int t = 0; t < most_tools; t++) {
         ToolProxy& p = proxy[t];

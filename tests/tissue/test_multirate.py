@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from support.brick_meshes import block
+from support.example_organs import organ
 from support.running_server import until
 
 import palpate as pp
@@ -139,6 +140,24 @@ def test_a_hand_feels_the_quasi_static_force_of_a_fast_deep_press():
     assert off.max() < 0.15
     linear = felt(pp.model(TISSUE, "compliance"), commands)[1]
     assert np.abs(linear - truth).max() > 0.08 * truth.max()  # which linear elasticity is not
+
+
+def test_a_hand_that_slides_and_sinks_a_little_feels_the_quasi_static_force():
+    """Over the top of a round organ at 200 mm/s: what the place does to the force is no stiffness against the depth."""
+    tissue, radius = organ(9), 9.0
+    ends = np.array([[11.461, -9.364, 0.0], [11.461, -9.364, 2.0624], [-3.786, 2.741, 2.235]])
+    x, y, depth = np.concatenate([np.linspace(*ends[:2], 10), np.linspace(*ends[1:], 93)]).T
+    z = 25 * np.sqrt(1 - (x / 40) ** 2 - (y / 30) ** 2)
+    there = [pp.Command(True, at, (0, 0, -d)) for *at, d in zip(x, y, z, depth, strict=True)]
+    model = pp.model(tissue, "neo-hookean")
+    session, warm, off = pp.Session(model, radius=radius), None, []
+    for first in range(0, len(there), 5):
+        session.step(there[first : first + 5])
+        frame = session.frame()
+        answer = model.push(frame.point[0], frame.displacement[0], radius, tolerance=1e-4, warm=warm)
+        warm = answer.warm
+        off.append(np.linalg.norm(frame.model_force[0] - answer.force))
+    assert max(off) < 0.1 * np.linalg.norm(answer.force)
 
 
 def test_no_solution_comes_with_a_step():
