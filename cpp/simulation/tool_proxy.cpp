@@ -68,8 +68,7 @@ struct ProxyUpdate {
         for (int k = 0; k < 3; k++) gap += (point[k] - proxy.at.point[k]) * out[k];
         if (gap >= 0) {
             proxy.seen_outside = true;
-        } else if (proxy.seen_outside &&
-                   !proxy.released) { // one that starts inside touches nothing until it was outside
+        } else if (proxy.seen_outside && !proxy.released) { // a tool that starts inside has to go out first
             proxy.state = ContactState::closed;
             std::fill_n(proxy.slope, 3, 0.0);
             std::fill_n(proxy.filtered_slope, 3, 0.0);
