@@ -61,3 +61,28 @@ TEST_CASE("an inverted element has infinite energy") {
     u[3 * patch_test::interior + 2] = -10; // below the bottom
     CHECK(std::isinf(elements.energy(u.data(), force.data(), ratio.data()).value));
 }
+
+// With the response u moves as the equilibrium does, to first order: the gradient it leaves is of second order in the
+// way, and its square in the energy norm of fourth. The stiffness at rest would leave one of first order.
+TEST_CASE("a tool that moves on takes the tissue along its response") {
+    const Cube cube;
+    const SparseCholesky rest(patch_test::free_stiffness(), &cube.x[12]);
+    const NeoHookean elements = cube.elements();
+    const HyperelasticModel model(elements, rest, {4, 5, 6, 7, 8});
+    ContactPatch corner;
+    corner.count = 1, corner.node[0] = patch_test::top[0], corner.weight[0] = 1;
+    const auto left = [&](double way) {
+        const auto made = model.make_state();
+        auto& state = static_cast<HyperelasticState&>(*made);
+        state.response = std::make_unique<ContactResponse>(model.nodes(), 1);
+        const double held[3] = {0.5, -0.3, -3}, moved[3] = {0.5 + way, -0.3, -3 - way};
+        double force[3];
+        REQUIRE(model.solve(state, &corner, 1, held, 200, 1e-10, force) > 0);
+        model.respond(state, 30);
+        REQUIRE(model.solve(state, &corner, 1, moved, 0, 0, force) == 0);
+        return state.gradient_norm2;
+    };
+    const double far = left(0.4), near = left(0.2);
+    CHECK(far / near > 12);
+    CHECK(far / near < 20);
+}
