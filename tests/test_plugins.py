@@ -19,7 +19,7 @@ import palpate as pp
 from palpate import plugins
 from palpate.errors import DataError, FileError
 from palpate.haptics.discovery import DEVICES, open_device
-from palpate.tissue.models.registry import names as model_names
+from palpate.tissue.models.registry import names_in_sessions
 from palpate.volumes.io import DICOM, FORMATS
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -45,7 +45,7 @@ def example(monkeypatch):
 
 def test_the_names_of_built_in_parts_are_those_that_there_are():
     assert plugins.BUILT_IN["device"] == tuple(DEVICES)
-    assert plugins.BUILT_IN["tissue_model"] == model_names()
+    assert plugins.BUILT_IN["tissue_model"] == names_in_sessions()
     assert set(plugins.BUILT_IN["reader"]) == {*FORMATS, *DICOM, ".h5"}
     scan = pp.Scan(np.full((1, 3, 3), 9.0), 20.0, pp.Views([(0, 0, 99)], pp.Panel((3, 3), (1, 1), (-1, -1, 0))))
     for name in plugins.BUILT_IN["optimizer"]:

@@ -17,7 +17,7 @@ from palpate.errors import DataError, FileError
 T = TypeVar("T")
 BUILT_IN: Mapping[str, tuple[str, ...]] = {
     "optimizer": ("auto", "momentum", "descent", "subsets"),
-    "tissue_model": ("springs", "blocks", "multigrid", "compliance", "neo-hookean"),
+    "tissue_model": ("springs", "blocks", "multigrid", "compliance", "neo-hookean", "compliance-P1"),
     "device": ("open-haptics", "force-dimension", "haply"),
     "segmenter": ("threshold",),
     "reader": (

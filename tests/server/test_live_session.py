@@ -15,8 +15,9 @@ from palpate.server import live_session, messages
 from palpate.server.live_session import LiveSession
 from palpate.server.loopback_server import loopback_socket
 from palpate.server.touch import running_session
+from palpate.simulation import starting_model
 from palpate.simulation.pointer import Pointer
-from palpate.tissue.models.registry import names
+from palpate.tissue.models.registry import names_in_sessions
 
 MODEL, ORGAN = 0, 1
 
@@ -33,7 +34,7 @@ def released(monkeypatch):
 
     monkeypatch.setattr(live_session, "build", build)
     yield events
-    for name in names():
+    for name in names_in_sessions():
         events[name].set()
 
 
@@ -58,7 +59,7 @@ class Page:
         self.scenes += 1
 
     def choose(self, kind, name_or_index):
-        index = names().index(name_or_index) if kind == MODEL else name_or_index
+        index = names_in_sessions().index(name_or_index) if kind == MODEL else name_or_index
         self.socket.send(messages.encode(messages.Selection(kind, index)))
 
     def model(self):
@@ -70,7 +71,7 @@ class Page:
                 self.open()
                 continue
             if isinstance(data, bytes):
-                return names()[data[1]]
+                return names_in_sessions()[data[1]]
             self.told.append(data)
 
     def until(self, true):
@@ -84,6 +85,25 @@ class Page:
 def page_of(live):
     with running_session(live, loopback_socket(None)) as address, contextlib.ExitStack() as closing:
         yield Page(address, closing)
+
+
+def test_a_model_that_stands_in_hands_over_to_the_one_that_is_made_meanwhile(live, released, monkeypatch):
+    """By itself; and the record has both."""
+    monkeypatch.setattr(starting_model, "QUICK", 10)
+    found = starting_model.starting_model(next(iter(live.organs.values())))
+    assert found.successor == "compliance"
+    session = pp.Session(found.model, radius=14.0)
+    live = LiveSession(session, Pointer(), reason=found.reason, successor=found.successor)
+    with page_of(live) as page:
+        assert page.model() == "compliance-P1"
+        assert released["begun compliance"].wait(10)
+        assert page.model() == "compliance-P1"
+        released["compliance"].set()
+        page.until(lambda name: name == "compliance")
+    record = session.record()
+    assert (record.model, record.changes[0][1]) == ("compliance-P1", "compliance")
+    again = pp.Session(pp.model(session.first.tissue, "compliance-P1"), radius=14.0, sweeps=session.settings.sweeps)
+    assert again.replay(record) is None
 
 
 def test_the_last_choice_wins_over_one_that_is_being_built(live, released):

@@ -10,8 +10,9 @@ from support.brick_meshes import block, brick
 import palpate as pp
 from palpate.errors import MaterialError
 from palpate.tissue.models.neo_hookean import neo_hookean_energy
+from palpate.tissue.models.registry import STAND_IN
 from palpate.tissue.reference.linear_elasticity import lame
-from palpate.tissue.smoothed_elements import smoothed_stiffness, smoothing_cells
+from palpate.tissue.smoothed_elements import p1_stiffness, smoothed_stiffness, smoothing_cells
 
 sys.path.append(str(Path(__file__).parents[2]))
 from benchmarks.certificate_soundness import stiffness
@@ -117,6 +118,18 @@ def test_every_model_solves_these_elements(name):
     answer = pp.model(tissue, name).push(TOP, push, 15.0, tolerance=1e-5)
     np.testing.assert_allclose(answer.force, truth.force, atol=1e-3 * np.linalg.norm(truth.force))
     np.testing.assert_allclose(answer.displacement, truth.displacement, atol=1e-3 * np.abs(push).max())
+
+
+def test_the_model_that_stands_in_solves_p1_elements(mixed):
+    """Against scikit-fem's: the stiffness, and a push."""
+    K = p1_stiffness(mixed.mesh, *lame(mixed.young, mixed.poisson)).toarray()
+    expected = pp.finite_elements(mixed, "P1").K.toarray()
+    np.testing.assert_allclose(K, expected, atol=1e-12 * np.abs(expected).max())
+    top = mixed.mesh.nodes.max(axis=0) * [0.5, 0.5, 1]
+    answers = [
+        way.push(top, [1.0, 0.5, -2.0], 15.0) for way in (pp.finite_elements(mixed, "P1"), pp.model(mixed, STAND_IN))
+    ]
+    np.testing.assert_allclose(answers[1].force, answers[0].force, rtol=1e-8)
 
 
 @pytest.mark.parametrize("element", ["P2", "mixed"])

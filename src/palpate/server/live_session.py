@@ -21,7 +21,7 @@ from palpate.simulation.recording import start_journal
 from palpate.simulation.replay import Replay
 from palpate.simulation.session import Device, Session
 from palpate.tissue.models.registry import model as build
-from palpate.tissue.models.registry import name_of, names
+from palpate.tissue.models.registry import name_of, names_in_sessions
 from palpate.tissue.models.tissue_model import TissueModel
 from palpate.tissue.tissue import Tissue
 
@@ -32,10 +32,11 @@ CHANGE_RETRY = 0.05  # s, while an earlier change of model is under way
 class LiveSession:
     """Used on the event loop's thread only. organs: resolutions of one organ by name; the session's is one of them.
 
-    reason: why the session begins with its model. newest: the newest frame as a message. pages: the connected pages, each
-    with an event that is set for every new frame. holders: the page that commands each tool. finished: earlier sessions,
-    on other resolutions. choice: organ and model that were chosen last, by index. models: models that were built or are
-    being built. record: where the first session will be written; later ones get numbers.
+    reason: why the session begins with its model. successor: the model that it changes to once that is made. newest: the
+    newest frame as a message. pages: the connected pages, each with an event that is set for every new frame. holders: the
+    page that commands each tool. finished: earlier sessions, on other resolutions. choice: organ and model that were chosen
+    last, by index. models: models that were built or are being built. record: where the first session will be written;
+    later ones get numbers.
     """
 
     session: Session
@@ -45,6 +46,7 @@ class LiveSession:
     images: Sequence[ImagePayload] = ()
     task: str = ""
     reason: str = ""
+    successor: str = ""
     newest: bytes = b""
     pages: dict[WebSocket, asyncio.Event] = field(default_factory=dict)
     holders: dict[int, WebSocket] = field(default_factory=dict)
@@ -71,7 +73,7 @@ class LiveSession:
             self.session,
             self.title,
             self.is_replay,
-            models=names(),
+            models=names_in_sessions(),
             organs=tuple(self.organs),
             organ=self.current[0],
             task=self.task,
@@ -89,7 +91,7 @@ class LiveSession:
         """Indices of the organ and of the model, or of the model that is being blended in."""
         tissues = list(self.organs.values())
         organ = next(i for i, tissue in enumerate(tissues) if tissue is self.session.first.tissue)
-        return organ, names().index(name_of(self.session.model))
+        return organ, names_in_sessions().index(name_of(self.session.model))
 
     def open_journal(self, session: Session, before: int) -> None:
         """Gives a session that is to be recorded its journal. before: sessions before it. Raises `FileError`."""
@@ -144,6 +146,11 @@ class LiveSession:
         task.add_done_callback(self.changes.discard)
         task.add_done_callback(report_failure)
 
+    def hand_over(self) -> None:
+        """Begins to make the session's successor, if it has one."""
+        if self.successor:
+            self.select(Selection(SelectionKind.model, names_in_sessions().index(self.successor)))
+
     async def carry_out(self, choice: tuple[int, int]) -> None:
         """Changes to an organ and a model, one choice after the other; does nothing once there is a later choice."""
         async with self.changing:
@@ -151,7 +158,7 @@ class LiveSession:
                 return
             try:
                 tissue = list(self.organs.values())[choice[0]]
-                model = await self.build_model(tissue, names()[choice[1]])
+                model = await self.build_model(tissue, names_in_sessions()[choice[1]])
                 while self.choice is choice and choice != self.current:
                     if tissue is not self.session.first.tissue:
                         await self.change_organ(model)
@@ -161,7 +168,7 @@ class LiveSession:
                 if self.choice is choice:
                     self.choice = self.current
                 if isinstance(problem, PalpateError):
-                    await self.tell(f"{names()[choice[1]]} was not made: {problem}")
+                    await self.tell(f"{names_in_sessions()[choice[1]]} was not made: {problem}")
                 raise
 
     async def tell(self, text: str) -> None:

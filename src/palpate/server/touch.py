@@ -50,6 +50,7 @@ def touch(
         One tissue, or several resolutions of one organ by name. The first one is opened; the page can choose.
     model : str, optional
         A name that `pp.model` knows. The default is the most exact model that keeps 1000 ticks a second on this machine.
+        If that takes long to make, a less exact one serves until it is made.
     radius : float, optional
         Radius of the contact, mm. The default is two edge lengths.
     port : int, optional
@@ -100,18 +101,18 @@ def touch(
         check_page()
         payloads = image_payloads(images, [f"image {i + 1}" for i in range(len(images))])
         first = next(iter(organs.values()))
-        reason = ""
+        reason = successor = ""
         if replay is not None:
             session = session_like(replay, first)
         elif model is not None:
             session = Session(build(first, model), radius=radius)
         else:
             found = starting_model(first, radius)
-            session, reason = Session(found.model, radius=radius), found.reason
+            session, reason, successor = Session(found.model, radius=radius), found.reason, found.successor
         haptic = None if device is None or replay is not None else open_device(device, session.mesh)
         pointer = Pointer() if replay is None else Replay(replay)
         where = None if record is None else Path(record)
-        live = LiveSession(session, haptic or pointer, title, organs, payloads, task, reason, record=where)
+        live = LiveSession(session, haptic or pointer, title, organs, payloads, task, reason, successor, record=where)
         # Signals are handled before the address is printed: the user may press Ctrl-C as soon as it is.
         with (
             shutdown_requests() as ended,

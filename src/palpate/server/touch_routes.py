@@ -15,7 +15,7 @@ from palpate.server.access_control import page_application
 from palpate.server.live_session import LiveSession, report_failure
 from palpate.server.messages import CloseCode, Compare, Mark, Selection, SelectionKind, decode, frame_bytes
 from palpate.server.view import image_routes
-from palpate.tissue.models.registry import names
+from palpate.tissue.models.registry import names_in_sessions
 
 FRAME_TICKS = 16  # between frames: the rate of a display, 60 Hz
 MIN_FRAME_INTERVAL = 0.008  # s, while commands arrive
@@ -32,6 +32,7 @@ def application(live: LiveSession, token: str) -> Starlette:
     async def lifespan(_: Starlette) -> AsyncIterator[None]:
         publisher = asyncio.create_task(publish_frames(live))
         publisher.add_done_callback(report_failure)
+        live.hand_over()
         yield
         publisher.cancel()
 
@@ -107,7 +108,7 @@ async def receive_messages(page: WebSocket, live: LiveSession) -> None:
     while True:
         message = decode(await page.receive_bytes())
         if isinstance(message, Selection):
-            counts = {SelectionKind.model: len(names()), SelectionKind.organ: len(live.organs)}
+            counts = {SelectionKind.model: len(names_in_sessions()), SelectionKind.organ: len(live.organs)}
             kind = SelectionKind(message.kind)
             if message.index >= counts[kind]:
                 raise DataError(f"Selection: {kind.name} {message.index} of {counts[kind]}; reload the page")

@@ -11,7 +11,7 @@ from palpate.simulation.pointer import Command
 from palpate.simulation.scripted_device import ScriptedDevice
 from palpate.simulation.session import RATE, Session
 from palpate.tissue.error_bound import MOST_NODES
-from palpate.tissue.models.registry import model
+from palpate.tissue.models.registry import STAND_IN, model
 from palpate.tissue.models.tissue_model import TissueModel
 from palpate.tissue.spring_fitting import scattered_points, surface_normals
 from palpate.tissue.tissue import Tissue
@@ -22,7 +22,8 @@ CANDIDATES = {  # the most exact first; neo-hookean is for large strain, and has
     "blocks": "linear finite elements, relaxed by sweeps",
     "springs": "springs, an approximation of linear finite elements",
 }
-TRIAL = 0.5  # s
+QUICK = 4000  # nodes that may move: to factor smoothed elements of more takes over a second
+TRIAL = 0.3  # s
 HAND = 16  # ticks between two commands
 SPEED = 0.05  # mm a tick
 STEP = 1e-5  # s, of the loop's tallies
@@ -31,26 +32,30 @@ SHARE = 0.99  # of the ticks must end in time
 
 @dataclass(frozen=True)
 class StartingModel:
-    """The model, and why it was selected."""
+    """The model, why it was selected, and the name of the one that follows once it is made; "" if none does."""
 
     model: TissueModel
     reason: str
+    successor: str = ""
 
 
 def starting_model(tissue: Tissue, radius: float | None = None) -> StartingModel:
     """The first of `CANDIDATES` that keeps the rate on this machine, else the quickest of them.
 
     A model with a factorisation is left out beyond `MOST_NODES` nodes, since to make it takes too long. radius: mm, of the
-    contact. Raises `MaterialError` if no model can be made.
+    contact. Beyond `QUICK` nodes `compliance` follows once it is made: until then, and in the trial, P1 elements stand in,
+    whose ticks take as long. Raises `MaterialError` if no model can be made.
     """
+    moving = int(np.count_nonzero(~tissue.held))
     slow: list[tuple[float, str, TissueModel]] = []
     notes: list[str] = []
     for name, meaning in CANDIDATES.items():
-        if name == "compliance" and np.count_nonzero(~tissue.held) > MOST_NODES:
+        if name == "compliance" and moving > MOST_NODES:
             notes.append(f"{name} takes too long to make for more than {MOST_NODES} nodes")
             continue
+        waits = name == "compliance" and tissue.element == "smoothed" and moving > QUICK
         try:
-            one = model(tissue, name)
+            one = model(tissue, STAND_IN if waits else name)
         except MaterialError as problem:
             notes.append(f"{name}: {problem}")
             continue
@@ -60,7 +65,9 @@ def starting_model(tissue: Tissue, radius: float | None = None) -> StartingModel
         ms = 1e3 * tick_seconds(one, radius)
         if ms <= 1e3 / RATE:
             first = f"{name} ({meaning}): {SHARE:.0%} of its ticks take at most {ms:.2g} ms here, in time for {RATE} a second"
-            return StartingModel(one, "; ".join([first, *notes]))
+            if waits:
+                notes.append(f"until it is made, {STAND_IN} stands in, whose forces are too large")
+            return StartingModel(one, "; ".join([first, *notes]), name if waits else "")
         slow.append((ms, name, one))
         notes.append(f"{name} needs {'over 10' if np.isinf(ms) else f'{ms:.2g}'} ms")
     if not slow:

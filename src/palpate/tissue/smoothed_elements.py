@@ -53,12 +53,8 @@ def smoothing_cells(mesh: TetMesh, lam: Float64, mu: Float64) -> SmoothingCells:
     Bonet & Burton, Commun. Numer. Methods Eng. 14 (1998) 437: dilatation averaged over nodes.
     Liu & Nguyen-Thoi, Smoothed Finite Element Methods, CRC Press, 2010: strain averaged over edges.
     """
-    x, tets = mesh.nodes[mesh.tets], mesh.tets.astype(np.int64)
-    sides = x[:, 1:] - x[:, :1]
-    volumes = np.linalg.det(sides) / 6
-    slopes = np.empty((len(tets), 4, 3))
-    slopes[:, 1:] = np.linalg.inv(sides).swapaxes(1, 2)
-    slopes[:, 0] = -slopes[:, 1:].sum(axis=1)
+    volumes, slopes = _shapes(mesh)
+    tets = mesh.tets.astype(np.int64)
     count = len(mesh.nodes)
     region = np.unique(mesh.region, return_inverse=True)[1].astype(np.int64)[:, None]
     ends = np.sort(tets[:, EDGES], axis=2)
@@ -103,7 +99,46 @@ def smoothed_stiffness(mesh: TetMesh, lam: Float64, mu: Float64) -> bsr_array:
     bulk = _squared(
         cells.node, cells.volumes / 4, np.sqrt(cells.lam / cells.node_volumes), cells.slopes, mesh.tets, nodes
     )
-    blocks = shear.data.swapaxes(1, 2).copy()  # 2 ε:ε = |H|² + H:Hᵀ, H the gradient of u
+    return _elastic(shear, bulk)
+
+
+def p1_stiffness(mesh: TetMesh, lam: Float64, mu: Float64) -> bsr_array:
+    """Return the stiffness of linear elasticity on P1 tetrahedra, each of which is a cell of its own.
+
+    Parameters
+    ----------
+    mesh : TetMesh
+        The solid.
+    lam, mu : ndarray, (M,)
+        Lamé's constants of the tetrahedra, N/mm².
+
+    Returns
+    -------
+    bsr_array, (3N, 3N)
+        In 3×3 blocks, N/mm; symmetric to the bit.
+    """
+    volumes, slopes = _shapes(mesh)
+    own = np.arange(len(volumes), dtype=np.int32)[:, None]
+    shear, bulk = (
+        _squared(own, volumes, np.sqrt(constant / volumes), slopes, mesh.tets, len(mesh.nodes))
+        for constant in (mu, lam)
+    )
+    return _elastic(shear, bulk)
+
+
+def _shapes(mesh: TetMesh) -> tuple[Float64, Float64]:
+    """(M,) mm³ volumes of the tets and (M, 4, 3) 1/mm gradients of their corners' shape functions."""
+    x = mesh.nodes[mesh.tets]
+    sides = x[:, 1:] - x[:, :1]
+    slopes = np.empty((len(x), 4, 3))
+    slopes[:, 1:] = np.linalg.inv(sides).swapaxes(1, 2)
+    slopes[:, 0] = -slopes[:, 1:].sum(axis=1)
+    return np.linalg.det(sides) / 6, slopes
+
+
+def _elastic(shear: bsr_array, bulk: bsr_array) -> bsr_array:
+    """K from the means of the gradient H of u: 2 μ ε:ε = μ (|H|² + H:Hᵀ), and λ (tr H)²."""
+    blocks = shear.data.swapaxes(1, 2).copy()
     blocks += np.trace(shear.data, axis1=1, axis2=2)[:, None, None] * np.eye(3)
     K: bsr_array = bsr_array((blocks, shear.indices, shear.indptr), shape=shear.shape) + bulk
     K.sort_indices()

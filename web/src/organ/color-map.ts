@@ -11,7 +11,7 @@ export const FIRST_ENDS: Readonly<Partial<Record<ColorMode, Ends>>> = { displace
 
 /** Largest stretch, %, that a model means. Small strain differs there from Green and Lagrange's by 5 %. That of the
  * neo-Hookean law is a choice, not a measurement. Of other models nothing is known. */
-const VALID_STRAIN: Record<string, number> = { springs: 10, blocks: 10, multigrid: 10, compliance: 10, "neo-hookean": 50 };
+const VALID_STRAIN: Record<string, number> = { springs: 10, blocks: 10, multigrid: 10, compliance: 10, "compliance-P1": 10, "neo-hookean": 50 };
 
 const PLAIN_RGBA = [143, 51, 43, 255]; // linear light
 const BEYOND_RGBA = [255, 0, 110, 255]; // linear light: a pink that the scale does not hold

@@ -41,7 +41,7 @@ class ComplianceModel(TissueModel):
     def __init__(self, tissue: Tissue, memory: float = 256.0) -> None:
         if not (np.isfinite(memory) and memory > 0):
             raise DataError(f"memory: {memory} MB; give how much the tables may take, such as 256")
-        self.elements = FiniteElements(tissue, nodal_element(tissue))
+        self.elements = self._finite_elements(tissue)
         self.factors = self.elements.factors
         self.factors.require_positive()
         self._free = np.full(len(tissue.mesh.nodes), -1, dtype=np.int32)
@@ -54,6 +54,9 @@ class ComplianceModel(TissueModel):
             self.factors.native, self._free, self.vertices, tissue.mesh.nodes, int(memory * 2**20), in_time
         )
         super().__init__(tissue, native)
+
+    def _finite_elements(self, tissue: Tissue) -> FiniteElements:
+        return FiniteElements(tissue, nodal_element(tissue))
 
     def _modes(self, tissue: Tissue, inertia: Inertia, relaxation: Float64) -> "_core.compliance.VibrationModes":
         free = ~tissue.held

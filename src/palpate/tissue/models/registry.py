@@ -9,6 +9,7 @@ from palpate.tissue.models.compliance import ComplianceModel
 from palpate.tissue.models.mass_spring import SpringModel
 from palpate.tissue.models.multigrid import MultigridModel
 from palpate.tissue.models.neo_hookean import NeoHookeanModel
+from palpate.tissue.models.p1_compliance import P1ComplianceModel
 from palpate.tissue.models.tissue_model import TissueModel
 from palpate.tissue.tissue import Tissue
 
@@ -19,6 +20,7 @@ _MODELS: dict[str, type[TissueModel]] = {
     "compliance": ComplianceModel,
     "neo-hookean": NeoHookeanModel,
 }
+STAND_IN = "compliance-P1"  # for compliance, until that is made
 
 
 def model(tissue: Tissue, name: str = "blocks", **options: Any) -> TissueModel:
@@ -32,7 +34,8 @@ def model(tissue: Tissue, name: str = "blocks", **options: Any) -> TissueModel:
         The solid.
     name : str, optional
         "springs": home and edge springs. "blocks": block relaxation of finite elements. "multigrid": conjugate gradients
-        with a multigrid preconditioner. "compliance": a factorization and Green's functions. "neo-hookean": finite strain.
+        with a multigrid preconditioner. "compliance": a factorization and Green's functions; "compliance-P1": the same on
+        P1 elements, made sooner and too stiff. "neo-hookean": finite strain.
     **options
         Keywords of the model's class, such as `law` (a `SpringLaw`) for springs or `memory` (MB) for compliance.
 
@@ -58,16 +61,21 @@ def model(tissue: Tissue, name: str = "blocks", **options: Any) -> TissueModel:
     """
     if name not in plugins.names("tissue_model"):
         raise MaterialError(f"model: {name!r} is not built; choose one of {', '.join(plugins.names('tissue_model'))}")
-    kind: type[TissueModel] = plugins.part("tissue_model", name) or _MODELS[name]
+    kind: type[TissueModel] = plugins.part("tissue_model", name) or ({STAND_IN: P1ComplianceModel} | _MODELS)[name]
     return kind(tissue, **options)
 
 
 def names() -> tuple[str, ...]:
-    """Of all models that `model` makes."""
+    """Of all models that `model` makes of the tissue's own elements."""
     return tuple(_MODELS)
+
+
+def names_in_sessions() -> tuple[str, ...]:
+    """Of all models that a session may have."""
+    return (*_MODELS, STAND_IN)
 
 
 def name_of(model: TissueModel) -> str:
     """The name by which `model` makes models of this kind."""
     own = {name: plugins.part("tissue_model", name) for name in plugins.names("tissue_model")}
-    return next(name for name, kind in (own | _MODELS).items() if type(model) is kind)
+    return next(name for name, kind in (own | _MODELS | {STAND_IN: P1ComplianceModel}).items() if type(model) is kind)
