@@ -31,10 +31,10 @@ TESTS = {  # of a folder of cpp/ or a package of src/palpate; other packages hav
     "volume": IMAGES + ["tests/volumes"],
     "phantom": ["tests/scans"],
     **dict.fromkeys(("projection", "statistics", "icd", "subspace"), IMAGES),
-    **dict.fromkeys(("linalg", "relaxation", "multigrid", "compliance", "hyperelastic"), ELASTIC),
+    **dict.fromkeys(("linalg", "relaxation", "multigrid", "compliance", "hyperelastic", "multirate"), ELASTIC),
     **{folder: ["tests/simulation", "tests/haptics", "tests/tissue"] for folder in ("realtime", "net", "bindings")},
     "server": ["tests/server", "tests/page"],
-    **{package: ["tests/studies", "tests/commands"] for package in ("report", "studies", "demos")},
+    **{package: ["tests/studies", "tests/commands"] for package in ("report", "studies", "demos", "samples")},
     "palpate": ["tests/commands", "tests/test_plugins.py", "tests/volumes"],
 }
 
@@ -44,6 +44,9 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("-n", type=int, default=100, help="how many faults")
     options = parser.parse_args()
+    for name in said(["git", "ls-files", "cpp", "src/palpate/*.py"], ROOT).split():
+        if absent := [tests for tests in tests_of(name) if not (ROOT / tests).exists()]:
+            parser.error(f"{name}: its tests are said to be in {absent[0]}, which is not there")
     commit = said(["git", "rev-parse", "--short", "HEAD"], ROOT).strip()
     kept = HOME / f"{commit}-seed-{options.seed}.jsonl"
     prepare(commit)
