@@ -10,6 +10,11 @@ TOP, RADIUS = np.array([25.0, 25.0, 50.0]), 12.0
 PUSHES = [(0, 0, -3.0), (0, 0, -10.0), (0, 0, 10.0), (9.0, 0, -3.0), (0, 0, -15.0)]
 
 
+def difference(linear, finite, push):
+    """Of the forces, over that at finite strain; negative if the linear one resists the push less."""
+    return np.copysign(np.linalg.norm(linear - finite) / np.linalg.norm(finite), -((linear - finite) @ push))
+
+
 @pytest.mark.parametrize("element", ["P1", "smoothed"])
 @pytest.mark.parametrize("poisson", [0.3, 0.45])
 def test_it_is_the_difference_from_finite_strain(poisson, element):
@@ -19,7 +24,8 @@ def test_it_is_the_difference_from_finite_strain(poisson, element):
     for push in PUSHES:
         answer = model.push(TOP, push, RADIUS)
         finite = truth.push(TOP, push, RADIUS).force
-        assert answer.estimate.linearisation == pytest.approx((answer.force @ push) / (finite @ push) - 1, abs=0.015)
+        expected = difference(answer.force, finite, push)
+        assert answer.estimate.linearisation == pytest.approx(expected, abs=0.015)
 
 
 def test_its_sign_and_its_limit_are_right():
@@ -32,7 +38,7 @@ def test_its_sign_and_its_limit_are_right():
         push = rng.uniform(4, 15) * np.array([*rng.uniform(-0.7, 0.7, 2), rng.choice([-1.0, 1.0])])
         answer = pp.model(tissue, "compliance").push(point, push, RADIUS)
         finite = pp.model(tissue, "neo-hookean").push(point, push, RADIUS, tolerance=1e-4).force
-        error = (answer.force @ push) / (finite @ push) - 1
+        error = difference(answer.force, finite, push)
         if abs(error) > 0.1:
             judged += 1
             told = answer.estimate.linearisation

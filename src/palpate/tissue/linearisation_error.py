@@ -44,7 +44,8 @@ class LinearisationError:
         Returns
         -------
         float
-            (force − F)/F along the push, F at finite strain; NaN where no solution was found, since elements would be flat.
+            |force − F|/|F| with F at finite strain, negative if the force does less work than F; NaN where no solution was
+            found, since elements would be flat.
         """
         with self._lock:
             solved = self._solver.solve(found.patches, found.displacement)
@@ -54,7 +55,8 @@ class LinearisationError:
         work = -float((finite * realised).sum())
         if np.abs(realised - found.displacement).max() > 1e-6 or not work > 0:
             return UNKNOWN
-        return float((force * found.displacement).sum()) / work - 1
+        apart = np.linalg.norm(force + finite) / np.linalg.norm(finite)  # `finite` is on the tools
+        return float(np.copysign(apart, float((force * found.displacement).sum()) - work))
 
     def least_volume(self, u: Float64) -> float:
         """The least volume of an element over its volume at rest, negative if one is turned over. u: (N, 3) mm."""
