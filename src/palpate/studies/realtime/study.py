@@ -68,7 +68,7 @@ def realtime_study(
         progress(f"{done + 1} of {len(parts)}: {name}", done / len(parts))
         for table, rows in study.stages(f"runs/{name}.json", make, write_json, read_json).items():
             tables.setdefault(table, []).extend(rows)
-    report = study.publish(tables, sections(tables, setting))
+    report = study.publish(tables, sections(tables))
     progress("report", 1.0)
     return report
 
