@@ -64,7 +64,7 @@ def _warm() -> Iterator[str]:
     for case in cases():
         model = pp.model(case.tissue, "multigrid")
         taken, energy, rms, force = slid(case, model)
-        moved = model.native.moved
+        moved = model.iteration.moved
         steady = float(np.median(taken[LANDED:]))
         yield row(
             case.name, case.tissue.mesh.nodes.shape[0], 1e3 * float(taken[LANDED:].min()), 1e3 * steady,
@@ -101,7 +101,7 @@ def slid(case: Case, model: TissueModel) -> tuple[Float64, float, float, float]:
     state = model.start()
     for k, spot in enumerate(patches):
         began = time.process_time()
-        force = model.native.relax(state, spot, case.push, 1)
+        force = model.iteration.relax(state, spot, case.push, 1)
         taken[k] = time.process_time() - began
         if k in JUDGED:
             exact = truth.push(case.path[k], case.push, case.radius)
@@ -145,11 +145,11 @@ def _from_rest(n: int, poisson: float) -> str:
     rms, whole = [], []
     for count in range(1, 11):
         state = model.start()
-        model.native.relax(state, spot, PUSH, count)
+        model.iteration.relax(state, spot, PUSH, count)
         rms.append(base.off(state.u, exact))
         whole.append(energy(truth, state.u - exact) / energy(truth, exact))
     one, tenth = (_count(rms, share) for share in (1e-2, 1e-3))
-    seconds = least(lambda state: model.native.relax(state, spot, PUSH, one), model.start)
+    seconds = least(lambda state: model.iteration.relax(state, spot, PUSH, one), model.start)
     return row(f"{n}³", poisson, f"{tenth} ({_count(whole, 1e-3)})", f"{one} ({_count(whole, 1e-2)})", 1e3 * seconds)
 
 

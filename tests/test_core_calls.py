@@ -8,6 +8,7 @@ from fuzz import core_calls
 from support.example_organs import organ
 
 import palpate as pp
+from palpate.tissue.models.registry import names
 
 
 def test_a_sample_of_random_calls():
@@ -16,10 +17,10 @@ def test_a_sample_of_random_calls():
     assert told.total() == 1000
 
 
-@pytest.mark.parametrize("name", ["springs", "blocks", "multigrid", "compliance", "neo-hookean"])
-def test_a_state_keeps_its_model(name):
+@pytest.mark.parametrize(("name", "options"), [*((name, {}) for name in names()), ("multigrid", {"interval": 4})])
+def test_a_state_keeps_its_model(name, options):
     tissue = organ(5)
-    model = pp.model(tissue, name)
+    model = pp.model(tissue, name, **options)
     state, nodes = model.native.make_state(), len(tissue.mesh.nodes)
     del model
     gc.collect()

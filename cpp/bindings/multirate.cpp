@@ -1,4 +1,5 @@
 #include "bindings/tissue.h"
+#include "multirate/linear_multirate_model.h"
 #include "multirate/multirate_model.h"
 
 using namespace nb::literals;
@@ -16,4 +17,13 @@ void bind_multirate(nb::module_& m) {
                 new (self) MultirateModel(linear, finite, interval, stride);
             },
             "linear"_a, "finite"_a, "interval"_a, "stride"_a, nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>());
+    nb::class_<LinearMultirateModel, TissueModel>(m, "LinearMultirateModel",
+                                                  "Multigrid beside the loop, the stiffness of the contacts in it.")
+        .def(
+            "__init__",
+            [](LinearMultirateModel* self, const MultigridModel& model, int interval) {
+                expect(within(interval, 1, 10'000), "interval: 1 to 10000 ticks");
+                new (self) LinearMultirateModel(model, interval);
+            },
+            "model"_a, "interval"_a, nb::keep_alive<1, 2>());
 }

@@ -1,5 +1,6 @@
 #include "compliance/compliance_model.h"
 #include "linalg/small_dense.h"
+#include "tissue/stiffness_blend.h"
 #include <algorithm>
 #include <cmath>
 
@@ -7,10 +8,6 @@ namespace palpate {
 namespace {
 
 constexpr int capacity = ContactPatch::capacity;
-// Of the difference between the stiffness in use and the exact one, this part is left after a tick; but a tick changes
-// the force by at most this part of it, since steps of some per cent can be felt.
-constexpr double decay = 0.95, largest_step = 0.015;
-
 constexpr int most = ComplianceState::most;
 
 // out = a^-1, a 3x3 or larger; overwrites a. False: the contacts are linearly dependent.
@@ -18,22 +15,6 @@ bool invert(double* a, int n, double* out) {
     if (n != 3) return invert_positive(a, n, out);
     invert_block(a, out);
     return true;
-}
-
-double norm_of_product(const double* a, int n, const double* d) { // |a d|
-    double sum = 0;
-    for (int k = 0; k < n; k++) {
-        double x = 0;
-        for (int c = 0; c < n; c++) x += a[k * n + c] * d[c];
-        sum += x * x;
-    }
-    return std::sqrt(sum);
-}
-
-double norm(const double* a, int n) {
-    double sum = 0;
-    for (int k = 0; k < n; k++) sum += a[k] * a[k];
-    return std::sqrt(sum);
 }
 
 // Makes spare_blocks those of the vertices, unless `blocks` are: then false.
@@ -206,16 +187,8 @@ bool ComplianceModel::update_stiffness(ComplianceState& s, int prescribed, const
     if (!invert(C, n, exact)) return false;
     if (values[ComplianceState::known_at] < 0)
         for (int k = 0; k < n * n; k++) offset[k] = in_use[k] - exact[k];
-    const double difference = norm_of_product(offset, n, displacement);
-    const double step = largest_step * norm_of_product(exact, n, displacement);
-    const double left = difference * (1 - decay) > step ? 1 - step / difference : decay;
-    const bool negligible = norm(offset, n * n) < 1e-8 * norm(exact, n * n);
-    for (int k = 0; k < n * n; k++) {
-        offset[k] = negligible ? 0 : left * offset[k];
-        in_use[k] = exact[k] + offset[k];
-    }
     values[ComplianceState::known_at] = 1;
-    s.blending = norm(offset, n * n) > 0.02 * norm(exact, n * n);
+    s.blending = StiffnessBlend::advance(in_use, offset, exact, n, displacement);
     return true;
 }
 

@@ -1,4 +1,5 @@
 #include "multirate/multirate_model.h"
+#include "multirate/contact_tracking.h"
 #include <algorithm>
 #include <cmath>
 
@@ -13,23 +14,6 @@ constexpr double slow = 0.05;     // of the stride: a way that counts as none
 constexpr int most_latency = 200; // ticks
 
 enum Event { requested = 1, taken = 2 }; // ModelState::events
-
-// The contact that is gone: those left keep their order, and a displacement changes little in a tick.
-int contact_gone(const double* before, int count, const double* now) {
-    int best = count - 1;
-    double least = INFINITY;
-    for (int gone = 0; gone < count; gone++) {
-        double sum = 0;
-        for (int k = 0; k < 3 * (count - 1); k++) sum += std::abs(now[k] - before[k < 3 * gone ? k : k + 3]);
-        if (sum < least) least = sum, best = gone;
-    }
-    return best;
-}
-
-bool same(const ContactPatch& a, const ContactPatch& b) {
-    return a.count == b.count && std::equal(a.node, a.node + a.count, b.node) &&
-           std::equal(a.weight, a.weight + a.count, b.weight);
-}
 
 } // namespace
 
@@ -286,7 +270,7 @@ void MultirateModel::begin_realtime(ModelState& state) const {
     s.tables = TablePolicy::background;
     s.recorded_events = -1;
     s.is_pending = false;
-    s.thread = std::make_unique<EquilibriumThread>(s.solver, s.solver.blank());
+    s.thread = std::make_unique<MultirateState::Thread>(s.solver, s.solver.blank());
 }
 
 void MultirateModel::end_realtime(ModelState& state) const {

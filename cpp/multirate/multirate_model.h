@@ -4,7 +4,8 @@
 // Multi-rate haptics: M. C. Cavusoglu & F. Tendick, ICRA 2000, 2458. Local models: R. J. Adams & B. Hannaford, IEEE
 // Trans. Robot. Autom. 15 (1999) 465.
 #include "compliance/compliance_model.h"
-#include "multirate/equilibrium_thread.h"
+#include "hyperelastic/equilibrium_solver.h"
+#include "multirate/solver_thread.h"
 
 namespace palpate {
 
@@ -17,9 +18,10 @@ struct MultirateState : ModelState {
 
     std::unique_ptr<ModelState> linear;
     EquilibriumSolver solver;
-    std::unique_ptr<EquilibriumThread> thread; // by the clock
-    EquilibriumRequest asked;                  // in lockstep: the last request,
-    EquilibriumAnswer pending, held;           // its answer until a tick takes it, and the one taken
+    using Thread = SolverThread<EquilibriumSolver, EquilibriumRequest, EquilibriumAnswer>;
+    std::unique_ptr<Thread> thread;  // by the clock
+    EquilibriumRequest asked;        // in lockstep: the last request,
+    EquilibriumAnswer pending, held; // its answer until a tick takes it, and the one taken
     bool is_pending = false;
 
     // What ticks use.

@@ -80,6 +80,7 @@ class World:
 
         import palpate as pp
         from palpate import _core
+        from palpate.tissue.models.registry import names
 
         self.there, self.partner, self.mesh_of = {}, {}, {}
         grid = pp.Grid(GRID, (2, 1, 1), (-4, -3.5, 20))
@@ -103,8 +104,9 @@ class World:
             patches = [patch for patch in (surface.patch(point, 9.0) for point in points) if not isinstance(patch, str)]
             self.keep(surface, settings, *points, *patches, mesh=mesh)
             shown = np.unique(tissue.mesh.surface).astype(np.int32)
-            for name in ("springs", "blocks", "multigrid", "compliance", "neo-hookean"):
-                whole = pp.model(tissue, name)
+            beside = ("multigrid", {"interval": 4})
+            for name, options in (*((one, {}) for one in names()), beside):
+                whole = pp.model(tissue, name, **options)
                 model = whole.native
                 loop = _core.simulation.RealtimeLoop(model, surface, shown, settings)
                 loop.step(device, 1)

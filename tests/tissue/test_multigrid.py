@@ -46,7 +46,7 @@ def answers(model, iterations, point=TOP, push=PUSH, radius=10.0):
     found = contacts(model.tissue, point, push, radius)
     for count in iterations:
         state = model.start()
-        force = model.native.solve(state, found.patches, found.displacement, count)
+        force = model.iteration.solve(state, found.patches, found.displacement, count)
         yield state.u.copy(), force[0]
 
 
@@ -100,7 +100,7 @@ def test_the_force_along_the_push_errs_by_the_square_of_the_displacement(truth, 
 
 def test_tool_and_support_forces_sum_to_zero(tissue, model):
     answer = model.push(TOP, PUSH, 10.0, tolerance=1e-6)
-    outside = model.native.internal_force(np.array(answer.displacement))
+    outside = model.iteration.internal_force(np.array(answer.displacement))
     assert np.linalg.norm(answer.force) > 0.01
     support = outside[tissue.fixed].sum(axis=0)
     np.testing.assert_allclose(support - answer.force, 0, atol=1e-5 * np.linalg.norm(answer.force))
@@ -109,7 +109,7 @@ def test_tool_and_support_forces_sum_to_zero(tissue, model):
 def test_the_preconditioner_is_symmetric_and_positive(tissue, model):
     rng = np.random.default_rng(3)
     a, b = (rng.standard_normal(tissue.mesh.nodes.shape) * ~tissue.held[:, None] for _ in range(2))
-    Ba, Bb = model.native.precondition(a), model.native.precondition(b)
+    Ba, Bb = model.iteration.precondition(a), model.iteration.precondition(b)
     assert np.vdot(b, Ba) == pytest.approx(np.vdot(a, Bb), abs=1e-5 * np.vdot(a, Ba))
     assert np.vdot(a, Ba) > 0
     assert not Ba[tissue.held].any()
@@ -143,7 +143,7 @@ def test_one_iteration_a_tick_follows_a_sliding_tool(truth, model):
     surface = model.tissue.surface
     for tick in range(60):  # 100 mm/s at 1 kHz
         spot = surface.patch(surface.closest(np.array([20 + 0.1 * tick, 25.0, 50.0])), 10.0)
-        force = model.native.relax(state, spot, np.array([0.0, 0.0, -5.0]), 1)
+        force = model.iteration.relax(state, spot, np.array([0.0, 0.0, -5.0]), 1)
     reference = truth.push([25.9, 25.0, 50.0], [0.0, 0.0, -5.0], 10.0)
     error = energy_norm(truth, state.u - reference.displacement) / energy_norm(truth, reference.displacement)
     cold = next(answers(model, (1,), [25.9, 25.0, 50.0], [0.0, 0.0, -5.0]))[0]
@@ -156,7 +156,7 @@ def test_a_tick_of_one_iteration_is_the_first_of_a_push(model):
     found = contacts(model.tissue, TOP, PUSH, 10.0)
     exact, force = next(answers(model, (1,)))
     state = model.start()
-    felt = model.native.relax(state, found.patches[0], PUSH, 1)
+    felt = model.iteration.relax(state, found.patches[0], PUSH, 1)
     np.testing.assert_allclose(state.u, exact, atol=1e-5 * np.linalg.norm(PUSH))
     np.testing.assert_allclose(felt, force, atol=1e-5 * np.linalg.norm(force))
 
@@ -166,9 +166,9 @@ def test_thousands_of_ticks_do_not_drift(truth, model):
     surface = model.tissue.surface
     for tick in range(3000):
         x = np.array([25 + 12 * np.sin(0.02 * tick), 25 + 9 * np.sin(0.013 * tick), 50.0])
-        model.native.relax(state, surface.patch(surface.closest(x), 10.0), np.array([0.0, 0.0, -5.0]), 1)
+        model.iteration.relax(state, surface.patch(surface.closest(x), 10.0), np.array([0.0, 0.0, -5.0]), 1)
     for _ in range(12):
-        force = model.native.relax(state, surface.patch(surface.closest(x), 10.0), np.array([0.0, 0.0, -5.0]), 2)
+        force = model.iteration.relax(state, surface.patch(surface.closest(x), 10.0), np.array([0.0, 0.0, -5.0]), 2)
     reference = truth.push(x, [0.0, 0.0, -5.0], 10.0)
     np.testing.assert_allclose(force, reference.force, atol=1e-5 * np.linalg.norm(reference.force))
     np.testing.assert_allclose(state.u, reference.displacement, atol=1e-4)
@@ -177,7 +177,7 @@ def test_thousands_of_ticks_do_not_drift(truth, model):
 def test_let_go_the_tissue_is_home(model):
     state = model.push(TOP, PUSH, 10.0).warm
     assert np.abs(state.u).max() > 4
-    np.testing.assert_array_equal(model.native.relax(state, None, np.zeros(3), 1), 0)
+    np.testing.assert_array_equal(model.iteration.relax(state, None, np.zeros(3), 1), 0)
     np.testing.assert_array_equal(state.u, 0)
 
 
@@ -186,7 +186,7 @@ def test_a_warm_start_is_nearer_after_as_many_iterations(truth, model):
     reference = truth.push(point, PUSH, 10.0).displacement
     found = contacts(model.tissue, point, PUSH, 10.0)
     state = model.push(TOP, PUSH, 10.0, tolerance=1e-6).warm
-    model.native.solve(state, found.patches, found.displacement, 1)
+    model.iteration.solve(state, found.patches, found.displacement, 1)
     cold = next(answers(model, (1,), point))[0]
     assert energy_norm(truth, state.u - reference) < 0.5 * energy_norm(truth, cold - reference)
 
@@ -198,7 +198,7 @@ def test_equal_inputs_give_equal_bits(tissue):
         state, surface = model.start(), tissue.surface
         for tick in range(20):
             spot = surface.patch(surface.closest(np.array([20 + 0.3 * tick, 25.0, 50.0])), 10.0)
-            force = model.native.relax(state, spot, PUSH, 1)
+            force = model.iteration.relax(state, spot, PUSH, 1)
         ways.append((state.u.copy(), force))
     np.testing.assert_array_equal(ways[0][0], ways[1][0])
     np.testing.assert_array_equal(ways[0][1], ways[1][1])

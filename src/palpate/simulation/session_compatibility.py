@@ -102,5 +102,5 @@ def settings_after_change(record: Record, name: str) -> dict[str, Any]:
 
 
 def _of_0_1(record: Record, name: str) -> dict[str, Any]:
-    """The neo-Hookean model of version 0.1 descended in the ticks."""
-    return {"interval": 0} if name == "neo-hookean" and has_nodal_weights(record) else {}
+    """The models of version 0.1 solved in the ticks."""
+    return {"interval": 0} if name in ("neo-hookean", "multigrid") and has_nodal_weights(record) else {}

@@ -42,7 +42,7 @@ def slid(setting: Setting, tissue: Tissue, name: str) -> Row:
     radius = 2 * mean_edge(tissue.mesh)
     sweep = float(_core.simulation.sweep_seconds(one.native, tissue.surface, radius))
     sweeps = sweeps_of(sweep)
-    given = one.native, one.start(), tissue.surface, radius, points, press.tolist(), RAMP, sweeps
+    given = one.native, one.native.make_state(), tissue.surface, radius, points, press.tolist(), RAMP, sweeps
     contact, answer, _, cold, _ = _core.benchmark.time_stroke(*given)
     spent = (contact + answer)[RAMP:]
     told = {f"p{100 * q:g}_ms": 1e3 * float(np.quantile(spent, q)) for q in (0.5, 0.99, 0.999)}

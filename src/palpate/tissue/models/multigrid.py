@@ -6,7 +6,7 @@ import numpy as np
 
 from palpate import _core
 from palpate.arrays import Float64, Int32
-from palpate.errors import MaterialError
+from palpate.errors import DataError, MaterialError
 from palpate.tissue.contact_patches import Contacts
 from palpate.tissue.error_bound import MOST_NODES, Certificate, relative
 from palpate.tissue.models.block_gauss_seidel import ordered_by_node
@@ -14,11 +14,18 @@ from palpate.tissue.models.tissue_model import IterativeModel, nodal_element
 from palpate.tissue.reference.linear_elasticity import lame
 from palpate.tissue.tissue import Tissue
 
+QUICK = 3000  # nodes that may move: an iteration of more takes longer than a tick of 1 ms
+MOST_INTERVAL = 10_000  # ticks
+
 
 class MultigridModel(IterativeModel):
     """Finite elements of the tissue's `element`, by conjugate gradients with a multigrid preconditioner.
 
     The preconditioner is that of P1 elements. For smoothed ones their λ is limited to 5 μ in it, since P1 locks.
+
+    On meshes where an iteration takes longer than a tick, a thread iterates by the clock, for the stiffness of the contacts
+    that there are; a tick multiplies with the newest. interval: the ticks that this takes in lockstep (`Session.step`); 0:
+    the ticks themselves iterate. By default 0 up to `QUICK` nodes that may move, else 16.
 
     cell: edge of the finest lattice's cells in mean edges of the mesh. smoothing: sweeps of block over-relaxation on
     each level on the way down, and in reverse on the way up. relaxation: their ω. In a tick a sweep is an iteration.
@@ -28,11 +35,18 @@ class MultigridModel(IterativeModel):
     stiffness as Lanczos steps see it, halved for safety, but proven by nothing.
     """
 
-    native: "_core.multigrid.MultigridModel"
+    native: "_core.multigrid.MultigridModel | _core.multirate.LinearMultirateModel"
     linear_elasticity = True
     batch, growth = 3, 2
 
-    def __init__(self, tissue: Tissue, cell: float = 1.9, smoothing: int = 3, relaxation: float = 1.4) -> None:
+    def __init__(
+        self,
+        tissue: Tissue,
+        cell: float = 1.9,
+        smoothing: int = 3,
+        relaxation: float = 1.4,
+        interval: int | None = None,
+    ) -> None:
         if not (np.isfinite(cell) and cell >= 1):
             raise MaterialError(f"cell: {cell} mean edges; give 1 or more (2 is quick, 1.9 surer)")
         if not 1 <= smoothing <= 100 or smoothing != int(smoothing):
@@ -44,9 +58,20 @@ class MultigridModel(IterativeModel):
         lam, mu = lame(tissue.young, tissue.poisson)
         nodes, tets = np.ascontiguousarray(tissue.mesh.nodes), np.ascontiguousarray(tissue.mesh.tets, dtype=np.int32)
         held, sizes = tissue.held.view(np.uint8), (cell * tissue.edge, int(smoothing), float(relaxation))
-        native = _core.multigrid.MultigridModel(nodes, tets, lam, mu, held, *sizes, *self._stiffness(tissue))
-        super().__init__(tissue, native, {"cell": cell, "smoothing": smoothing, "relaxation": relaxation})
-        self.certified = int((~tissue.held).sum()) <= MOST_NODES
+        moving = int((~tissue.held).sum())
+        interval = (0 if moving <= QUICK else 16) if interval is None else int(interval)
+        if not 0 <= interval <= MOST_INTERVAL:
+            raise DataError(f"interval: {interval} ticks; give 0 (iterate in the ticks) to {MOST_INTERVAL}, such as 16")
+        self.iteration = _core.multigrid.MultigridModel(nodes, tets, lam, mu, held, *sizes, *self._stiffness(tissue))
+        settings = {"cell": cell, "smoothing": smoothing, "relaxation": relaxation, "interval": float(interval)}
+        native = _core.multirate.LinearMultirateModel(self.iteration, interval) if interval else self.iteration
+        super().__init__(tissue, native, settings)
+        self.certified = moving <= MOST_NODES
+
+    @property
+    def iterated(self) -> "_core.multigrid.MultigridModel":
+        """The model whose iterations answer a push."""
+        return self.iteration
 
     @staticmethod
     def _stiffness(tissue: Tissue) -> tuple[Int32, Int32, Float64] | tuple[()]:
@@ -59,7 +84,7 @@ class MultigridModel(IterativeModel):
     def certified_error(self, state: "_core.tissue.ModelState", force: Float64, found: Contacts) -> float:
         """Bound on ‖u − u*‖_K/‖u*‖_K for the state that answers `found` with `force` (m, 3) N on the tools."""
         u: Float64 = np.array(state.u)
-        inner = self.native.internal_force(u)
+        inner = self.iteration.internal_force(u)
         residual = -(inner + found.weights(len(u)) @ force)
         residual[self.tissue.held] = 0
         if not residual.any():
@@ -70,7 +95,7 @@ class MultigridModel(IterativeModel):
     def _distance(self, residual: Float64, u: Float64) -> float:
         if self.certified:
             return self._certificate.distance(residual, u)
-        squared = float(np.vdot(residual, self.native.precondition(residual)))
+        squared = float(np.vdot(residual, self.iteration.precondition(residual)))
         return float(np.sqrt(max(squared, 0.0) / (0.5 * self._least)))
 
     @cached_property
@@ -87,14 +112,14 @@ class MultigridModel(IterativeModel):
         betas: list[float] = []
         p, before = np.zeros_like(u), 0.0
         for _ in range(30):
-            z = self.native.precondition(r)
+            z = self.iteration.precondition(r)
             now = float(np.vdot(r, z))
             if not now > 0:
                 break
             if before:
                 betas.append(now / before)
             p = z + (betas[-1] if betas else 0.0) * p
-            Kp = self.native.internal_force(p)
+            Kp = self.iteration.internal_force(p)
             Kp[self.tissue.held] = 0
             alphas.append(now / float(np.vdot(p, Kp)))
             r = r - alphas[-1] * Kp

@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from functools import cached_property
+from typing import cast
 
 import numpy as np
 
@@ -93,8 +94,16 @@ class TissueModel(ABC):
 class IterativeModel(TissueModel):
     """A model solved by sweeps in growing batches. batch: the least. growth: what part of those done comes next."""
 
-    native: "_core.relaxation.RingRelaxation | _core.multigrid.MultigridModel"
     batch, growth = 4, 4
+
+    @property
+    def iterated(self) -> "_core.relaxation.RingRelaxation | _core.multigrid.MultigridModel":
+        """The model whose iterations answer a push; the loop's own, if that iterates in its ticks."""
+        return cast("_core.relaxation.RingRelaxation", self.native)
+
+    def start(self) -> "_core.tissue.ModelState":
+        """A state at rest, to hand to `push(warm=)`."""
+        return self.iterated.make_state()
 
     @abstractmethod
     def certified_error(self, state: "_core.tissue.ModelState", force: Float64, found: Contacts) -> float:
@@ -108,7 +117,7 @@ class IterativeModel(TissueModel):
             state.u[:] = 0  # the exact solution
         done, batch = 0, self.batch if found.displacement.any() else 0
         while True:
-            force = self.native.solve(state, found.patches, found.displacement, batch)
+            force = self.iterated.solve(state, found.patches, found.displacement, batch)
             if force is None:
                 raise too_many_contacts(found)
             done += batch
