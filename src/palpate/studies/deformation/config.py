@@ -17,6 +17,8 @@ RATIOS = (0.10, 0.20, 0.30, 0.40, 0.49)
 MARKS = (-0.10, -0.14, -0.18)  # the dissertation's RSC0
 TOP = (25.0, 25.0, SIDE)
 CONTACTS = ("triangle", "patch")
+READ_CONTACTS = ("node", *CONTACTS)
+SUPPORTS = ("bottom", "sides", "all but top")
 
 
 @dataclass(frozen=True)
@@ -74,17 +76,21 @@ def cube(nodes: int, irregular: bool = False, side: float = SIDE) -> TetMesh:
     return TetMesh(x * (side / n), np.concatenate(tets))
 
 
-def tissue(nodes: int, poisson: float, irregular: bool = False) -> Tissue:
-    """The cube, held at its bottom."""
+def tissue(nodes: int, poisson: float, irregular: bool = False, support: str = "bottom") -> Tissue:
+    """The cube, held at its bottom, at its four sides (their upper rims too), or at both."""
     mesh = cube(nodes, irregular)
-    return Tissue(mesh, YOUNG, poisson, mesh.nodes[:, 2] == 0, element="P1")
+    bottom, sides = mesh.nodes[:, 2] == 0, ((mesh.nodes[:, :2] == 0) | (mesh.nodes[:, :2] == SIDE)).any(axis=1)
+    held = {"bottom": bottom, "sides": sides, "all but top": bottom | sides}[support]
+    return Tissue(mesh, YOUNG, poisson, held, element="P1")
 
 
 def contact(solid: Tissue, name: str, radius: float) -> tuple[Float64, float]:
-    """Point (3,) mm and radius mm: "patch" about the centre of the top, or "triangle", the one there, by its middle."""
+    """Point (3,) mm and radius mm: "patch" about the centre of the top, the "triangle" there, by its middle, or "node"."""
     if name == "patch":
         return np.array(TOP), radius
     mesh = solid.mesh
+    if name == "node":
+        return np.asarray(mesh.nodes[np.argmin(np.linalg.norm(mesh.nodes - TOP, axis=1))]), 0.0
     top = mesh.surface[(mesh.nodes[mesh.surface, 2] == SIDE).all(axis=1)]
     middles = mesh.nodes[top].mean(axis=1)
     return np.asarray(middles[np.argmin(np.linalg.norm(middles - TOP, axis=1))]), 0.0

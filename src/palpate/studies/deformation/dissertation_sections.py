@@ -15,9 +15,9 @@ def set_up(inputs: ReportInputs) -> Section:
     """What is pushed; how stiff each contact is on each mesh."""
     s = inputs.setting
     text = [
-        f"A cube of {SIDE:g} mm with {s.main}³ nodes, six tetrahedra a cell, held at its bottom; E = {YOUNG:g} kPa (only "
-        "forces depend on it). Two contacts press the centre of the top. In the dissertation's own the nodes of the touched "
-        "triangle all move with the tool (rigid=True, radius 0). In palpate's the mean over a smooth patch of "
+        f"A cube of {SIDE:g} mm with {s.main}³ nodes, six tetrahedra a cell; E = {YOUNG:g} kPa (only forces depend on it). "
+        "From here on it is held at its bottom, and two contacts press the centre of the top. In the first the nodes of the "
+        "touched triangle all move with the tool (rigid=True, radius 0). In palpate's the mean over a smooth patch of "
         f"{s.radius:g} mm radius does. The home springs' rows are the dissertation's rings, row 1 at the contact.",
         "The first is singular: the finer the mesh, the softer it feels, by finite elements too (table). Errors under it "
         "hold for this mesh only. The patch has a limit.",

@@ -14,8 +14,11 @@ from palpate.report.plot_axes import INK, TRUTH, legend_below
 from palpate.report.tables import Row, distinct, where
 from palpate.studies.deformation.config import DEPTH, DEPTHS, MARKS, SIDE
 from palpate.studies.deformation.haptic_fidelity import peak_to_peak, without_parabola
+from palpate.studies.deformation.reference import rsc
+from palpate.studies.deformation.spring_laws import spring_law
 from palpate.volumes.notebook_figure import COLOURS, line_style
 
+ROWS_SHOWN = 15
 BIN = 2.5  # mm of distance over which the greatest difference is taken
 MODELS = ("blocks", "springs", "multigrid", "compliance", "neo-hookean", "direct solve")
 FEM = line_style(6) | {"color": TRUTH}
@@ -148,6 +151,18 @@ def over_rsc(curves: Sequence[Row], best: Sequence[Row], contact: str, column: s
         one.set_xticks([-1, -0.18, -0.1, -0.01], ["−1", "−0.18", "−0.1", "−0.01"])
         finish(one, f"{weights} edges", "RSC0", {"worst_mm": "worst, mm", "rms_mm": "RMS, mm"}[column])
     legend(figure, axes[0], 5)
+    return figure
+
+
+def law_curves() -> Figure:
+    """RSC over the row, a line a RSC0 of the chapter, a panel a law."""
+    figure, axes = panels(2, 2.9)
+    rows = np.arange(1.0, ROWS_SHOWN + 1)
+    for one, law in zip(axes, ("linear", "exponential"), strict=True):
+        for k, mark in enumerate(MARKS):
+            one.plot(rows, rsc(spring_law(law, -mark, "equal"), rows), lw=1.7, label=f"{mark:.2f}", **line_style(k))
+        finish(one, law, "row", "RSC")
+    legend(figure, axes[0])
     return figure
 
 

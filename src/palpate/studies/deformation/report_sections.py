@@ -2,6 +2,7 @@
 
 from palpate.report.html_report import Section
 from palpate.studies.deformation import claims, dissertation_sections, extension_sections
+from palpate.studies.deformation import reading_sections as readings
 from palpate.studies.deformation.report_inputs import ReportInputs
 
 
@@ -9,6 +10,7 @@ def sections(inputs: ReportInputs) -> list[Section]:
     """All of them."""
     chapter, more = dissertation_sections, extension_sections
     parts = [
+        readings.readings,
         chapter.set_up,
         chapter.cube,
         chapter.laws,
@@ -30,10 +32,13 @@ def conclusions(inputs: ReportInputs) -> list[Section]:
         "Worst is the greatest difference of displacement over all nodes, as a length; errors against finite elements are "
         "not the certified bound of an answer, which speaks of the model's own equations.",
     ]
-    own = claims.own_claims(inputs.tables)
     return [
-        Section("The dissertation's claims", text, claims.claims(inputs.tables, inputs.setting)),
-        Section("What palpate promises beyond", ["Each path and radius; what fails is said."], own),
+        Section("The dissertation's claims", [*text, *(one.sentence for one in claims.claims(inputs.tables))]),
+        Section(
+            "What palpate promises beyond",
+            ["Each path and radius; what fails is said."],
+            claims.own_claims(inputs.tables),
+        ),
     ]
 
 

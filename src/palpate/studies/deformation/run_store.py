@@ -7,8 +7,16 @@ import numpy as np
 
 from palpate.report.stages import Progress, Stages
 from palpate.report.tables import Row
-from palpate.studies.deformation import accuracy_cost, convergence, haptic_fidelity, kidney, large_strain, spring_laws
-from palpate.studies.deformation.config import CONTACTS, Setting
+from palpate.studies.deformation import (
+    accuracy_cost,
+    convergence,
+    haptic_fidelity,
+    kidney,
+    large_strain,
+    readings,
+    spring_laws,
+)
+from palpate.studies.deformation.config import CONTACTS, SUPPORTS, Setting
 from palpate.studies.deformation.spring_laws import Field
 from palpate.studies.run_store import read_json, write_arrays, write_json
 
@@ -21,6 +29,8 @@ def experiments(
     setting: Setting, true: Callable[[], Fields], so_far: Tables
 ) -> Iterator[tuple[str, Callable[[], Tables]]]:
     """Name and work of each, in order. so_far: the tables of those before."""
+    for support in SUPPORTS:
+        yield f"readings-{support.replace(' ', '-')}", lambda s=support: readings.readings(setting, s)  # type: ignore[misc]
     yield "laws", lambda: spring_laws.sweep(setting, true())
     yield "profiles", lambda: spring_laws.profiles(setting, true(), so_far["optimum"])
     yield "meshes", lambda: spring_laws.meshes(setting, true(), so_far["optimum"], MIDDLE)

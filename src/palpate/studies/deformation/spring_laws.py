@@ -7,7 +7,7 @@ from scipy.optimize import minimize_scalar
 
 from palpate.arrays import Float64
 from palpate.report.tables import Row, where
-from palpate.studies.deformation.config import CONTACTS, DEPTH, MARKS, Setting, contact, tissue, way
+from palpate.studies.deformation.config import CONTACTS, DEPTH, Setting, contact, tissue, way
 from palpate.studies.deformation.reference import pushed
 from palpate.tissue.models.mass_spring import SpringModel
 from palpate.tissue.reference.solver import finite_elements
@@ -28,7 +28,7 @@ def spring_law(law: str, size: float, weights: str, rows: str = "rings") -> Spri
 def springs(solid: Tissue, law: SpringLaw, name: str, radius: float) -> Field:
     """The springs' answer to a push of `DEPTH` mm at contact `name`."""
     point, r = contact(solid, name, radius)
-    model = SpringModel(solid, law, relaxation=1.3, rigid=name == "triangle")
+    model = SpringModel(solid, law, relaxation=1.3, rigid=name != "patch")
     answer = model.push(point, [0, 0, -DEPTH], r, tolerance=1e-5)
     return answer.displacement, answer.force
 
@@ -92,8 +92,6 @@ def sweep(setting: Setting, true: dict[float, dict[str, Field]]) -> dict[str, li
             u = fields[name][0]
             curves += [{**about, "rsc": s} | answers.errors(s, u) for s in grid.tolist()]
             sizes = {of: answers.least(u, of, grid) for of in ("worst_mm", "rms_mm")}
-            if law == "exponential":
-                sizes |= {f"mark {mark:g}": -mark for mark in MARKS}
             best += [{**about, "least": of, "rsc": s} | answers.errors(s, u) for of, s in sizes.items()]
     return {"rsc": curves, "optimum": best}
 
