@@ -24,7 +24,8 @@ def readings(inputs: ReportInputs) -> Section:
         f"two decimals between {max(MARKS):.2f} and {min(MARKS):.2f}. Beats uniform: its measure is at least "
         f"{100 * SAME:.0f} % better than that of the best uniform RSC; beats low, high: than those of {LOW:g} and {HIGH:g}, "
         "which stand for the chapter's low and high. The counts are over Poisson's ratios; a reading reproduces a claim "
-        f"that it reproduces at every ratio. The search ends at {-SEARCH[0]:g}, all but no home springs, and {-SEARCH[1]:g}, home springs as stiff as edges.",
+        f"that it reproduces at every ratio. The search ends at {-SEARCH[0]:g}, hardly any home springs, and at "
+        f"{-SEARCH[1]:g}, hardly any neighbours.",
     ]
     picture = plots.law_curves(), "Home over edge stiffness by row, for one RSC0 in both laws."
     return Section("Every reading of the set-up", text, readings_table(inputs.tables["readings"]), [picture])
