@@ -193,6 +193,17 @@ def test_every_reading_is_in_the_report(study, report):
         assert len(re.findall(rf"(?:node|triangle|patch)\s+{support}\s+(?:worst|RMS|mean)", report)) == 27
 
 
+def test_the_table_of_rows_lists_the_rings_of_the_coarsest_cube(study, report):
+    mesh = cube(QUICK.sizes[0])
+    listed = [list(map(int, row["members"].split())) for row in table(study, "row_table")]
+    row = rings(mesh, listed[0])
+    assert len(listed) > 2
+    for k, members in enumerate(listed):
+        assert members == np.flatnonzero(row == k + 1).tolist()
+    reach = table(study, "reach", nodes=QUICK.main, still_mm=0.1)
+    assert re.search(rf"{reach[0]['rows']} of \d+\s+{reach[0]['nodes_in_table']} of {QUICK.main**3}", report)
+
+
 def test_sweeps_end_where_springs_and_elements_solved_by_other_means_are(study):
     for nodes in QUICK.sizes:
         for name in {row["model"] for row in table(study, "convergence", nodes=nodes)}:

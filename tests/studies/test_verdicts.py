@@ -120,8 +120,9 @@ def readings(worst, uniform, rsc):
 
 
 def deformation_verdicts(
-    worst=(0.7, 0.8), uniform=2.0, rsc=-0.15, mesh=0.9, counts=(0.5, 0.005), shaken=4.0, at=0.01, mark=0.9
-):
+    worst=(0.7, 0.8), uniform=2.0, rsc=-0.15, mesh=0.9, counts=(0.5, 0.005), shaken=4.0, at=0.01, mark=0.9,
+    moved=(3, 80), saved=2.0,
+):  # fmt: skip
     made = {
         "readings": readings(worst, uniform, rsc),
         "marks": [
@@ -136,6 +137,10 @@ def deformation_verdicts(
         ],
         "convergence": [{"model": "springs", "nodes": 11, "sweeps": 2**i, "error": e} for i, e in enumerate(counts)],
         "stability": [{"model": "springs", "shaken_mm": shaken, "shake_mm": 15.0, "after_1024_mm": 0.01}],
+        "reach": [
+            {"nodes": 11, "still_mm": 0.1, "depth_mm": d, "nodes_in_table": n, "whole_s": saved, "s": 1.0}
+            for d, n in zip((0.5, 5.0), moved, strict=True)
+        ],
         "kidneys": [{"model": "springs", "resolution": "coarse", "push_s_0.01": at}],
     }
     return [one.sentence for one in deformation.claims(made)]
@@ -172,6 +177,11 @@ def deformation_verdicts(
         ),  # near once, and off again
         ({}, "sweeps are stable", "holds: "),
         ({"shaken": 46.0}, "sweeps are stable", "does not hold: "),
+        ({}, "a larger one reaches further", "holds: nodes moved 11³ at 0.1 mm 3 (0.5 mm), 80 (5 mm)"),
+        ({"moved": (80, 80)}, "a larger one reaches further", "does not hold: "),
+        ({"moved": (80, 3)}, "a larger one reaches further", "does not hold: "),
+        ({}, "table saves time", "holds: the time of all nodes is 2.0 to 2.0 times"),
+        ({"saved": 0.9}, "table saves time", "does not hold: "),
         ({}, "kidney at every resolution", "holds: "),
         ({"at": 0.04}, "kidney at every resolution", "does not hold: "),
     ],

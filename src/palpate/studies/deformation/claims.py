@@ -15,7 +15,7 @@ Tables = Mapping[str, list[Row]]
 
 def claims(tables: Tables) -> list[Verdict]:
     """The chapter's, over all readings of its set-up where they depend on it."""
-    found = [*reading_claims.verdicts(tables), *_larger_pushes(tables), *_meshes(tables)]
+    found = [*reading_claims.verdicts(tables), *_larger_pushes(tables), *_reach(tables), *_meshes(tables)]
     return [*found, *_sweeps(tables), _stability(tables), _frames(tables)]
 
 
@@ -36,6 +36,27 @@ def _larger_pushes(tables: Tables) -> list[Verdict]:
         held = outcome([abs(at[depths[1]] / at[depths[0]] - 1) < 0.1])
         found.append(Verdict(claim, "against finite strain under the smooth patch, within a tenth", held, words))
     return found
+
+
+def _reach(tables: Tables) -> list[Verdict]:
+    """Of the deformed-node index table."""
+    rows = tables["reach"]
+    cases = [where(rows, nodes=n, still_mm=s) for n in distinct(rows, "nodes") for s in distinct(rows, "still_mm")]
+    tried = f"on {len(distinct(rows, 'nodes'))} cubes with {len(distinct(rows, 'still_mm'))} thresholds"
+    counts = [[r["nodes_in_table"] for r in sorted(some, key=lambda r: float(r["depth_mm"]))] for some in cases]
+    further = [few == sorted(few) and few[0] < few[-1] for few in counts]
+    words = "; ".join(
+        f"{some[0]['nodes']}³ at {some[0]['still_mm']:g} mm "
+        + ", ".join(f"{r['nodes_in_table']} ({r['depth_mm']:g} mm)" for r in some)
+        for some in cases
+    )
+    claim = "a small displacement moves few nodes and a larger one reaches further"
+    found = [Verdict(claim, f"{tried} by the deformed-node index table", outcome(further), f"nodes moved {words}")]
+    gain = [r["whole_s"] / r["s"] for r in rows]
+    numbers = f"the time of all nodes is {min(gain):.1f} to {max(gain):.1f} times that of the table"
+    claim = "the deformed-node index table saves time"
+    tried = f"{tried} at {len(distinct(rows, 'depth_mm'))} pushes, against all nodes by the same rule"
+    return [*found, Verdict(claim, tried, outcome([g > 1 for g in gain]), numbers)]
 
 
 def _meshes(tables: Tables) -> list[Verdict]:

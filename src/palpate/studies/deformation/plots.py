@@ -166,6 +166,24 @@ def law_curves() -> Figure:
     return figure
 
 
+def reach(rows: Sequence[Row]) -> Figure:
+    """The nodes of the plane nearest the contact, moved: those of the deformed-node index table by row, others grey."""
+    depths = distinct(rows, "depth_mm")
+    figure, axes = panels(len(depths), 3.6)
+    for one, depth in zip(axes, depths, strict=True):
+        some = where(rows, depth_mm=depth)
+        for inside, colour in ((False, TRUTH), (True, COLOURS[1])):
+            nodes = [r for r in some if (r["row"] > 0) == inside]
+            place = [r["x"] for r in nodes], [r["z"] + r["moved_z"] for r in nodes]
+            size = 26.0 if inside else 6.0
+            one.scatter(*place, s=size, color=colour, label="in the table" if inside else "at home")
+        one.set_aspect("equal")
+        most = max(r["row"] for r in some)
+        finish(one, f"pushed {depth:g} mm: rows to {most}", "x, mm", "z, mm")
+    legend(figure, axes[-1])
+    return figure
+
+
 def convergence(rows: Sequence[Row]) -> Figure:
     """True error (full) and certified bound (dotted) over sweeps, a panel a size."""
     sizes = distinct(rows, "nodes")

@@ -1,10 +1,12 @@
-"""The section that judges the chapter on every reading of its set-up."""
+"""Sections on how the chapter is read: every reading of its set-up, and its deformed-node index table."""
 
 from palpate.report.html_report import Section
+from palpate.report.tables import shown
 from palpate.studies.deformation import plots
 from palpate.studies.deformation.config import DEPTH, MARKS, SIDE
 from palpate.studies.deformation.reading_claims import LIMIT, SAME, readings_table
 from palpate.studies.deformation.report_inputs import ReportInputs
+from palpate.studies.deformation.row_table import SHOWN, STILL
 from palpate.studies.deformation.spring_laws import HIGH, LOW, SEARCH
 
 
@@ -29,3 +31,49 @@ def readings(inputs: ReportInputs) -> Section:
     ]
     picture = plots.law_curves(), "Home over edge stiffness by row, for one RSC0 in both laws."
     return Section("Every reading of the set-up", text, readings_table(inputs.tables["readings"]), [picture])
+
+
+def row_table(inputs: ReportInputs) -> Section:
+    """The table itself."""
+    table = shown(
+        inputs.tables["row_table"],
+        ("row", "{row}"),
+        ("nodes", "{count}"),
+        ("which", "{members}"),
+        ("moves by up to, mm", "{most_mm:.3f}"),
+    )
+    text = [
+        f"The deformed-node index table of the cube with {inputs.setting.sizes[0]}³ nodes, pushed {SHOWN:g} mm at the "
+        "triangle: row 1 holds the touched nodes, row 2 their neighbours, and so on (deformed_rows in Python; rows are "
+        "also what native.rows of a spring model gives). Nodes in no row stay at home.",
+        "The stopping rule is inferred. Sweeps go over the rows of the table, from the first down. A row is joined while "
+        "some node of the last one has moved by a threshold; the sweeps end when no node steps by as much. Here the "
+        f"threshold is {STILL[-1]:g} mm.",
+    ]
+    return Section("The deformed-node index table", text, table)
+
+
+def reach(inputs: ReportInputs) -> Section:
+    """How far pushes reach, and what the table saves."""
+    table = shown(
+        inputs.tables["reach"],
+        ("nodes", "{nodes}³"),
+        ("threshold, mm", "{still_mm:g}"),
+        ("push, mm", "{depth_mm:g}"),
+        ("rows", "{rows} of {whole_rows}"),
+        ("nodes in them", "{nodes_in_table} of {all}"),
+        ("sweeps", "{sweeps}"),
+        ("of all nodes", "{whole_sweeps}"),
+        ("time, ms", lambda r: f"{1e3 * r['s']:.3g}"),
+        ("of all nodes", lambda r: f"{1e3 * r['whole_s']:.3g}"),
+        ("saving", lambda r: f"{r['whole_s'] / r['s']:.1f} times"),
+        ("worst error, % of push", lambda r: f"{100 * r['error_mm'] / r['depth_mm']:.2g}"),
+        ("of all nodes", lambda r: f"{100 * r['whole_error_mm'] / r['depth_mm']:.2g}"),
+    )
+    text = [
+        "Triangle, exponential law, RSC0 -0.14, equal edges, Gauss-Seidel sweeps from rest; processor time of the native "
+        "solution with contact and rows at hand. All nodes: the same rule with every row from the start. Errors are "
+        "against the springs' own solution: a rule that looks at steps stops early, most of all for small pushes.",
+    ]
+    picture = plots.reach(inputs.tables["row_nodes"]), f"Nodes of the middle plane, threshold {STILL[0]:g} mm."
+    return Section("How far a push reaches", text, table, [picture])

@@ -11,6 +11,8 @@ def sections(inputs: ReportInputs) -> list[Section]:
     chapter, more = dissertation_sections, extension_sections
     parts = [
         readings.readings,
+        readings.row_table,
+        readings.reach,
         chapter.set_up,
         chapter.cube,
         chapter.laws,

@@ -14,6 +14,7 @@ from palpate.studies.deformation import (
     kidney,
     large_strain,
     readings,
+    row_table,
     spring_laws,
 )
 from palpate.studies.deformation.config import CONTACTS, SUPPORTS, Setting
@@ -35,6 +36,7 @@ def experiments(
     yield "profiles", lambda: spring_laws.profiles(setting, true(), so_far["optimum"])
     yield "meshes", lambda: spring_laws.meshes(setting, true(), so_far["optimum"], MIDDLE)
     yield "stiffness", lambda: spring_laws.stiffness(setting, (MIDDLE, setting.ratios[-1]))
+    yield "rows", lambda: row_table.reach(setting)
     for nodes in setting.sizes:
         yield f"convergence-{nodes}", lambda n=nodes: convergence.convergence(setting, n)  # type: ignore[misc]
     for nodes in setting.ladder:
