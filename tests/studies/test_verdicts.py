@@ -141,7 +141,7 @@ def deformation_verdicts(
             {"nodes": 11, "still_mm": 0.1, "depth_mm": d, "nodes_in_table": n, "whole_s": saved, "s": 1.0}
             for d, n in zip((0.5, 5.0), moved, strict=True)
         ],
-        "kidneys": [{"model": "springs", "resolution": "coarse", "push_s_0.01": at}],
+        "kidneys": [{"model": "springs", "resolution": "coarse", "push_s_0.01": 0.01, "pull_s_0.01": at}],
     }
     return [one.sentence for one in deformation.claims(made)]
 

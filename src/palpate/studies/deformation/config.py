@@ -25,10 +25,10 @@ SUPPORTS = ("bottom", "sides", "all but top")
 class Setting:
     """quick: the small one. main: nodes along a side of the cube on which the laws are judged; fine: of the finer
     one. sizes: of the cubes whose convergence is watched. ladder: of those on which all models are timed. radius:
-    mm of the smooth patch. steps: of RSC0 in a sweep. ripple: nodes a side of the cube on which contacts slide, its
-    points, and radii in edges of its lattice. kidneys: mm, edge lengths. repeats: of a timing. contacts: of the
-    ladder's judgement. ticks: of a session's path; steps_of_path: of one in equilibrium. asked: accuracies for
-    which a model is sought.
+    mm of the smooth patch. steps: of RSC0 in a sweep; rest_steps: for springs with rest length. ripple: nodes a side of
+    the cube on which contacts slide, its points, and radii in edges of its lattice. kidneys: mm, edge lengths. repeats:
+    of a timing. contacts: of the ladder's judgement. ticks: of a session's path; steps_of_path: of one in equilibrium.
+    asked: accuracies for which a model is sought.
     """
 
     quick: bool
@@ -39,6 +39,7 @@ class Setting:
     ratios: tuple[float, ...]
     radius: float
     steps: int
+    rest_steps: int
     ripple: int
     points: int
     radii: tuple[float, ...]
@@ -51,11 +52,11 @@ class Setting:
 
 
 FULL = Setting(
-    False, 11, 21, (5, 11, 21, 41), (11, 21), RATIOS, 10.0, 25, 21, 57, (1.5, 2.0, 2.5, 3.0),
+    False, 11, 21, (5, 11, 21, 41), (11, 21), RATIOS, 10.0, 25, 6, 21, 57, (1.5, 2.0, 2.5, 3.0),
     (("low", 8.0), ("medium", 5.0), ("high", 3.5)), 3, 8, 600, 60, 3,
 )  # fmt: skip
 QUICK = Setting(
-    True, 6, 7, (4, 6), (6,), (0.10, 0.30, 0.49), 20.0, 11, 8, 20, (2.0, 3.0), (("low", 12.0),), 1, 2, 200, 24, 1
+    True, 6, 7, (4, 6), (6,), (0.10, 0.30, 0.49), 20.0, 11, 2, 8, 20, (2.0, 3.0), (("low", 12.0),), 1, 2, 200, 24, 1
 )
 
 

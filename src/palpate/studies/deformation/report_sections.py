@@ -20,6 +20,7 @@ def sections(inputs: ReportInputs) -> list[Section]:
         chapter.meshes,
         chapter.sweeps,
         chapter.kidneys,
+        chapter.kidney_shapes,
     ]
     parts += [more.ladder, more.needed, more.fit, more.ripple, more.loops, more.strain, more.truth_cube]
     return [*conclusions(inputs), *(part(inputs) for part in parts), files(inputs)]

@@ -14,6 +14,7 @@ from palpate.studies.deformation import (
     kidney,
     large_strain,
     readings,
+    rest_length,
     row_table,
     spring_laws,
 )
@@ -36,6 +37,7 @@ def experiments(
     yield "profiles", lambda: spring_laws.profiles(setting, true(), so_far["optimum"])
     yield "meshes", lambda: spring_laws.meshes(setting, true(), so_far["optimum"], MIDDLE)
     yield "stiffness", lambda: spring_laws.stiffness(setting, (MIDDLE, setting.ratios[-1]))
+    yield "rest-length", lambda: rest_length.judged(setting)
     yield "rows", lambda: row_table.reach(setting)
     for nodes in setting.sizes:
         yield f"convergence-{nodes}", lambda n=nodes: convergence.convergence(setting, n)  # type: ignore[misc]
@@ -47,6 +49,7 @@ def experiments(
     yield "strain", lambda: large_strain.large(setting)
     yield "truth-cube", lambda: large_strain.truth_cube(setting)
     yield "kidneys", lambda: kidney.timings(setting)
+    yield "kidney-shapes", lambda: kidney.shapes(setting)
     yield "kidney-fit", lambda: kidney.fitted(setting)
 
 
