@@ -5,7 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from palpate.report.html_report import Section
 from palpate.studies.deformation import claims as deformation
+from palpate.studies.deformation import counterparts, reading_claims
 from palpate.studies.deformation.config import MARKS
 from palpate.studies.realtime.config import QUICK as LOOP
 from palpate.studies.realtime.report_sections import promises
@@ -119,9 +121,19 @@ def readings(worst, uniform, rsc):
     return rows
 
 
+def rest_length(error, linear, rsc):
+    """Two readings, push and pull, at two ratios."""
+    reading = {"contact": "node", "support": "bottom", "measure": "RMS", "law": "exponential", "rsc": rsc}
+    return [
+        {**reading, "way": way, "poisson": p, "error_mm": e, "worst_mm": e, "linear_mm": linear}
+        for way, e in zip(("push", "pull"), error, strict=True)
+        for p in (0.1, 0.49)
+    ]
+
+
 def deformation_verdicts(
     worst=(0.7, 0.8), uniform=2.0, rsc=-0.15, mesh=0.9, counts=(0.5, 0.005), shaken=4.0, at=0.01, mark=0.9,
-    moved=(3, 80), saved=2.0,
+    moved=(3, 80), saved=2.0, rest=(0.5, 1.5),
 ):  # fmt: skip
     made = {
         "readings": readings(worst, uniform, rsc),
@@ -137,6 +149,7 @@ def deformation_verdicts(
         ],
         "convergence": [{"model": "springs", "nodes": 11, "sweeps": 2**i, "error": e} for i, e in enumerate(counts)],
         "stability": [{"model": "springs", "shaken_mm": shaken, "shake_mm": 15.0, "after_1024_mm": 0.01}],
+        "rest_length": rest_length(rest, 1.0, rsc),
         "reach": [
             {"nodes": 11, "still_mm": 0.1, "depth_mm": d, "nodes_in_table": n, "whole_s": saved, "s": 1.0}
             for d, n in zip((0.5, 5.0), moved, strict=True)
@@ -149,18 +162,22 @@ def deformation_verdicts(
 @pytest.mark.parametrize(
     ("given", "claim", "verdict"),
     [
-        ({}, "below 1 mm at 5 mm; tried", "holds: "),
-        ({"worst": (0.7, 1.0)}, "below 1 mm at 5 mm; tried", "holds in 1 of 2 readings at every ratio: "),
-        ({"worst": (0.7, 1.0)}, "below 1 mm at 5 mm; tried", "2 of 4 single cases"),
-        ({"worst": (0.7, 1.0)}, "below 1 mm at 5 mm; tried", "by contact node 1 of 1, patch 0 of 1"),
-        ({"worst": (0.7, 1.0)}, "below 1 mm at 5 mm; tried", "namely node / bottom / RMS / linear."),
-        ({"worst": (1.2, 1.1)}, "below 1 mm at 5 mm; tried", "does not hold: "),
+        ({}, "below 1 mm at 5 mm; tried on 2", "holds: "),
+        ({"worst": (0.7, 1.0)}, "below 1 mm at 5 mm; tried on 2", "holds in 1 of 2 readings at every ratio: "),
+        ({"worst": (0.7, 1.0)}, "below 1 mm at 5 mm; tried on 2", "2 of 4 single cases"),
+        ({"worst": (0.7, 1.0)}, "below 1 mm at 5 mm; tried on 2", "by contact node 1 of 1, patch 0 of 1"),
+        ({"worst": (0.7, 1.0)}, "below 1 mm at 5 mm; tried on 2", "namely node / bottom / RMS / linear."),
+        ({"worst": (1.2, 1.1)}, "below 1 mm at 5 mm; tried on 2", "does not hold: "),
         ({}, "better than the best uniform", "holds: "),
         ({"uniform": 0.52}, "better than the best uniform", "does not hold: "),  # 0.52 / 0.5 is no gain
-        ({}, "the best RSC0 lies", "holds: "),
-        ({"rsc": -0.5}, "the best RSC0 lies", "does not hold: "),
-        ({"rsc": -0.184}, "the best RSC0 lies", "holds: "),  # the chapter gives two decimals
-        ({"rsc": -0.186}, "the best RSC0 lies", "does not hold: "),
+        ({}, "the best RSC0 lies between -0.10 and -0.18; tried on 2", "holds: "),
+        ({"rsc": -0.5}, "the best RSC0 lies between -0.10 and -0.18; tried on 2", "does not hold: "),
+        (
+            {"rsc": -0.184},
+            "the best RSC0 lies between -0.10 and -0.18; tried on 2",
+            "holds: ",
+        ),  # the chapter gives two decimals
+        ({"rsc": -0.186}, "the best RSC0 lies between -0.10 and -0.18; tried on 2", "does not hold: "),
         ({"worst": (0.7, 1.0)}, "with a best RSC0 between", "holds in 1 of 2 readings"),
         ({"worst": (0.7, 1.0), "rsc": -0.5}, "with a best RSC0 between", "does not hold: "),
         ({}, "with RSC0 of", "holds: "),
@@ -177,6 +194,11 @@ def deformation_verdicts(
         ),  # near once, and off again
         ({}, "sweeps are stable", "holds: "),
         ({"shaken": 46.0}, "sweeps are stable", "does not hold: "),
+        ({}, "below 1 mm at 5 mm; tried on springs with rest", "holds in 1 of 2 readings at every ratio: "),
+        ({"rest": (0.5, 0.9)}, "below 1 mm at 5 mm; tried on springs with rest", "holds: "),
+        ({"rest": (1.1, 1.2)}, "below 1 mm at 5 mm; tried on springs with rest", "does not hold: "),
+        ({}, "-0.18; tried on springs with rest", "holds: "),
+        ({"rsc": -0.02}, "-0.18; tried on springs with rest", "does not hold: "),
         ({}, "a larger one reaches further", "holds: nodes moved 11³ at 0.1 mm 3 (0.5 mm), 80 (5 mm)"),
         ({"moved": (80, 80)}, "a larger one reaches further", "does not hold: "),
         ({"moved": (80, 3)}, "a larger one reaches further", "does not hold: "),
@@ -191,6 +213,18 @@ def test_claims_of_the_deformation_study_follow_their_tables(given, claim, verdi
     assert verdict in found.split(", this ", 1)[1]
 
 
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        ((0.5, 0.5), "holds: 4 of 4 single cases; by contact node 2 of 2"),
+        ((0.5, 0.97), "holds in 1 of 2 readings at every ratio: 2 of 4"),  # 1 / 0.97 is no gain
+        ((1.5, 1.5), "does not hold: 0 of 4"),
+    ],
+)
+def test_springs_with_rest_length_are_nearer_only_where_they_are(error, said):
+    assert said in reading_claims.rest_length_sentence(rest_length(error, 1.0, -0.14))
+
+
 @pytest.mark.parametrize(("net", "verdict"), [(0.5, "holds"), (-0.005, "holds"), (-0.02, "does not hold")])
 def test_net_work_beyond_a_hundredth_of_what_is_stored_breaks_the_promise(net, verdict):
     ripple = [
@@ -202,6 +236,20 @@ def test_net_work_beyond_a_hundredth_of_what_is_stored_breaks_the_promise(net, v
     assert second[1] == verdict
     loops.append({**loops[0], "how": "fast", "net_nmm": 1.0})  # one path that holds does not hide another
     assert deformation.own_claims({"ripple": ripple, "loops": loops})[2][1] != "holds" or verdict == "holds"
+
+
+def test_every_counterpart_of_a_figure_is_asked_to_be_there():
+    full = [
+        Section(title, (), [["head"]], [(b"", "")] * 6)
+        for title in {title for _, _, title, _ in counterparts.COUNTERPARTS}
+    ]
+    numbers = {row[0] for row in counterparts.counterparts(full).table}
+    assert {"table 3.1", "table 3.2", "figure 3.6", "figure 3.11"} <= numbers
+    with pytest.raises(KeyError):
+        counterparts.counterparts(full[1:])
+    for bare in (replace(full[0], pictures=(), table=()),):
+        with pytest.raises(ValueError, match="has no"):
+            counterparts.counterparts([bare, *full[1:]])
 
 
 def met(work=0.3, late=0.02, pictures=60.0, median=30.0, latest=80.0):

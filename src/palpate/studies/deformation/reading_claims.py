@@ -10,6 +10,7 @@ Tables = Mapping[str, list[Row]]
 LIMIT = 1.0  # mm, the dissertation's at 5 mm
 SAME = 0.05  # share by which one law must be better to count so
 PARTS = ("contact", "support", "measure", "law")  # of a reading
+REST_PARTS = ("contact", "measure", "way")  # of one with rest length
 MOST_NAMED = 6
 
 
@@ -42,11 +43,16 @@ CLAIMS: dict[str, tuple[str, Test]] = {
 }
 
 
-def by_reading(rows: Sequence[Row]) -> dict[tuple[str, ...], list[Row]]:
+def nearer_than_linear(row: Row) -> bool:
+    """Whether springs with rest length beat the linear ones by more than counts as the same."""
+    return bool(row["linear_mm"] > (1 + SAME) * row["error_mm"])
+
+
+def by_reading(rows: Sequence[Row], parts: tuple[str, ...] = PARTS) -> dict[tuple[str, ...], list[Row]]:
     """The rows of each reading, one a Poisson's ratio."""
     readings: dict[tuple[str, ...], list[Row]] = {}
     for row in rows:
-        readings.setdefault(tuple(row[part] for part in PARTS), []).append(row)
+        readings.setdefault(tuple(row[part] for part in parts), []).append(row)
     return readings
 
 
@@ -55,21 +61,36 @@ def verdicts(tables: Tables) -> list[Verdict]:
     rows = tables["readings"]
     found = [_verdict(claim, rows, (test,)) for claim, test in CLAIMS.values()]
     both = f"{CLAIMS['below 1 mm'][0]} with a best RSC0 between {max(MARKS):.2f} and {min(MARKS):.2f}"
-    return [*found, _verdict(both, rows, (below_limit, rsc_in_range)), _marks(tables)]
+    found += [_verdict(both, rows, (below_limit, rsc_in_range)), _marks(tables)]
+    rest = tables["rest_length"]
+    found += [_verdict(CLAIMS[name][0], rest, (CLAIMS[name][1],), REST_PARTS) for name in ("below 1 mm", "RSC0")]
+    return found
 
 
-def _verdict(claim: str, rows: Sequence[Row], tests: tuple[Test, ...]) -> Verdict:
-    readings = by_reading(rows)
+def rest_length_sentence(rows: Sequence[Row]) -> str:
+    """How springs with rest length come out beside the linear ones."""
+    one = _verdict("", rows, (nearer_than_linear,), REST_PARTS)
+    return (
+        "That springs with rest length are nearer to finite elements than linear ones, each at its best RSC0, "
+        f"{one.held}: {one.numbers}."
+    )
+
+
+def _verdict(claim: str, rows: Sequence[Row], tests: tuple[Test, ...], parts: tuple[str, ...] = PARTS) -> Verdict:
+    readings = by_reading(rows, parts)
     single = [all(test(row) for test in tests) for row in rows]
     held = {key: all(test(row) for row in some for test in tests) for key, some in readings.items()}
-    tried = f"on {len(readings)} readings of the set-up, each at {len(distinct(rows, 'poisson'))} Poisson's ratios"
-    return Verdict(claim, tried, outcome(list(held.values()), "readings at every ratio"), _under(held, single))
+    springs = "" if parts == PARTS else "springs with rest length in "
+    tried = (
+        f"on {springs}{len(readings)} readings of the set-up, each at {len(distinct(rows, 'poisson'))} Poisson's ratios"
+    )
+    return Verdict(claim, tried, outcome(list(held.values()), "readings at every ratio"), _under(held, single, parts))
 
 
-def _under(held: Mapping[tuple[str, ...], bool], single: Sequence[bool]) -> str:
+def _under(held: Mapping[tuple[str, ...], bool], single: Sequence[bool], parts: tuple[str, ...]) -> str:
     """How many, by each part of a reading; the readings' names if they are few."""
     words = [f"{sum(single)} of {len(single)} single cases"]
-    for k, part in enumerate(PARTS):
+    for k, part in enumerate(parts):
         choices = dict.fromkeys(key[k] for key in held)
         counts = {c: [yes for key, yes in held.items() if key[k] == c] for c in choices}
         words.append(f"by {part} " + ", ".join(f"{c} {sum(each)} of {len(each)}" for c, each in counts.items()))

@@ -1,10 +1,10 @@
 """Sections on how the chapter is read: every reading of its set-up, and its deformed-node index table."""
 
 from palpate.report.html_report import Section
-from palpate.report.tables import shown
+from palpate.report.tables import distinct, shown
 from palpate.studies.deformation import plots
 from palpate.studies.deformation.config import DEPTH, MARKS, SIDE
-from palpate.studies.deformation.reading_claims import LIMIT, SAME, readings_table
+from palpate.studies.deformation.reading_claims import LIMIT, SAME, readings_table, rest_length_sentence
 from palpate.studies.deformation.report_inputs import ReportInputs
 from palpate.studies.deformation.row_table import SHOWN, STILL
 from palpate.studies.deformation.spring_laws import HIGH, LOW, SEARCH
@@ -77,3 +77,40 @@ def reach(inputs: ReportInputs) -> Section:
     ]
     picture = plots.reach(inputs.tables["row_nodes"]), f"Nodes of the middle plane, threshold {STILL[0]:g} mm."
     return Section("How far a push reaches", text, table, [picture])
+
+
+def rest_length(inputs: ReportInputs) -> Section:
+    """Beside the linear springs."""
+    tables = inputs.tables
+    table = shown(
+        tables["rest_length"],
+        ("contact", "{contact}"),
+        ("way", "{way}"),
+        ("Poisson's ratio", "{poisson:g}"),
+        ("measure", "{measure}"),
+        ("best RSC0, rest length", "{rsc:.2g}"),
+        ("linear", "{linear_rsc:.2g}"),
+        ("measure, mm, rest length", "{error_mm:.3f}"),
+        ("linear", "{linear_mm:.3f}"),
+        ("worst node, mm, rest length", "{worst_mm:.2f}"),
+        ("linear", "{linear_worst_mm:.2f}"),
+    )
+    forces = [row for row in tables["rest_length_force"] if row["force_n"] is not None]
+    searched = distinct(tables["rest_length_force"], "rsc")
+    missing = len(tables["rest_length_force"]) - len(forces)
+    ratio: dict[tuple[str, float], dict[str, float]] = {}
+    for row in forces:
+        ratio.setdefault((row["contact"], row["rsc"]), {})[row["way"]] = abs(row["force_n"])
+    more = [ways["pull"] / ways["push"] for ways in ratio.values() if len(ways) == 2]
+    text = [
+        "The chapter's force equation is not at hand, so its edge springs may have a rest length: k_e (|x_j - x_i| - l0) "
+        "along the edge, solved by Newton's method in steps of the tool. They resist along themselves alone, so for small "
+        "pushes they are the linear springs without their stiffness across. Exponential law, equal edges, rows are rings, "
+        f"{DEPTH:g} mm pushed and pulled, the cube held at its bottom, judged by P2 elements of small strain. Both "
+        f"kinds of springs have the best RSC0 of one list: {', '.join(f'{rsc:.2g}' for rsc in searched)}.",
+        rest_length_sentence(tables["rest_length"]),
+        f"A pull takes {min(more):.1f} to {max(more):.1f} times the force of a push: edges that are pulled straighten, "
+        f"those that are pressed fold away. Linear springs do not tell one from the other. In {missing} of "
+        f"{missing + len(forces)} cases the springs folded so far that no equilibrium was found.",
+    ]
+    return Section("Springs with rest length", text, table)

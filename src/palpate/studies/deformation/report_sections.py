@@ -3,6 +3,7 @@
 from palpate.report.html_report import Section
 from palpate.studies.deformation import claims, dissertation_sections, extension_sections
 from palpate.studies.deformation import reading_sections as readings
+from palpate.studies.deformation.counterparts import counterparts
 from palpate.studies.deformation.report_inputs import ReportInputs
 
 
@@ -11,6 +12,7 @@ def sections(inputs: ReportInputs) -> list[Section]:
     chapter, more = dissertation_sections, extension_sections
     parts = [
         readings.readings,
+        readings.rest_length,
         readings.row_table,
         readings.reach,
         chapter.set_up,
@@ -23,7 +25,8 @@ def sections(inputs: ReportInputs) -> list[Section]:
         chapter.kidney_shapes,
     ]
     parts += [more.ladder, more.needed, more.fit, more.ripple, more.loops, more.strain, more.truth_cube]
-    return [*conclusions(inputs), *(part(inputs) for part in parts), files(inputs)]
+    found = [*conclusions(inputs), *(part(inputs) for part in parts)]
+    return [*found, counterparts(found), files(inputs)]
 
 
 def conclusions(inputs: ReportInputs) -> list[Section]:

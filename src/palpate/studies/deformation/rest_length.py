@@ -12,16 +12,17 @@ from scipy.sparse import bsr_array
 from palpate.arrays import Float64, Int32
 from palpate.errors import DataError
 from palpate.report.tables import Row
-from palpate.studies.deformation.config import DEPTH, MARKS, Setting, contact, tissue
+from palpate.studies.deformation.config import DEPTH, Setting, contact, tissue
 from palpate.studies.deformation.readings import MEASURES
 from palpate.studies.deformation.reference import pushed
-from palpate.studies.deformation.spring_laws import SEARCH, Field, spring_law, springs
+from palpate.studies.deformation.spring_laws import Field, spring_law, springs
 from palpate.tissue.contact_patches import patch
 from palpate.tissue.models.mass_spring import SpringModel, edge_stiffness
 from palpate.tissue.reference.solver import finite_elements
 from palpate.tissue.sparse_factor import Factors
 from palpate.tissue.tissue import SpringLaw, Tissue
 
+SEARCH = (0.004, 2.0)  # of |RSC0|
 STEP = 1.0  # mm of a push that one load step takes
 TOLERANCE = 1e-8  # of the force out of balance, relative to that of a spring pulled by the push
 MOST_STEPS = 200  # of Newton's method
@@ -168,7 +169,7 @@ def judged(setting: Setting) -> dict[str, list[Row]]:
     way: the push, or the pull of as much; linear springs and elements answer it with the negative displacement.
     `rest_length_force`: the force on the tool by RSC0, none where no equilibrium was found.
     """
-    sizes = np.unique([*np.geomspace(*SEARCH, setting.rest_steps), *(-mark for mark in MARKS)])
+    sizes = np.geomspace(*SEARCH, setting.rest_steps)
     laws = [spring_law("exponential", size, "equal") for size in sizes.tolist()]
     solid = tissue(setting.main, 0.3)
     truths = {p: finite_elements(tissue(setting.main, p), "P2") for p in setting.ratios}
