@@ -2,7 +2,7 @@
 
 from palpate.report.html_report import Section
 from palpate.report.tables import Row, distinct, shown, where
-from palpate.studies.deformation import claims, kidney, plots
+from palpate.studies.deformation import chapter_plots, claims, kidney, plots
 from palpate.studies.deformation.config import DEPTH, DEPTHS, MARKS, SIDE, YOUNG
 from palpate.studies.deformation.report_inputs import ONE, ReportInputs
 
@@ -193,5 +193,5 @@ def kidney_shapes(inputs: ReportInputs) -> Section:
         "palpate touch draws it so in the browser, as a wireframe or shaded; the frames a second of either are in the "
         "study realtime."
     ]
-    picture = plots.kidney_shapes(rows, triangles), "Pushed, as a wireframe, and pulled, shaded."
+    picture = chapter_plots.kidney_shapes(rows, triangles), "Pushed, as a wireframe, and pulled, shaded."
     return Section("The kidney pushed and pulled", text, pictures=[picture])

@@ -8,17 +8,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
-from palpate.arrays import ArrayLike, Float64, Int32
+from palpate.arrays import ArrayLike, Float64
 from palpate.report import plot_axes
 from palpate.report.plot_axes import INK, TRUTH, legend_below
 from palpate.report.tables import Row, distinct, where
 from palpate.studies.deformation.config import DEPTH, DEPTHS, MARKS, SIDE
 from palpate.studies.deformation.haptic_fidelity import peak_to_peak, without_parabola
-from palpate.studies.deformation.reference import rsc
-from palpate.studies.deformation.spring_laws import by_distance, spring_law
+from palpate.studies.deformation.spring_laws import by_distance
 from palpate.volumes.notebook_figure import COLOURS, line_style
 
-ROWS_SHOWN = 15
 MODELS = ("blocks", "springs", "multigrid", "compliance", "neo-hookean", "direct solve")
 FEM = line_style(6) | {"color": TRUTH}
 LOOK = {name: line_style(i) for i, name in enumerate(MODELS)} | {"finite elements": FEM, "linear finite elements": FEM}
@@ -160,36 +158,6 @@ def over_rsc(curves: Sequence[Row], best: Sequence[Row], contact: str, column: s
     return figure
 
 
-def law_curves() -> Figure:
-    """RSC over the row, a line a RSC0 of the chapter, a panel a law."""
-    figure, axes = panels(2, 2.9)
-    rows = np.arange(1.0, ROWS_SHOWN + 1)
-    for one, law in zip(axes, ("linear", "exponential"), strict=True):
-        for k, mark in enumerate(MARKS):
-            one.plot(rows, rsc(spring_law(law, -mark, "equal"), rows), lw=1.7, label=f"{mark:.2f}", **line_style(k))
-        finish(one, law, "row", "RSC")
-    legend(figure, axes[0])
-    return figure
-
-
-def reach(rows: Sequence[Row]) -> Figure:
-    """The nodes of the plane nearest the contact, moved: those of the deformed-node index table by row, others grey."""
-    depths = distinct(rows, "depth_mm")
-    figure, axes = panels(len(depths), 3.6)
-    for one, depth in zip(axes, depths, strict=True):
-        some = where(rows, depth_mm=depth)
-        for inside, colour in ((False, TRUTH), (True, COLOURS[1])):
-            nodes = [r for r in some if (r["row"] > 0) == inside]
-            place = [r["x"] for r in nodes], [r["z"] + r["moved_z"] for r in nodes]
-            size = 26.0 if inside else 6.0
-            one.scatter(*place, s=size, color=colour, label="in the table" if inside else "at home")
-        one.set_aspect("equal")
-        most = max(r["row"] for r in some)
-        finish(one, f"pushed {depth:g} mm: rows to {most}", "x, mm", "z, mm")
-    legend(figure, axes[-1])
-    return figure
-
-
 def convergence(rows: Sequence[Row]) -> Figure:
     """True error (full) and certified bound (dotted) over sweeps, a panel a size."""
     sizes = distinct(rows, "nodes")
@@ -278,24 +246,6 @@ def kidneys(rows: Sequence[Row]) -> Figure:
     one.set_xticks(sizes, [f"{n:,}" for n in sizes])
     finish(one, "", "nodes", "processor ms")
     legend(figure, one, 2)
-    return figure
-
-
-def kidney_shapes(rows: Sequence[Row], triangles: Mapping[str, Int32]) -> Figure:
-    """Each resolution pushed, as a wireframe, and pulled, shaded. triangles: (T, 3) nodes of its surface."""
-    names = distinct(rows, "resolution")
-    figure = Figure(figsize=(8.6, 4.0 * len(names)), layout="constrained")
-    for k, (name, way) in enumerate((name, way) for name in names for way in ("push", "pull")):
-        some = where(rows, resolution=name)
-        place = np.array([[row[f"{way}_{axis}"] for axis in "xyz"] for row in some])
-        corner = np.searchsorted([row["node"] for row in some], triangles[name])
-        look = {"color": COLOURS[0]} if way == "pull" else {"color": "w", "edgecolor": INK, "shade": False}
-        axes: Any = figure.add_subplot(len(names), 2, k + 1, projection="3d")
-        axes.plot_trisurf(*place.T, triangles=corner, linewidth=0.3, **look)
-        axes.set_box_aspect(np.ptp(place, axis=0))
-        axes.view_init(elev=15, azim=-50)
-        axes.set_axis_off()
-        axes.set_title(f"{name}, {'pushed' if way == 'push' else 'pulled'}", fontsize=11)
     return figure
 
 

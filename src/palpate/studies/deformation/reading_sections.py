@@ -2,7 +2,7 @@
 
 from palpate.report.html_report import Section
 from palpate.report.tables import distinct, shown
-from palpate.studies.deformation import plots
+from palpate.studies.deformation import chapter_plots
 from palpate.studies.deformation.config import DEPTH, MARKS, SIDE
 from palpate.studies.deformation.reading_claims import LIMIT, SAME, readings_table, rest_length_sentence
 from palpate.studies.deformation.report_inputs import ReportInputs
@@ -29,7 +29,7 @@ def readings(inputs: ReportInputs) -> Section:
         f"that it reproduces at every ratio. The search ends at {-SEARCH[0]:g}, hardly any home springs, and at "
         f"{-SEARCH[1]:g}, hardly any neighbours.",
     ]
-    picture = plots.law_curves(), "Home over edge stiffness by row, for one RSC0 in both laws."
+    picture = chapter_plots.law_curves(), "Home over edge stiffness by row, for one RSC0 in both laws."
     return Section("Every reading of the set-up", text, readings_table(inputs.tables["readings"]), [picture])
 
 
@@ -75,7 +75,7 @@ def reach(inputs: ReportInputs) -> Section:
         "solution with contact and rows at hand. All nodes: the same rule with every row from the start. Errors are "
         "against the springs' own solution: a rule that looks at steps stops early, most of all for small pushes.",
     ]
-    picture = plots.reach(inputs.tables["row_nodes"]), f"Nodes of the middle plane, threshold {STILL[0]:g} mm."
+    picture = chapter_plots.reach(inputs.tables["row_nodes"]), f"Nodes of the middle plane, threshold {STILL[0]:g} mm."
     return Section("How far a push reaches", text, table, [picture])
 
 
