@@ -7,7 +7,6 @@ import numpy as np
 from palpate.report.tables import Row, distinct, where
 from palpate.studies.deformation import reading_claims
 from palpate.studies.deformation.haptic_fidelity import peak_to_peak
-from palpate.studies.deformation.reading_claims import LIMIT
 from palpate.studies.deformation.verdict import Verdict, outcome
 
 Tables = Mapping[str, list[Row]]
@@ -15,7 +14,7 @@ Tables = Mapping[str, list[Row]]
 
 def claims(tables: Tables) -> list[Verdict]:
     """The chapter's, over all readings of its set-up where they depend on it."""
-    found = [*reading_claims.verdicts(tables), *_larger_pushes(tables), *_reach(tables), *_meshes(tables)]
+    found = [*reading_claims.verdicts(tables), *_larger_pushes(tables), *_reach(tables)]
     return [*found, *_sweeps(tables), _stability(tables), _frames(tables)]
 
 
@@ -57,17 +56,6 @@ def _reach(tables: Tables) -> list[Verdict]:
     claim = "the deformed-node index table saves time"
     tried = f"{tried} at {len(distinct(rows, 'depth_mm'))} pushes, against all nodes by the same rule"
     return [*found, Verdict(claim, tried, outcome([g > 1 for g in gain]), numbers)]
-
-
-def _meshes(tables: Tables) -> list[Verdict]:
-    found = []
-    for mesh in ("irregular", "finer"):
-        some = where(tables["meshes"], mesh=mesh, contact="triangle", weights="equal")
-        words = "; ".join(f"{r['choice']} RSC0 {-r['rsc']:.3f}: {r['worst_mm']:.2f} mm" for r in some)
-        held = outcome([r["worst_mm"] < LIMIT for r in some])
-        claim = f"the difference stays below 1 mm at 5 mm on the {mesh} mesh too"
-        found.append(Verdict(claim, "with the exponential law under the triangle, held at the bottom", held, words))
-    return found
 
 
 def reached(rows: Sequence[Row], error: float) -> int | None:

@@ -121,7 +121,8 @@ def meshes(inputs: ReportInputs) -> Section:
     )
     text = [
         f"Exponential law, Poisson's ratio {ONE:g}, 5 mm. An RSC0 found on one mesh does not suit a finer one. Irregular: "
-        "nodes moved at random by up to a fifth of a cell, faces kept flat."
+        "nodes moved at random by up to a fifth of a cell, faces kept flat. Readings of the set-up on these meshes stand "
+        "in the claims and in tables/mesh_readings.csv; the truth on the finer one is P1."
     ]
     curves = plots.binned_difference(inputs.tables["mesh_profiles"], "mesh", "choice")
     words = "Greatest difference to finite elements over the distance, triangle, equal edges; dotted: 1 mm."

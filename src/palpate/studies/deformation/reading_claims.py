@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 
-from palpate.report.tables import Row, distinct, shown
+from palpate.report.tables import Row, distinct, shown, where
 from palpate.studies.deformation.config import MARKS
 from palpate.studies.deformation.verdict import Verdict, outcome
 
@@ -10,6 +10,7 @@ Tables = Mapping[str, list[Row]]
 LIMIT = 1.0  # mm, the dissertation's at 5 mm
 SAME = 0.05  # share by which one law must be better to count so
 PARTS = ("contact", "support", "measure", "law")  # of a reading
+MESH_PARTS = ("contact", "support", "measure", "choice")  # of one on another mesh
 REST_PARTS = ("contact", "measure", "way")  # of one with rest length
 MOST_NAMED = 6
 
@@ -62,6 +63,9 @@ def verdicts(tables: Tables) -> list[Verdict]:
     found = [_verdict(claim, rows, (test,)) for claim, test in CLAIMS.values()]
     both = f"{CLAIMS['below 1 mm'][0]} with a best RSC0 between {max(MARKS):.2f} and {min(MARKS):.2f}"
     found += [_verdict(both, rows, (below_limit, rsc_in_range)), _marks(tables)]
+    for mesh in ("irregular", "finer"):
+        claim = f"the difference stays below 1 mm at 5 mm on the {mesh} mesh too"
+        found.append(_verdict(claim, where(tables["mesh_readings"], mesh=mesh), (below_limit,), MESH_PARTS))
     rest = tables["rest_length"]
     found += [_verdict(CLAIMS[name][0], rest, (CLAIMS[name][1],), REST_PARTS) for name in ("below 1 mm", "RSC0")]
     return found
@@ -80,10 +84,8 @@ def _verdict(claim: str, rows: Sequence[Row], tests: tuple[Test, ...], parts: tu
     readings = by_reading(rows, parts)
     single = [all(test(row) for test in tests) for row in rows]
     held = {key: all(test(row) for row in some for test in tests) for key, some in readings.items()}
-    springs = "" if parts == PARTS else "springs with rest length in "
-    tried = (
-        f"on {springs}{len(readings)} readings of the set-up, each at {len(distinct(rows, 'poisson'))} Poisson's ratios"
-    )
+    springs, ratios = "springs with rest length in " if parts == REST_PARTS else "", len(distinct(rows, "poisson"))
+    tried = f"on {springs}{len(readings)} readings of the set-up, each at {ratios} Poisson's ratio{'s' * (ratios > 1)}"
     return Verdict(claim, tried, outcome(list(held.values()), "readings at every ratio"), _under(held, single, parts))
 
 

@@ -9,11 +9,13 @@ from collections.abc import Callable
 import numpy as np
 
 from palpate.arrays import Float64
-from palpate.report.tables import Row
+from palpate.report.tables import Row, where
 from palpate.studies.deformation.config import DEPTH, MARKS, READ_CONTACTS, Setting, tissue
 from palpate.studies.deformation.reference import pushed
+from palpate.studies.deformation.report_inputs import ONE
 from palpate.studies.deformation.spring_laws import HIGH, LAWS, LOW, SEARCH, spring_law, springs
 from palpate.tissue.reference.solver import finite_elements
+from palpate.tissue.tissue import Tissue
 
 MEASURES: dict[str, Callable[[Float64], Float64]] = {
     "worst": lambda gap: gap.max(axis=1),
@@ -33,7 +35,8 @@ def readings(setting: Setting, support: str) -> dict[str, list[Row]]:
 
     error_mm is the measure's own; worst_mm the worst node's at the same RSC0. uniform_mm: the measure of the best uniform
     RSC; low_high_mm: of the better of the two uniform ones that stand for the chapter's low and high. `marks`: the worst
-    node at the chapter's own RSC0.
+    node at the chapter's own RSC0. `mesh_readings`: the exponential law on an irregular and on a finer mesh at the one
+    Poisson's ratio `ONE`, with the RSC0 that is best on the main cube ("kept") and with its own best.
     """
     sizes = searched(setting)
     solid = tissue(setting.main, 0.3, support=support)  # springs do not know of Poisson's ratio
@@ -52,7 +55,30 @@ def readings(setting: Setting, support: str) -> dict[str, list[Row]]:
             for law in ("linear", "exponential"):
                 worst = MEASURES["worst"](gaps[law])
                 marks += [about | {"law": law, "rsc": m, "worst_mm": float(worst[sizes == -m][0])} for m in MARKS]
-    return {"readings": rows, "marks": marks}
+    return {"readings": rows, "marks": marks, "mesh_readings": _on_meshes(setting, support, rows)}
+
+
+def _on_meshes(setting: Setting, support: str, best: list[Row]) -> list[Row]:
+    """A row a mesh, contact, measure and choice of RSC0."""
+    sizes, rows = searched(setting)[::2], []
+    for kind, nodes, element in (("irregular", setting.main, "P2"), ("finer", setting.fine, "P1")):
+        solid = tissue(nodes, ONE, kind == "irregular", support)
+        truth = finite_elements(solid, element)
+        for name in READ_CONTACTS:
+            true = pushed(truth, name, setting.radius, DEPTH)[0]
+
+            def gap(size: float, solid: Tissue = solid, name: str = name, true: Float64 = true) -> Float64:
+                u = springs(solid, spring_law("exponential", size, "equal"), name, setting.radius)[0]
+                return np.asarray(np.linalg.norm(u - true, axis=1))
+
+            gaps = np.stack([gap(size) for size in sizes.tolist()])
+            for measure, error in MEASURES.items():
+                (row,) = where(best, contact=name, measure=measure, law="exponential", poisson=ONE)
+                own = float(sizes[np.argmin(error(gaps))])
+                about = {"mesh": kind, "contact": name, "support": support, "measure": measure, "poisson": ONE}
+                for choice, size in (("kept", -row["rsc"]), ("own", own)):
+                    rows.append({**about, "choice": choice, "rsc": -size, "worst_mm": float(gap(size).max())})
+    return rows
 
 
 def best_by_measure(sizes: Float64, gaps: dict[str, Float64]) -> list[Row]:
