@@ -5,6 +5,7 @@
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/pair.h>
 #include <nanobind/stl/string.h>
+#include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
 using namespace nb::literals;
@@ -98,6 +99,26 @@ void bind_relaxation(nb::module_& m) {
             },
             "start"_as_is, "column"_as_is, "stiffness"_as_is, "position"_as_is, "held"_as_is, "law"_a, "parameter"_a,
             "by_distance"_a, "edge"_a, "relaxation"_a, "imposed"_a)
+        .def(
+            "solve_rows",
+            [](const MassSpring& model, ModelState& state, const std::vector<ContactPatch>& patches,
+               In<double, 2> displacement, double least, int rows,
+               int most_sweeps) -> std::optional<std::tuple<Owned<double, 2>, int, int>> {
+                check_contacts(model, state, patches, displacement);
+                check_count(most_sweeps);
+                expect(least > 0, "least: more than 0 mm");
+                auto force = zeros<double>(patches.size(), 3);
+                int sweeps = most_sweeps;
+                {
+                    nb::gil_scoped_release release;
+                    rows = model.solve_rows(state, patches.data(), int(patches.size()), displacement.data(), least,
+                                            rows, &sweeps, force.data());
+                }
+                if (rows == 0) return std::nullopt;
+                return std::tuple(force, rows, sweeps);
+            },
+            "state"_a, "patches"_a, "displacement"_as_is, "least"_a, "rows"_a, "most_sweeps"_a,
+            "Forces on the tools, rows of the deformed-node index table and sweeps; None as for solve.")
         .def(
             "home",
             [](const MassSpring& model, const ModelState& state) { return copied(checked(model, state).home_spring); },

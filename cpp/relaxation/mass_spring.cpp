@@ -103,11 +103,51 @@ void MassSpring::begin_sweeps(RingRelaxationState& s) const {
     for (size_t i = 0; i < size_t(nodes()); i++) std::copy_n(&s.u[3 * i], 3, &s.padded_u[4 * i]);
 }
 
-void MassSpring::sweep(RingRelaxationState& s, int first) const {
+void MassSpring::sweep(RingRelaxationState& s, int first) const { sweep_rows(s, first, nodes()); }
+
+void MassSpring::sweep_rows(RingRelaxationState& s, int first, int last) const {
     for (int at = 0; at < s.contact_node_count; at++)
         std::copy_n(&s.u[3 * size_t(s.contact_nodes[at])], 3, &s.padded_u[4 * size_t(s.contact_nodes[at])]);
-    sweep_nodes(s.rings.order.data() + first, nodes() - first, graph.start.data(), graph.column.data(),
-                stiffness.data(), s.spring_sum.data(), s.step.data(), s.padded_u.data());
+    sweep_nodes(s.rings.order.data() + first, last - first, graph.start.data(), graph.column.data(), stiffness.data(),
+                s.spring_sum.data(), s.step.data(), s.padded_u.data());
+}
+
+int MassSpring::solve_rows(ModelState& state, const ContactPatch* patches, int contacts, const double* displacement,
+                           double least, int rows, int* sweeps, double* force) const {
+    auto& s = static_cast<RingRelaxationState&>(state);
+    const int most_sweeps = *sweeps;
+    *sweeps = 0;
+    if (contacts == 0 || !set_contacts(s, patches, contacts)) return 0;
+    std::fill(s.u.begin(), s.u.end(), 0.0);
+    begin_sweeps(s);
+    const std::vector<int>&order = s.rings.order, &ring = s.rings.ring;
+    auto end_of_row = [&](int row) {
+        return int(std::upper_bound(order.begin(), order.end(), row, [&](int r, int i) { return r < ring[i]; }) -
+                   order.begin());
+    };
+    auto moved = [&](int n) { return s.padded_u.data() + 4 * size_t(order[n]); };
+    rows = std::clamp(rows, 1, s.rings.ring_count);
+    int last = end_of_row(rows);
+    const double home[3] = {0, 0, 0};
+    std::vector<double> before;
+    while (*sweeps < most_sweeps) {
+        solve_contact_nodes(s, displacement, force);
+        before.resize(3 * size_t(last));
+        for (int n = 0; n < last; n++) std::copy_n(moved(n), 3, &before[3 * size_t(n)]);
+        sweep_rows(s, s.contact_node_count, last);
+        ++*sweeps;
+        double step = 0, reach = 0;
+        for (int n = s.contact_node_count; n < last; n++)
+            step = std::max(step, square_of_distance(moved(n), &before[3 * size_t(n)]));
+        for (int n = end_of_row(rows - 1); n < last; n++) reach = std::max(reach, square_of_distance(moved(n), home));
+        if (rows < s.rings.ring_count && reach >= least * least)
+            last = end_of_row(++rows);
+        else if (step < least * least)
+            break;
+    }
+    end_sweeps(s);
+    solve_contact_nodes(s, displacement, force);
+    return rows;
 }
 
 void MassSpring::end_sweeps(RingRelaxationState& s) const {

@@ -24,6 +24,12 @@ public:
     MassSpring(SparsityPattern edges, const double* stiffness, const double* position, std::vector<uint8_t> fixed,
                SpringLaw law, double relaxation, bool rigid);
     void internal_force(const ModelState& state, double* out) const override;
+    // The dissertation's deformed-node index table, from rest: sweeps go over the first `rows` rows, and a row is
+    // joined to them while some node of the last one has moved by `least` mm. They end when no node steps by that much.
+    // Nodes in no row of the table stay at home. Returns the rows of the table, 0 for contacts that cannot be held
+    // together. sweeps: at most these, then those done. force: (contacts, 3). Allocates; not for the loop.
+    int solve_rows(ModelState& state, const ContactPatch* patches, int contacts, const double* displacement,
+                   double least, int rows, int* sweeps, double* force) const;
     // A lower bound of the eigenvalues of diag(K)^-1 K for the contact of `state`: 1 - rho, rho <= sum / (sum + home).
     double eigenvalue_bound(const ModelState& state) const;
 
@@ -36,6 +42,7 @@ private:
     void contact_rhs(RingRelaxationState& s) const override;
     void begin_sweeps(RingRelaxationState& s) const override;
     void sweep(RingRelaxationState& s, int first) const override;
+    void sweep_rows(RingRelaxationState& s, int first, int last) const; // order[first .. last)
     void end_sweeps(RingRelaxationState& s) const override;
     double preconditioned_norm2(const RingRelaxationState& s, int node, const double r[3]) const override;
     bool stiffness_depends_on_weights() const override { return law.by_distance; }

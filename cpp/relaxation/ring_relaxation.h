@@ -70,6 +70,9 @@ protected:
     const double relaxation;
     const int unknowns; // of one node that K couples: 3, or 1 if x, y and z are independent
 
+    bool set_contacts(RingRelaxationState& s, const ContactPatch* patches, int contacts) const;
+    void solve_contact_nodes(RingRelaxationState& s, const double* displacement, double* force) const;
+
 private:
     virtual void update_stiffness(RingRelaxationState& s) const = 0; // after a change of the contacts or their weights
     virtual void contact_matrix(RingRelaxationState& s, double* A) const = 0; // K of the contact nodes, lower triangle
@@ -84,9 +87,7 @@ private:
     virtual void apply_rigid_contact(RingRelaxationState&, const double*, double*) const {}
     virtual void set_mode_constraints(RingRelaxationState&) const {} // after a change of the contacts
     virtual void deflate(RingRelaxationState&) const {}              // minimises over the slow modes
-    bool set_contacts(RingRelaxationState& s, const ContactPatch* patches, int contacts) const;
     void factor_constraints(RingRelaxationState& s) const;
-    void solve_contact_nodes(RingRelaxationState& s, const double* displacement, double* force) const;
 };
 
 } // namespace palpate

@@ -5,6 +5,7 @@ from functools import partial
 import numpy as np
 
 from palpate import _core
+from palpate.arrays import Float64
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tetrahedralize import tetrahedralize
 from palpate.report.tables import Row
@@ -23,6 +24,7 @@ from palpate.volumes.io import read_labels
 
 TOLERANCES = (1e-1, 1e-2, 1e-3)
 TOUCHES = 6
+SHOWN = 10.0  # mm
 ASKED = (0.3, 0.05, 10.0)  # mm, share of force, mm of push
 
 
@@ -38,7 +40,7 @@ def _fixed_nodes(mesh: TetMesh) -> np.ndarray:
 
 
 def timings(setting: Setting) -> dict[str, list[Row]]:
-    """Processor seconds of pushes from rest at several tolerances, and of one sweep, for every resolution and model."""
+    """Processor seconds of pushes from rest at several tolerances, of pulls to 1 %, and of one sweep, by model."""
     rows = []
     for resolution, edge in setting.kidneys:
         solid = kidney(edge)
@@ -52,15 +54,45 @@ def timings(setting: Setting) -> dict[str, list[Row]]:
             row |= {"tets": len(solid.mesh.tets), "surface": len(solid.mesh.surface_nodes)}
             row |= {"model": name, "making_s": making + first}
             for tolerance in TOLERANCES:
-                push = partial(one.push, radii=radius, tolerance=tolerance)
-                spent = [
-                    min(timed(partial(push, x, w))[1] for _ in range(max(2, setting.repeats // 2)))
-                    for x, w in zip(points, pushes, strict=True)
-                ]
-                row[f"push_s_{tolerance:g}"] = float(np.median(spent))
+                row[f"push_s_{tolerance:g}"] = _median_seconds(one, points, pushes, radius, tolerance, setting.repeats)
+            row["pull_s_0.01"] = _median_seconds(one, points, -pushes, radius, 0.01, setting.repeats)
             row["sweep_s"] = sweep_seconds(one, radius)
             rows.append(row)
     return {"kidneys": rows}
+
+
+def _median_seconds(
+    one: TissueModel, points: Float64, tools: Float64, radius: float, tolerance: float, repeats: int
+) -> float:
+    """Over the points, the least time of the repeats at each."""
+    push = partial(one.push, radii=radius, tolerance=tolerance)
+    spent = [
+        min(timed(partial(push, x, tool))[1] for _ in range(max(2, repeats // 2)))
+        for x, tool in zip(points, tools, strict=True)
+    ]
+    return float(np.median(spent))
+
+
+def shapes(setting: Setting) -> dict[str, list[Row]]:
+    """Where springs take the surface nodes of each kidney that is pushed and pulled by `SHOWN` at one surface node."""
+    rows = []
+    for resolution, edge in setting.kidneys:
+        solid = kidney(edge)
+        mesh = solid.mesh
+        free = mesh.surface_nodes[~solid.held[mesh.surface_nodes]]
+        front = mesh.nodes[free[np.argmin(mesh.nodes[free, 1])]]
+        tool = -SHOWN * surface_normals(solid, front[None])[0]
+        one = model(solid, "springs")
+        ways = {"push": tool, "pull": -tool}
+        moved = {way: one.push(front, w, 2 * solid.edge, tolerance=0.01).displacement for way, w in ways.items()}
+        for i in mesh.surface_nodes.tolist():
+            row: Row = {"resolution": resolution, "edge_mm": edge, "node": i}
+            for way, u in moved.items():
+                row |= {
+                    f"{way}_{axis}": round(float(v), 4) for axis, v in zip("xyz", mesh.nodes[i] + u[i], strict=True)
+                }
+            rows.append(row)
+    return {"kidney_shapes": rows}
 
 
 def sweep_seconds(one: TissueModel, radius: float) -> float | None:

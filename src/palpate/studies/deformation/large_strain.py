@@ -20,25 +20,26 @@ TRUTH_CUBE_SIDE, TRUTH_CUBE_STRAINS = 80.0, (0.05, 0.125, 0.1825)
 
 
 def large(setting: Setting) -> dict[str, list[Row]]:
-    """Every model against finite strain (Newton's method, P1) at every depth."""
+    """Every model against finite strain (Newton's method, P1) at every depth: `large` pushed, `pull` pulled."""
     solid = tissue(setting.main, POISSON)
     solid = fit(
         solid.mesh, solid.young, solid.poisson, solid.fixed, element="P1", radius=setting.radius, depth=DEPTHS[0]
     )
-    truth, rows = finite_strain(solid, "P1"), []
+    truth = finite_strain(solid, "P1")
     models: dict[str, Any] = {"linear finite elements": finite_elements(solid, "P1")}
     models |= {name: model(solid, name) for name in ("springs", FINITE)}
-    for depth in DEPTHS:
-        down = [0.0, 0.0, -depth]
-        true = truth.push(TOP, down, setting.radius)
+    tables: dict[str, list[Row]] = {"large": [], "pull": []}
+    for table, sign, depth in [(t, s, d) for t, s in (("large", -1.0), ("pull", 1.0)) for d in DEPTHS]:
+        tool = [0.0, 0.0, sign * depth]
+        true = truth.push(TOP, tool, setting.radius)
         for name, one in models.items():
-            found = one.push(TOP, down, setting.radius, tolerance=1e-5)
+            found = one.push(TOP, tool, setting.radius, tolerance=1e-5)
             gap = np.linalg.norm(found.displacement - true.displacement, axis=1)
             off = float(np.linalg.norm(found.force - true.force) / np.linalg.norm(true.force))
             row: Row = {"model": name, "depth_mm": depth, "worst_mm": float(gap.max())}
             row |= {"rms_mm": float(np.sqrt((gap**2).mean())), "force_error": off, "true_force_n": float(true.force[2])}
-            rows.append(row | {"least_volume": float(_volumes(solid, found.displacement).min())})
-    return {"large": rows}
+            tables[table].append(row | {"least_volume": float(_volumes(solid, found.displacement).min())})
+    return tables
 
 
 def _volumes(solid: Tissue, displacement: Float64) -> Float64:

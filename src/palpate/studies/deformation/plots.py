@@ -14,9 +14,9 @@ from palpate.report.plot_axes import INK, TRUTH, legend_below
 from palpate.report.tables import Row, distinct, where
 from palpate.studies.deformation.config import DEPTH, DEPTHS, MARKS, SIDE
 from palpate.studies.deformation.haptic_fidelity import peak_to_peak, without_parabola
+from palpate.studies.deformation.spring_laws import by_distance
 from palpate.volumes.notebook_figure import COLOURS, line_style
 
-BIN = 2.5  # mm of distance over which the greatest difference is taken
 MODELS = ("blocks", "springs", "multigrid", "compliance", "neo-hookean", "direct solve")
 FEM = line_style(6) | {"color": TRUTH}
 LOOK = {name: line_style(i) for i, name in enumerate(MODELS)} | {"finite elements": FEM, "linear finite elements": FEM}
@@ -114,7 +114,7 @@ def difference(groups: Mapping[str, tuple[Sequence[Row], float]], of: str, limit
             gap = np.linalg.norm(field(rows, law) - true, axis=1) * depth / DEPTH
             own = np.maximum(np.linalg.norm(true, axis=1) * depth / DEPTH, 1e-9)
             gap /= {"mm": 1.0, "push": depth, "own": own}[of]
-            one.plot(*_binned(distance, gap), lw=1.8, label=law, **line_style(k))
+            one.plot(*by_distance(distance, gap), lw=1.8, label=law, **line_style(k))
         if limit is not None:
             one.axhline(limit, color=TRUTH, lw=1, ls=":")
         words = {"mm": "difference, mm", "push": "difference, share of push", "own": "difference, share of own"}[of]
@@ -123,11 +123,18 @@ def difference(groups: Mapping[str, tuple[Sequence[Row], float]], of: str, limit
     return figure
 
 
-def _binned(distance: Float64, values: Float64) -> tuple[Float64, Float64]:
-    """Greatest value in each bin that has any, and the bin's middle."""
-    k = (distance / BIN).astype(int)
-    bins = np.unique(k)
-    return (bins + 0.5) * BIN, np.array([values[k == b].max() for b in bins])
+def binned_difference(rows: Sequence[Row], panel: str, each: str) -> Figure:
+    """Greatest difference over the distance, a panel a value of the column `panel`, a line a value of `each`."""
+    figure, axes = panels(len(distinct(rows, panel)), 3.0)
+    for one, title in zip(axes, distinct(rows, panel), strict=True):
+        for k, name in enumerate(distinct(rows, each)):
+            some = where(rows, **{panel: title, each: name})
+            x, y = [r["distance_mm"] for r in some], [r["difference_mm"] for r in some]
+            one.plot(x, y, lw=1.8, label=f"{name:.2f}" if isinstance(name, float) else name, **line_style(k))
+        one.axhline(1.0, color=TRUTH, lw=1, ls=":")
+        finish(one, title, "distance to the contact, mm", "difference, mm")
+    legend(figure, axes[0])
+    return figure
 
 
 def over_rsc(curves: Sequence[Row], best: Sequence[Row], contact: str, column: str) -> Figure:
@@ -249,7 +256,7 @@ def large(rows: Sequence[Row]) -> Figure:
         depth, force = [r["depth_mm"] for r in some], [100 * r["force_error"] for r in some]
         line(axes[0], name, depth, [r["worst_mm"] for r in some], label=name, **EACH)
         line(axes[1], name, depth, force, label=name, **EACH)
-    finish(axes[0], "displacement", "push, mm", "worst difference, mm")
-    finish(axes[1], "force", "push, mm", "difference, %")
+    finish(axes[0], "displacement", "mm", "worst difference, mm")
+    finish(axes[1], "force", "mm", "difference, %")
     legend(figure, axes[0])
     return figure

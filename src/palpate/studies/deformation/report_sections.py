@@ -2,6 +2,8 @@
 
 from palpate.report.html_report import Section
 from palpate.studies.deformation import claims, dissertation_sections, extension_sections
+from palpate.studies.deformation import reading_sections as readings
+from palpate.studies.deformation.counterparts import counterparts
 from palpate.studies.deformation.report_inputs import ReportInputs
 
 
@@ -9,6 +11,10 @@ def sections(inputs: ReportInputs) -> list[Section]:
     """All of them."""
     chapter, more = dissertation_sections, extension_sections
     parts = [
+        readings.readings,
+        readings.rest_length,
+        readings.row_table,
+        readings.reach,
         chapter.set_up,
         chapter.cube,
         chapter.laws,
@@ -16,9 +22,11 @@ def sections(inputs: ReportInputs) -> list[Section]:
         chapter.meshes,
         chapter.sweeps,
         chapter.kidneys,
+        chapter.kidney_shapes,
     ]
     parts += [more.ladder, more.needed, more.fit, more.ripple, more.loops, more.strain, more.truth_cube]
-    return [*conclusions(inputs), *(part(inputs) for part in parts), files(inputs)]
+    found = [*conclusions(inputs), *(part(inputs) for part in parts)]
+    return [*found, counterparts(found), files(inputs)]
 
 
 def conclusions(inputs: ReportInputs) -> list[Section]:
@@ -30,10 +38,13 @@ def conclusions(inputs: ReportInputs) -> list[Section]:
         "Worst is the greatest difference of displacement over all nodes, as a length; errors against finite elements are "
         "not the certified bound of an answer, which speaks of the model's own equations.",
     ]
-    own = claims.own_claims(inputs.tables)
     return [
-        Section("The dissertation's claims", text, claims.claims(inputs.tables, inputs.setting)),
-        Section("What palpate promises beyond", ["Each path and radius; what fails is said."], own),
+        Section("The dissertation's claims", [*text, *(one.sentence for one in claims.claims(inputs.tables))]),
+        Section(
+            "What palpate promises beyond",
+            ["Each path and radius; what fails is said."],
+            claims.own_claims(inputs.tables),
+        ),
     ]
 
 

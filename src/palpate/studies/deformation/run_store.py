@@ -7,8 +7,18 @@ import numpy as np
 
 from palpate.report.stages import Progress, Stages
 from palpate.report.tables import Row
-from palpate.studies.deformation import accuracy_cost, convergence, haptic_fidelity, kidney, large_strain, spring_laws
-from palpate.studies.deformation.config import CONTACTS, Setting
+from palpate.studies.deformation import (
+    accuracy_cost,
+    convergence,
+    haptic_fidelity,
+    kidney,
+    large_strain,
+    readings,
+    rest_length,
+    row_table,
+    spring_laws,
+)
+from palpate.studies.deformation.config import CONTACTS, SUPPORTS, Setting
 from palpate.studies.deformation.spring_laws import Field
 from palpate.studies.run_store import read_json, write_arrays, write_json
 
@@ -21,10 +31,14 @@ def experiments(
     setting: Setting, true: Callable[[], Fields], so_far: Tables
 ) -> Iterator[tuple[str, Callable[[], Tables]]]:
     """Name and work of each, in order. so_far: the tables of those before."""
+    for support in SUPPORTS:
+        yield f"readings-{support.replace(' ', '-')}", lambda s=support: readings.readings(setting, s)  # type: ignore[misc]
     yield "laws", lambda: spring_laws.sweep(setting, true())
     yield "profiles", lambda: spring_laws.profiles(setting, true(), so_far["optimum"])
     yield "meshes", lambda: spring_laws.meshes(setting, true(), so_far["optimum"], MIDDLE)
     yield "stiffness", lambda: spring_laws.stiffness(setting, (MIDDLE, setting.ratios[-1]))
+    yield "rest-length", lambda: rest_length.judged(setting)
+    yield "rows", lambda: row_table.reach(setting)
     for nodes in setting.sizes:
         yield f"convergence-{nodes}", lambda n=nodes: convergence.convergence(setting, n)  # type: ignore[misc]
     for nodes in setting.ladder:
@@ -35,6 +49,7 @@ def experiments(
     yield "strain", lambda: large_strain.large(setting)
     yield "truth-cube", lambda: large_strain.truth_cube(setting)
     yield "kidneys", lambda: kidney.timings(setting)
+    yield "kidney-shapes", lambda: kidney.shapes(setting)
     yield "kidney-fit", lambda: kidney.fitted(setting)
 
 

@@ -17,6 +17,7 @@ Field = tuple[Float64, Float64]  # displacement (N, 3) mm and force on the tool 
 LAWS, WEIGHTS = ("uniform", "linear", "exponential"), ("equal", "cotangent")
 LOW, HIGH = 0.03, 0.5  # the uniform RSC shown beside the adaptive ones
 SEARCH = (1e-3, 2.0)  # of |RSC0|
+BIN = 2.5  # mm of distance over which the greatest difference is taken
 LEAST = 0.01  # share of the push below which a node's own displacement is no measure of its error
 
 
@@ -28,7 +29,7 @@ def spring_law(law: str, size: float, weights: str, rows: str = "rings") -> Spri
 def springs(solid: Tissue, law: SpringLaw, name: str, radius: float) -> Field:
     """The springs' answer to a push of `DEPTH` mm at contact `name`."""
     point, r = contact(solid, name, radius)
-    model = SpringModel(solid, law, relaxation=1.3, rigid=name == "triangle")
+    model = SpringModel(solid, law, relaxation=1.3, rigid=name != "patch")
     answer = model.push(point, [0, 0, -DEPTH], r, tolerance=1e-5)
     return answer.displacement, answer.force
 
@@ -92,8 +93,6 @@ def sweep(setting: Setting, true: dict[float, dict[str, Field]]) -> dict[str, li
             u = fields[name][0]
             curves += [{**about, "rsc": s} | answers.errors(s, u) for s in grid.tolist()]
             sizes = {of: answers.least(u, of, grid) for of in ("worst_mm", "rms_mm")}
-            if law == "exponential":
-                sizes |= {f"mark {mark:g}": -mark for mark in MARKS}
             best += [{**about, "least": of, "rsc": s} | answers.errors(s, u) for of, s in sizes.items()]
     return {"rsc": curves, "optimum": best}
 
@@ -107,9 +106,27 @@ def shown_laws(best: list[Row], name: str, poisson: float, weights: str = "equal
     return laws
 
 
+def by_distance(distance: Float64, values: Float64) -> tuple[Float64, Float64]:
+    """Greatest value in each bin of distance that has any, and the bin's middle."""
+    k = (distance / BIN).astype(int)
+    bins = np.unique(k)
+    return (bins + 0.5) * BIN, np.array([values[k == b].max() for b in bins])
+
+
+def _binned_rows(about: Row, solid: Tissue, name: str, radius: float, law: SpringLaw, true: Float64) -> list[Row]:
+    """Greatest difference of nodal displacement over the distance to the contact."""
+    away = way(solid.mesh.nodes, contact(solid, name, radius)[0])
+    gap = np.linalg.norm(springs(solid, law, name, radius)[0] - true, axis=1)
+    middles, worst = by_distance(away, gap)
+    return [{**about, "distance_mm": float(d), "difference_mm": float(w)} for d, w in zip(middles, worst, strict=True)]
+
+
 def profiles(setting: Setting, true: dict[float, dict[str, Field]], best: list[Row]) -> dict[str, list[Row]]:
-    """Every node: where it is, where finite elements and the springs take it at `DEPTH` under the triangle contact."""
-    rows, solid = [], tissue(setting.main, 0.3)
+    """Every node: where it is, where finite elements and the springs take it at `DEPTH` under the triangle contact.
+
+    `mark_profiles`: the difference over the distance at the chapter's RSC0, both laws.
+    """
+    rows, marks, solid = [], [], tissue(setting.main, 0.3)
     x, (point, _) = solid.mesh.nodes, contact(solid, "triangle", setting.radius)
     for poisson, fields in true.items():
         found = {
@@ -122,14 +139,21 @@ def profiles(setting: Setting, true: dict[float, dict[str, Field]], best: list[R
             for who, u in {"fem": fields["triangle"][0], **found}.items():
                 row |= {f"{who}:{axis}": round(float(v), 6) for axis, v in zip("xyz", u[i], strict=True)}
             rows.append(row)
-    return {"profiles": rows}
+    for law, mark in itertools.product(("linear", "exponential"), MARKS):
+        about = {"law": law, "rsc": mark}
+        spec, u = spring_law(law, -mark, "equal"), true[0.3]["triangle"][0]
+        marks += _binned_rows(about, solid, "triangle", setting.radius, spec, u)
+    return {"profiles": rows, "mark_profiles": marks}
 
 
 def meshes(
     setting: Setting, true: dict[float, dict[str, Field]], best: list[Row], poisson: float
 ) -> dict[str, list[Row]]:
-    """A finer and an irregular mesh at one Poisson's ratio: with the cube's best RSC0 as it is, and with their own."""
-    rows = []
+    """A finer and an irregular mesh at one Poisson's ratio: with the cube's best RSC0 as it is, and with their own.
+
+    `mesh_profiles`: the difference over the distance with equal edges under the triangle.
+    """
+    rows, bins = [], []
     kinds = (("main", setting.main, "P2"), ("irregular", setting.main, "P2"), ("finer", setting.fine, "P1"))
     for kind, nodes, element in kinds:
         irregular = kind == "irregular"
@@ -143,7 +167,10 @@ def meshes(
             for choice, size in (("the main cube's", -kept), ("its own best", answers.least(u, "worst_mm", grid))):
                 about = {"mesh": kind, "nodes": nodes, "element": element, "contact": name, "weights": weights}
                 rows.append({**about, "choice": choice, "rsc": size} | answers.errors(size, u))
-    return {"meshes": rows}
+                if (name, weights) == ("triangle", "equal"):
+                    law = spring_law("exponential", size, weights)
+                    bins += _binned_rows({"mesh": kind, "choice": choice}, solid, name, setting.radius, law, u)
+    return {"meshes": rows, "mesh_profiles": bins}
 
 
 def stiffness(setting: Setting, ratios: tuple[float, ...]) -> dict[str, list[Row]]:

@@ -47,8 +47,8 @@ class SpringModel(RingModel):
         omega = _relaxation(tissue, K, native(1.0)) if relaxation is None else float(relaxation)
         if not 0 < omega < 2:
             raise MaterialError(f"relaxation: {omega} diverges; give a number between 0 and 2")
-        self._springs = native(omega)
-        super().__init__(tissue, self._springs, omega)
+        self.springs = native(omega)
+        super().__init__(tissue, self.springs, omega)
 
     def solve(
         self, found: Contacts, state: "_core.tissue.ModelState", tolerance: float, most_sweeps: int
@@ -62,7 +62,7 @@ class SpringModel(RingModel):
 
     def least_eigenvalue(self, state: "_core.tissue.ModelState") -> float:
         """1 − ρ with ρ ≤ Σk_e / (Σk_e + k_h) at every free node (Gershgorin): proven, as the contact stands."""
-        return float(self._springs.contraction(state))
+        return float(self.springs.contraction(state))
 
 
 def edge_stiffness(tissue: Tissue, weights: str) -> csr_array:
