@@ -15,8 +15,8 @@ class ForceEstimate:
     solver : float
         How far the answer is from the exact solution of its own equations: `Answer.error`.
     linearisation : float or None
-        How far linear elasticity is from a neo-Hookean tissue: positive if the force is too large. None if it is not
-        known, NaN if finite strain has no solution that keeps every element
+        How far linear elasticity is from finite strain, neo-Hookean or with the tissue's stiffening: positive if the
+        force is too large. None if it is not known, NaN if finite strain has no solution that keeps every element.
 
     Examples
     --------
