@@ -32,7 +32,8 @@ def model(tissue: Tissue, name: str = "blocks", **options: Any) -> TissueModel:
         The solid.
     name : str, optional
         "springs": home and edge springs. "blocks": block relaxation of finite elements. "multigrid": conjugate gradients
-        with a multigrid preconditioner. "compliance": a factorization and Green's functions. "neo-hookean": finite strain.
+        with a multigrid preconditioner. "compliance": a factorization and Green's functions. "neo-hookean": finite strain,
+        with the tissue's stiffening if it has one.
     **options
         Keywords of the model's class, such as `law` (a `SpringLaw`) for springs or `memory` (MB) for compliance.
 
