@@ -158,7 +158,7 @@ void bind_hyperelastic(nb::module_& m) {
         .def(
             "__init__",
             [](LocalForce* self, double energy, In<double, 1> displacement, In<double, 1> gradient,
-               In<double, 2> curvature) {
+               In<double, 2> curvature, bool stiffens) {
                 const size_t n = displacement.size();
                 expect(n % 3 == 0 && n <= LocalForce::most && gradient.size() == n && curvature.shape(0) == n &&
                            curvature.shape(1) == n,
@@ -166,11 +166,13 @@ void bind_hyperelastic(nb::module_& m) {
                 new (self) LocalForce();
                 self->contacts = int(n / 3);
                 self->energy = energy;
+                self->stiffens = stiffens;
                 std::copy_n(displacement.data(), n, self->displacement);
                 std::copy_n(gradient.data(), n, self->gradient);
                 std::copy_n(curvature.data(), n * n, self->curvature);
             },
-            "energy"_a, "displacement"_as_is, "gradient"_as_is, "curvature"_as_is, "At one displacement; mm, N, N mm.")
+            "energy"_a, "displacement"_as_is, "gradient"_as_is, "curvature"_as_is, "stiffens"_a = false,
+            "At one displacement; mm, N, N mm.")
         .def(
             "at",
             [](const LocalForce& local, In<double, 1> d) {

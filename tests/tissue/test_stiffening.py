@@ -194,6 +194,27 @@ def test_a_held_push_settles_on_the_equilibrium_and_deep_ones_are_stiffer():
     assert ratio[5.0] > 1.5 * ratio[0.0]
 
 
+@pytest.mark.parametrize("b", [5.0, 20.0])
+def test_a_fast_deep_press_is_felt_and_gives_the_hand_no_energy(b):
+    """12 of 50 mm at 120 mm/s, down, held and back, against the equilibrium at the tool's own displacement."""
+    model, warm = pp.model(block(7, poisson=0.45, stiffening=b), "neo-hookean"), None
+    way = np.concatenate([np.linspace(0, 12, 100), np.full(60, 12.0), np.linspace(12, 0, 100)])
+    commands = [pp.Command(True, tuple(TOP), (0, 0, -float(d))) for d in way]
+    session, off, most = pp.Session(model, radius=RADIUS, limit=1e3), [], 0.0
+    for first in range(0, len(commands), 10):
+        session.step(commands[first : first + 10])
+        frame = session.frame()
+        answer = model.push(TOP, frame.displacement[0], RADIUS, tolerance=1e-4, warm=warm)
+        warm = answer.warm
+        off.append(np.linalg.norm(frame.model_force[0] - answer.force))
+        most = max(most, frame.work)
+    force = model.push(TOP, (0, 0, -12.0), RADIUS).force[2]
+    assert b > 5 or np.sqrt(np.mean(np.square(off))) < 0.05 * force
+    session.step([commands[-1]] * 100 + [None] * 10)
+    assert most > 2 * force  # N mm
+    assert session.frame().work > -0.01 * most
+
+
 def test_linear_models_do_not_depend_on_it():
     answers = [pp.model(block(5, stiffening=b), "compliance").push(TOP, (0, 0, -2.0), RADIUS) for b in (0.0, 9.0)]
     np.testing.assert_array_equal(answers[0].displacement, answers[1].displacement)
