@@ -36,7 +36,8 @@ Numbers of one tissue come from several papers, species and rates. Young's modul
 vibrations; tissue is softer under a slow press. `fit` uses Young's modulus and Poisson's ratio only; give a relaxation
 yourself, such as `--relaxation 0.55@6` for muscle. The relaxed fraction is the share of the stress that is gone in the end
 when a strain is held. The stiffening exponent n says that the shear modulus grows as C⁻ⁿ when C, which is 1 at rest, falls
-in compression.
+in compression. It is not the exponent b of `--stiffening`, which belongs to [another law](theory/simulation.md#stiffening):
+that one must come from you.
 
 ## From a stiffness map
 

@@ -18,19 +18,35 @@ PALPATE_INLINE float float_of(int32_t i) { return bits_as<float>(i); }
 PALPATE_INLINE int64_t bits_of(double x) { return bits_as<int64_t>(x); }
 PALPATE_INLINE int32_t bits_of(float x) { return bits_as<int32_t>(x); }
 
-// e^x to within 2 units in the last place, x limited to ±700: x = k ln 2 + r with |r| <= ln 2 / 2, and the Taylor
-// polynomial of e^r.
-PALPATE_INLINE double fast_exp(double x) {
+// x = k ln 2 + r with |r| <= ln 2 / 2, x limited to ±700, and (e^r - 1)/r by its Taylor polynomial.
+struct ReducedExp {
+    double shifted, r, quotient; // k is in the low bits of `shifted`
+};
+PALPATE_INLINE ReducedExp reduced_exp(double x) {
     constexpr double to_whole =
         6755399441055744.0; // 1.5·2^52: adding it leaves the nearest whole number in the low bits
     x = x < -700 ? -700 : x > 700 ? 700 : x;
     const double shifted = x * 1.4426950408889634 + to_whole, k = shifted - to_whole;
     const double r = (x - k * 0.6931471803691238) - k * 1.9082149292705877e-10; // ln 2 in two parts
     constexpr double inverse[] = {1 / 39916800.0, 1 / 3628800.0, 1 / 362880.0, 1 / 40320.0, 1 / 5040.0, 1 / 720.0,
-                                  1 / 120.0,      1 / 24.0,      1 / 6.0,      0.5,         1.0,        1.0};
+                                  1 / 120.0,      1 / 24.0,      1 / 6.0,      0.5,         1.0};
     double e = 1 / 479001600.0;
     for (double c : inverse) e = e * r + c;
-    return double_of(int64_t(uint64_t(bits_of(e)) + (uint64_t(bits_of(shifted)) << 52)));
+    return {shifted, r, e};
+}
+
+// e^x to within 2 units in the last place, x limited to ±700.
+PALPATE_INLINE double fast_exp(double x) {
+    const ReducedExp part = reduced_exp(x);
+    const double e = part.quotient * part.r + 1.0;
+    return double_of(int64_t(uint64_t(bits_of(e)) + (uint64_t(bits_of(part.shifted)) << 52)));
+}
+
+// e^x - 1 to within 4 units in the last place, near 0 too, x limited to ±700.
+PALPATE_INLINE double fast_expm1(double x) {
+    const ReducedExp part = reduced_exp(x);
+    const double power = double_of(int64_t((uint64_t(bits_of(part.shifted)) + 1023) << 52)); // 2^k
+    return power * (part.quotient * part.r) + (power - 1);
 }
 
 // log x to within 3 units in the last place of 1 + |log x|, for normal x > 0: x = 2^k m with m from √½ to √2, and

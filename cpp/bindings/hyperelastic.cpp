@@ -21,6 +21,10 @@ void check_cells(In<int32_t, 2> cell, size_t elements, size_t per_tet, size_t ce
     expect_numbers(cell, cells, "cells: names one that has no constant");
 }
 
+void check_stiffening(In<double, 1> stiffening, size_t count) {
+    expect(stiffening.size() == count, "stiffening: expected as many as there are shear moduli");
+}
+
 using Solved = std::optional<std::tuple<Owned<double, 2>, int>>;
 
 Solved solve_steps(const HyperelasticModel& model, ModelState& state, const std::vector<ContactPatch>& patches,
@@ -96,28 +100,33 @@ void bind_hyperelastic(nb::module_& m) {
     nb::class_<NeoHookean, HyperelasticEnergy>(m, "NeoHookean", "Compressible neo-Hookean tetrahedra at finite strain.")
         .def(
             "__init__",
-            [](NeoHookean* self, In<double, 2> nodes, In<int32_t, 2> tets, In<double, 1> lambda, In<double, 1> mu) {
+            [](NeoHookean* self, In<double, 2> nodes, In<int32_t, 2> tets, In<double, 1> lambda, In<double, 1> mu,
+               In<double, 1> stiffening) {
                 check_elements(nodes, tets, lambda, mu);
+                check_stiffening(stiffening, tets.shape(0));
                 new (self) NeoHookean(nodes.data(), int(nodes.shape(0)), tets.data(), int(tets.shape(0)), lambda.data(),
-                                      mu.data());
+                                      mu.data(), stiffening.data());
             },
-            "nodes"_as_is, "tets"_as_is, "lambda_"_as_is, "mu"_as_is);
+            "nodes"_as_is, "tets"_as_is, "lambda_"_as_is, "mu"_as_is, "stiffening"_as_is);
     nb::class_<SmoothedNeoHookean, HyperelasticEnergy>(
         m, "SmoothedNeoHookean", "The same law with strain averaged over edges and volume over nodes.")
         .def(
             "__init__",
             [](SmoothedNeoHookean* self, In<double, 2> nodes, In<int32_t, 2> tets, In<double, 1> mu,
-               In<int32_t, 2> edge_cell, In<int32_t, 2> node_cell, In<double, 1> edge_mu, In<double, 1> node_lambda) {
+               In<int32_t, 2> edge_cell, In<int32_t, 2> node_cell, In<double, 1> edge_mu, In<double, 1> node_lambda,
+               In<double, 1> edge_stiffening) {
                 check_elements(nodes, tets, mu, mu);
                 check_cells(edge_cell, tets.shape(0), 6, edge_mu.shape(0));
                 check_cells(node_cell, tets.shape(0), 4, node_lambda.shape(0));
+                check_stiffening(edge_stiffening, edge_mu.shape(0));
                 const SmoothingCells cells{edge_cell.data(),          node_cell.data(), int(edge_mu.shape(0)),
-                                           int(node_lambda.shape(0)), edge_mu.data(),   node_lambda.data()};
+                                           int(node_lambda.shape(0)), edge_mu.data(),   node_lambda.data(),
+                                           edge_stiffening.data()};
                 new (self) SmoothedNeoHookean(nodes.data(), int(nodes.shape(0)), tets.data(), int(tets.shape(0)),
                                               mu.data(), cells);
             },
             "nodes"_as_is, "tets"_as_is, "mu"_as_is, "edge_cell"_as_is, "node_cell"_as_is, "edge_mu"_as_is,
-            "node_lambda"_as_is);
+            "node_lambda"_as_is, "edge_stiffening"_as_is);
     nb::class_<HyperelasticModel, TissueModel>(m, "HyperelasticModel",
                                                "Neo-Hookean equilibrium under prescribed patch means.")
         .def(
@@ -149,7 +158,7 @@ void bind_hyperelastic(nb::module_& m) {
         .def(
             "__init__",
             [](LocalForce* self, double energy, In<double, 1> displacement, In<double, 1> gradient,
-               In<double, 2> curvature) {
+               In<double, 2> curvature, bool stiffens) {
                 const size_t n = displacement.size();
                 expect(n % 3 == 0 && n <= LocalForce::most && gradient.size() == n && curvature.shape(0) == n &&
                            curvature.shape(1) == n,
@@ -157,11 +166,13 @@ void bind_hyperelastic(nb::module_& m) {
                 new (self) LocalForce();
                 self->contacts = int(n / 3);
                 self->energy = energy;
+                self->stiffens = stiffens;
                 std::copy_n(displacement.data(), n, self->displacement);
                 std::copy_n(gradient.data(), n, self->gradient);
                 std::copy_n(curvature.data(), n * n, self->curvature);
             },
-            "energy"_a, "displacement"_as_is, "gradient"_as_is, "curvature"_as_is, "At one displacement; mm, N, N mm.")
+            "energy"_a, "displacement"_as_is, "gradient"_as_is, "curvature"_as_is, "stiffens"_a = false,
+            "At one displacement; mm, N, N mm.")
         .def(
             "at",
             [](const LocalForce& local, In<double, 1> d) {

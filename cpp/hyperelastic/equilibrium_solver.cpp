@@ -63,6 +63,7 @@ void EquilibriumSolver::solve(const EquilibriumRequest& request, EquilibriumAnsw
     std::copy_n(response.force.data(), n, last_force);
     local.contacts = request.contacts;
     local.energy = s.current.energy;
+    local.stiffens = s.current.stiffened > 0;
     local.linear_work = 0;
     answer.error = response.error;
     for (int i = 0; i < n; i++) {

@@ -8,8 +8,9 @@ namespace palpate {
 class HyperelasticEnergy {
 public:
     struct Energy {
-        double value; // N mm; infinite if an element is flat or inverted
-        double least; // smallest J
+        double value;         // N mm; infinite if an element is flat, inverted or stiffer than numbers can say
+        double least;         // smallest J
+        double stiffened = 0; // the largest logarithm of how much the shear modulus has grown
     };
     virtual ~HyperelasticEnergy() = default;
     virtual int nodes() const = 0;

@@ -6,6 +6,7 @@ namespace palpate {
 namespace {
 
 constexpr double min_volume_ratio = 0.3;   // of an element, over that before a tool moves
+constexpr double most_stiffening = 1;      // by a move, of the logarithm of the largest shear modulus over that at rest
 constexpr double arrival_tolerance = 1e-9; // mm
 constexpr double armijo = 1e-4;            // sufficient decrease
 constexpr double rounding = 1e-13;         // relative, of the energy
@@ -83,9 +84,10 @@ int HyperelasticModel::solve(ModelState& state, const ContactPatch* patches, int
     return done;
 }
 
-// Energy and gradient at at.u; false, with an incomplete gradient, if an element is flat or inverted.
+// Energy and gradient at at.u; false, with an incomplete gradient, if the energy is infinite.
 bool HyperelasticModel::evaluate(HyperelasticState& s, Configuration& at) const {
-    at.energy = elements.energy(at.u.data(), at.gradient.data(), at.volume_ratio.data(), s.work.data()).value;
+    const auto found = elements.energy(at.u.data(), at.gradient.data(), at.volume_ratio.data(), s.work.data());
+    at.energy = found.value, at.stiffened = found.stiffened;
     if (!std::isfinite(at.energy)) return false;
     for (int i = 0; i < nodes(); i++)
         if (fixed[i]) std::fill_n(&at.gradient[3 * size_t(i)], 3, 0.0);
@@ -105,11 +107,15 @@ void HyperelasticModel::evaluate_current(HyperelasticState& s) const {
         s.lbfgs.clear();
         evaluate(s, s.current);
     }
+    precondition_current(s);
+}
+
+void HyperelasticModel::precondition_current(HyperelasticState& s) const {
     precondition(s, s.current, s.preconditioned);
     s.gradient_norm2 = inner(s.current.gradient.data(), s.preconditioned.data(), int(s.preconditioned.size()));
 }
 
-// Moves the tools towards their displacements, as far as no element loses too much volume at once.
+// Moves the tools towards their displacements, as far as no element loses too much volume or stiffens too much at once.
 bool HyperelasticModel::move_tools(HyperelasticState& s, const double* displacement) const {
     const int m = 3 * s.constraints.count();
     double largest_gap = 0;
@@ -129,8 +135,9 @@ bool HyperelasticModel::move_tools(HyperelasticState& s, const double* displacem
     for (double fraction = 1; fraction > 1e-3; fraction *= 0.7) {
         step_along(s.current.u, fraction, s.direction, s.trial.u);
         if (!(elements.least_ratio(s.trial.u.data(), s.current.volume_ratio.data()) > min_volume_ratio)) continue;
-        std::swap(s.current.u, s.trial.u);
-        evaluate_current(s);
+        if (!evaluate(s, s.trial) || s.trial.stiffened > s.current.stiffened + most_stiffening) continue;
+        std::swap(s.current, s.trial);
+        precondition_current(s);
         for (int k = 0; k < m; k++) s.gap[k] *= 1 - fraction;
         s.tools_arrived = fraction == 1;
         return true;

@@ -15,6 +15,7 @@ struct Configuration {
     Configuration(int unknowns, int elements);
     std::vector<double> u, gradient, volume_ratio; // mm; dE/du minus the tools' forces, N; J of each element
     double energy = 0;                             // N mm
+    double stiffened = 0;                          // HyperelasticEnergy::Energy
 };
 
 struct HyperelasticState : ModelState {
@@ -37,7 +38,8 @@ struct HyperelasticState : ModelState {
 // Static equilibrium at finite strain: minimises the energy of the elements under W'u = d, by L-BFGS that
 // starts from the factored stiffness at rest. Every direction is projected on the constraints, so the tools keep their
 // displacements after every step. A long way of a tool is split so that no element loses more than 70 % of its volume
-// at once, with a step of descent between the parts; no step is accepted that inverts an element.
+// or stiffens by more than e at once, with a step of descent between the parts; no step is accepted that inverts an
+// element.
 class HyperelasticModel : public TissueModel {
 public:
     static constexpr int most_contacts = 16, history = 16;
@@ -80,6 +82,7 @@ private:
     std::vector<uint8_t> fixed;
     const FactorValues<float> value;
     void evaluate_current(HyperelasticState& s) const;
+    void precondition_current(HyperelasticState& s) const;
     bool evaluate(HyperelasticState& s, Configuration& at) const;
     void precondition(HyperelasticState& s, Configuration& at, std::vector<double>& out) const;
     bool move_tools(HyperelasticState& s, const double* displacement) const;

@@ -1,4 +1,5 @@
 #include "hyperelastic/local_force.h"
+#include <algorithm>
 #include <cmath>
 
 namespace palpate {
@@ -6,7 +7,8 @@ namespace palpate {
 // d = s d0 + p, p normal to d0; with t = s - 1
 //   P = a(s) + b(s).p + q(s) p'Kp / 2,
 //   a = s^3 (a0 + a1 t + a2 t^2), b = s^2 (g + (K d0 - 2 g) t), q = s^2 (3 - 2 s)    between rest and d0,
-//   a, b, q of the Taylor series beyond, with w (1 - exp(-t / w)) for t in the second order.
+//   a, b, q of the Taylor series beyond, with w (1 - exp(-t / w)) for t in the second order, and second and third
+//   derivatives of a times exp(-t / w).
 double LocalForce::add_force(const double* d, double* out, double scale) const {
     const int n = 3 * contacts;
     double square = 0, along = 0;
@@ -29,8 +31,14 @@ double LocalForce::add_force(const double* d, double* out, double scale) const {
     if (t >= 0) {
         const double left = std::exp(-t / fading);
         bg = 1, bk = fading * (1 - left), q = 1;
-        value = energy + gd * t + dKd * fading * (t - bk) + gp + dKp * bk + pKp / 2;
-        slope = gd + dKd * bk + dKp * left;
+        double second = dKd, third = 0;
+        if (stiffens && energy > 0 && gd > 2 * energy) {
+            const double power = std::min(gd / energy, most_power);
+            second = std::max(dKd, gd * (power - 1)), third = gd * (power - 1) * (power - 2);
+        }
+        value = energy + gd * t + second * fading * (t - bk) + gp + dKp * bk + pKp / 2 +
+                third * fading * fading * (t - 2 * fading + (2 * fading + t) * left);
+        slope = gd + second * bk + dKp * left + third * fading * (fading - (fading + t) * left);
     } else {
         const double a0 = energy, a1 = gd - 3 * a0, a2 = (dKd - 6 * a0 - 6 * a1) / 2;
         bg = s * s * (1 - 2 * t), bk = s * s * t, q = s * s * (3 - 2 * s);

@@ -164,7 +164,7 @@ SmoothedNeoHookean::SmoothedNeoHookean(const double* nodes, int count, const int
         b.volume[l] = volume[t];
         b.mu[l] = mu[t] * volume[t];
     }
-    edges = CellTets(cells.edge, 6, elements, cells.edges, volume.data(), cells.mu);
+    edges = CellTets(cells.edge, 6, elements, cells.edges, volume.data(), cells.mu, cells.stiffening);
     nodal = CellTets(cells.node, 4, elements, cells.nodes, volume.data(), cells.lambda);
 }
 
@@ -189,7 +189,8 @@ SmoothedNeoHookean::Energy SmoothedNeoHookean::energy(const double* u, double* f
         whole.least = std::min(whole.least, part);
         if (!(part > 0)) return {infinite, part};
     }
-    for (int c = 0; c < edge_lanes; c += lanes) whole.value += shear_energy(edges, c, w.gradient, w.stress);
+    for (int c = 0; c < edge_lanes; c += lanes)
+        whole.value += shear_energy(edges, c, w.gradient, w.stress, whole.stiffened);
     if (!std::isfinite(whole.value)) return {infinite, whole.least};
     for (int c = 0; c < node_lanes; c += lanes)
         whole.value += bulk_energy(nodal, c, w.volume, w.pressure, nullptr, {}, nullptr);

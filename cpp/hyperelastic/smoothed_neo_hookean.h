@@ -1,7 +1,8 @@
 #pragma once
 // Neo-Hookean energy of smoothed tetrahedra. HyperelasticModel calls it in the loop's thread; immutable.
 // Sources: J. Bonet & A. J. Burton, Commun. Numer. Methods Eng. 14 (1998) 437 (volume averaged over nodes); G. R. Liu &
-// T. Nguyen-Thoi, Smoothed Finite Element Methods, 2010 (strain averaged over edges).
+// T. Nguyen-Thoi, Smoothed Finite Element Methods, 2010 (strain averaged over edges); H. Demiray, J. Biomech. 5 (1972)
+// 309 (stiffening).
 #include "base/aligned_buffer.h"
 #include "hyperelastic/hyperelastic_energy.h"
 #include "hyperelastic/smoothing_cells.h"
@@ -12,6 +13,7 @@ namespace palpate {
 //
 //     E = sum_g V_g [mu_g/2 (tr F'F - 3) - mu_g ln det F]  +  sum_a V_a lambda_a/2 (ln J_a)^2  +  sum_e V_e b_e
 //
+// and with mu_g/2b_g (exp(b_g (tr F'F - 3 - 2 ln det F)) - 1) in the first sum for cells that stiffen.
 // F is the mean gradient of a cell g, to which each tetrahedron at an edge gives a sixth of its volume; J_a is the
 // volume of a cell a over that at rest, to which each tetrahedron at a node gives a quarter. At rest its tangent is the
 // stiffness of smoothed elements for small strain. Averages do not keep a single tetrahedron from inverting, so

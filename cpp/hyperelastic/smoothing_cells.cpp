@@ -1,6 +1,7 @@
 #include "hyperelastic/smoothing_cells.h"
-#include "base/vector_math.h"
 #include "hyperelastic/hyperelastic_energy.h"
+#include "hyperelastic/stiffening.h"
+#include <algorithm>
 #include <limits>
 
 namespace palpate {
@@ -31,10 +32,15 @@ PALPATE_INLINE void constants(const CellTets& cells, int first, Lane& volume, La
     }
 }
 
+PALPATE_INLINE void stiffening_of(const CellTets& cells, int first, Lane& b) {
+    for (int l = 0; l < lanes; l++)
+        b[l] = first + l < int(cells.stiffening.size()) ? cells.stiffening[first + l] : least_stiffening;
+}
+
 } // namespace
 
 CellTets::CellTets(const int32_t* cell, int per_tet, int elements, int count, const double* whole,
-                   const double* modulus)
+                   const double* modulus, const double* b)
     : start(count + 1, 0), tets(size_t(per_tet) * elements), volume(count, 0), modulus(modulus, modulus + count) {
     for (int k = 0; k < per_tet * elements; k++) {
         start[cell[k] + 1]++;
@@ -43,22 +49,32 @@ CellTets::CellTets(const int32_t* cell, int per_tet, int elements, int count, co
     for (int c = 0; c < count; c++) start[c + 1] += start[c];
     std::vector<int> next(start.begin(), start.end() - 1);
     for (int k = 0; k < per_tet * elements; k++) tets[next[cell[k]]++] = k / per_tet;
+    if (b && std::any_of(b, b + count, [](double x) { return x > 0; }))
+        for (int c = 0; c < count; c++) stiffening.push_back(std::max(b[c], least_stiffening));
 }
 
 // Numerical kernels.
 
-PALPATE_KERNEL double shear_energy(const CellTets& cells, int first, const double* gradients, double* stress) {
+PALPATE_KERNEL double shear_energy(const CellTets& cells, int first, const double* gradients, double* stress,
+                                   double& stiffened) {
+    constexpr double infinite = std::numeric_limits<double>::infinity();
     Strain s;
-    Lane P[3][3], volume, mu, one, sum;
+    Lane P[3][3], volume, mu, shear, b, one, sum;
     cell_means(cells, first, gradients, s.H);
     constants(cells, first, volume, mu);
     cofactors(s);
-    if (!(least(s.J) > 0)) return std::numeric_limits<double>::infinity();
+    if (!(least(s.J) > 0)) return infinite;
     for (int l = 0; l < lanes; l++) {
         double square = 0, trace = s.H[0][0][l] + s.H[1][1][l] + s.H[2][2][l];
         for (int k = 0; k < 9; k++) square += s.H[k / 3][k % 3][l] * s.H[k / 3][k % 3][l];
-        sum[l] = volume[l] * mu[l] * (trace + 0.5 * square - fast_log(s.J[l]));
-        one[l] = 1;
+        shear[l] = trace + 0.5 * square - fast_log(s.J[l]);
+        sum[l] = volume[l] * mu[l] * shear[l], one[l] = 1;
+    }
+    if (!cells.stiffening.empty()) {
+        stiffening_of(cells, first, b);
+        stiffened = std::max(stiffened, stiffen(b, shear, mu));
+        if (!(stiffened < most_stiffened)) return infinite;
+        for (int l = 0; l < lanes; l++) sum[l] += volume[l] * shear[l];
     }
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++)
@@ -72,12 +88,18 @@ PALPATE_KERNEL double shear_energy(const CellTets& cells, int first, const doubl
 PALPATE_KERNEL void shear_change(const CellTets& cells, int first, const double* gradients, const double* changes,
                                  const Directions& directions, double* stress) {
     Strain s;
-    Lane D[3][3], T[3][3], P[3][3], volume, mu, one;
+    Lane D[3][3], T[3][3], P[3][3], Q[3][3], volume, mu, shear, b, one;
+    const bool stiffens = !cells.stiffening.empty();
     cell_means(cells, first, gradients, s.H);
     constants(cells, first, volume, mu);
     cofactors(s);
     for (int k = 0; k < 9; k++)
         for (int l = 0; l < lanes; l++) s.C[k / 3][k % 3][l] /= s.J[l], one[l] = 1; // C is G now
+    if (stiffens) {
+        stiffening_of(cells, first, b);
+        shear_strain(s, s.C, shear, Q);
+        stiffen(b, shear, mu);
+    }
     for (int d = 0; d < directions.count; d++) {
         cell_means(cells, first, changes + 9 * d * directions.elements, D);
         for (int i = 0; i < 3; i++)
@@ -89,6 +111,7 @@ PALPATE_KERNEL void shear_change(const CellTets& cells, int first, const double*
                 for (int l = 0; l < lanes; l++)
                     P[i][j][l] = mu[l] * (D[i][j][l] + T[i][0][l] * s.C[0][j][l] + T[i][1][l] * s.C[1][j][l] +
                                           T[i][2][l] * s.C[2][j][l]);
+        if (stiffens) add_stiffening(b, mu, Q, D, P);
         store_nine(P, one, stress + 9 * (d * directions.cells + size_t(first)));
     }
 }

@@ -16,21 +16,27 @@ RADIUS, TOP = 12.0, np.array([25.0, 25.0, 50.0])
 TISSUE = block(7, poisson=0.45)
 
 
-def local(energy, d, gradient, curvature):
-    return _core.hyperelastic.LocalForce(energy, d, gradient, curvature)
+def local(energy, d, gradient, curvature, stiffens=False):
+    return _core.hyperelastic.LocalForce(energy, d, gradient, curvature, stiffens)
 
 
-def random_local(seed, contacts=2):
+def random_local(seed, contacts=2, stiffens=False):
     rng = np.random.default_rng(seed)
     n = 3 * contacts
-    K = rng.standard_normal((n, n))
-    return local(rng.standard_normal(), rng.standard_normal(n), rng.standard_normal(n), K + K.T), rng
+    K, d = rng.standard_normal((n, n)), rng.standard_normal(n)
+    if stiffens:  # an energy that grows as a power from 2 to 5
+        energy = rng.uniform(0.5, 2)
+        gradient = rng.standard_normal(n)
+        gradient += (rng.uniform(2, 5) * energy - gradient @ d) / (d @ d) * d
+        return local(energy, d, gradient, K + K.T, stiffens), rng
+    return local(rng.standard_normal(), d, rng.standard_normal(n), K + K.T), rng
 
 
+@pytest.mark.parametrize("stiffens", [False, True])
 @pytest.mark.parametrize("seed", range(5))
-def test_the_local_force_is_the_gradient_of_its_energy(seed):
+def test_the_local_force_is_the_gradient_of_its_energy(seed, stiffens):
     """Everywhere: then no closed way of the tools does work."""
-    P, rng = random_local(seed)
+    P, rng = random_local(seed, stiffens=stiffens)
     for _ in range(20):
         d, way = rng.standard_normal(6), rng.standard_normal(6)
         h = 1e-5
@@ -64,6 +70,15 @@ def test_a_power_of_the_displacement_is_met_between_rest_and_the_solution(degree
         energy, force = P.at(s * d0)
         assert energy == pytest.approx((s * size) ** degree)
         assert force[2] == pytest.approx(-degree * (s * size) ** (degree - 1))
+
+
+def test_beyond_the_solution_tissue_that_stiffens_grows_as_a_power():
+    """|d|⁴ from its value and slope alone: a tenth beyond, to the part of its second derivative that fades."""
+    d0, s = np.array([0.0, 0.0, -2.0]), 1.1
+    exact = 4 * (2 * s) ** 3
+    force = [-local(16.0, d0, 16 * d0, np.zeros((3, 3)), stiffens).at(s * d0)[1][2] for stiffens in (False, True)]
+    assert force[1] == pytest.approx(exact, rel=0.01)
+    assert force[0] < 0.8 * exact
 
 
 def solver():

@@ -23,12 +23,13 @@ RADIUS = 14.0
 elements_of = neo_hookean_energy
 
 
-@pytest.fixture(scope="module", params=["smoothed", "P1"])
+@pytest.fixture(scope="module", params=itertools.product(["smoothed", "P1"], [0.0, {1: 3.0, 2: 8.0}]), ids=str)
 def mixed(request):
-    """An irregular block of two materials and 33 tets past a whole number of lanes."""
+    """An irregular block of two materials, which may stiffen, and 33 tets past a whole number of lanes."""
+    element, stiffening = request.param
     mesh = brick((3, 4, 5), (30, 40, 50), warp=0.3, region=lambda x: 1 + (x[:, 2] > 25))
     bottom = mesh.nodes[:, 2] == 0
-    return pp.Tissue(mesh, {1: 5.0, 2: 20.0}, {1: 0.45, 2: 0.2}, bottom, element=request.param)
+    return pp.Tissue(mesh, {1: 5.0, 2: 20.0}, {1: 0.45, 2: 0.2}, bottom, element=element, stiffening=stiffening)
 
 
 def bent(tissue, size, seed=0):
@@ -277,8 +278,11 @@ def test_what_cannot_be_is_refused():
         model.push(many, np.zeros((17, 3)), 5.0)
     with pytest.raises(ValueError, match="another model"):
         model.equilibrium.solve(pp.model(tissue, "neo-hookean").start(), [], np.zeros((0, 3)), 1, 1e-3)
+    constants = (*lame(tissue.young, tissue.poisson), tissue.stiffening)
     with pytest.raises(ValueError, match="does not have"):
-        _core.hyperelastic.NeoHookean(tissue.mesh.nodes, tissue.mesh.tets + 100, *lame(tissue.young, tissue.poisson))
+        _core.hyperelastic.NeoHookean(tissue.mesh.nodes, tissue.mesh.tets + 100, *constants)
+    with pytest.raises(ValueError, match="as many as"):
+        _core.hyperelastic.NeoHookean(tissue.mesh.nodes, tissue.mesh.tets, *constants[:2], constants[2][1:])
     elements = elements_of(tissue)
     with pytest.raises(ValueError, match="nodes, 3"):
         elements.energy(np.zeros((4, 3)))
@@ -288,21 +292,24 @@ def test_what_cannot_be_is_refused():
         )
 
 
-def test_the_laws_derivatives_are_those_of_its_energy():
+@pytest.mark.parametrize("b", [None, 0.7])
+def test_the_laws_derivatives_are_those_of_its_energy(b):
     rng = np.random.default_rng(4)
     F, D = np.eye(3) + 0.3 * rng.standard_normal((2, 50, 3, 3))
     lam, mu = rng.uniform(1, 5, (2, 50))
 
     def energy(F):
         J = np.linalg.det(F)
-        return mu / 2 * ((F**2).sum(axis=(1, 2)) - 3) - mu * np.log(J) + lam / 2 * np.log(J) ** 2
+        S = (F**2).sum(axis=(1, 2)) - 3 - 2 * np.log(J)
+        return mu / 2 * (S if b is None else np.expm1(b * S) / b) + lam / 2 * np.log(J) ** 2
 
     good = np.linalg.det(F) > 0.2
     assert good.sum() > 20
     h = 1e-6
     slope = (energy(F + h * D) - energy(F - h * D))[good] / (2 * h)
-    P = NEO_HOOKEAN.stress(F, lam, mu)
+    constants = (lam, mu) if b is None else (lam, mu, np.full(50, b))
+    P = NEO_HOOKEAN.stress(F, *constants)
     np.testing.assert_allclose((P * D).sum(axis=(1, 2))[good], slope, rtol=1e-5)
-    change = np.einsum("mijkl,mkl->mij", NEO_HOOKEAN.tangent(F, lam, mu), D)
-    finite = (NEO_HOOKEAN.stress(F + h * D, lam, mu) - NEO_HOOKEAN.stress(F - h * D, lam, mu)) / (2 * h)
+    change = np.einsum("mijkl,mkl->mij", NEO_HOOKEAN.tangent(F, *constants), D)
+    finite = (NEO_HOOKEAN.stress(F + h * D, *constants) - NEO_HOOKEAN.stress(F - h * D, *constants)) / (2 * h)
     np.testing.assert_allclose(change[good], finite[good], rtol=1e-4, atol=1e-4)

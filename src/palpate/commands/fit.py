@@ -2,6 +2,7 @@
 
 import shlex
 from collections.abc import Callable
+from math import exp
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
 
@@ -63,6 +64,10 @@ def fit_command(
     density: Annotated[
         float | None, typer.Option(help="For --inertia, kg/m³. Default: 1060.", show_default=False)
     ] = None,
+    stiffening: Annotated[
+        float, typer.Option(help="Exponent with which --model neo-hookean stiffens with stretch: 5. 0: it does not.")
+    ] = 0.0,
+    region_stiffening: Annotated[list[str] | None, typer.Option(help="Another exponent: lump=10")] = None,
     law: Annotated[str, typer.Option(help="Of the home springs: uniform, linear, exponential.")] = "exponential",
     element: Annotated[str, typer.Option(help="smoothed; P1: too stiff; P2, mixed: for springs alone.")] = "smoothed",
     within: Annotated[
@@ -94,6 +99,9 @@ def fit_command(
 
     With mass, so that it swings when it is let go:
     palpate fit liver.vtu --young 3 --inertia 0.05 -o tissue.vtu
+
+    Stiffer the further it is stretched, for palpate touch --model neo-hookean:
+    palpate fit liver.vtu --young 3 --stiffening 5 -o tissue.vtu
     """
     from palpate.atomic_write import writable
     from palpate.errors import FileError
@@ -109,6 +117,7 @@ def fit_command(
     kinds = _by_region(solid, "--region-tissue", str, tissue, region_tissue)
     nu = _by_region(solid, "--region-poisson", float, poisson, region_poisson)
     E: Constant = _by_region(solid, "--region-young", float, young, region_young, region_tissue)
+    b = _by_region(solid, "--region-stiffening", float, stiffening, region_stiffening)
     if stiffness is not None or quantity is not None:
         E = _from_map(solid, stiffness, quantity, E, nu, kinds)
     fixed = pp.resting_on(solid, _numbers("--rest-on", rest_on), depth)
@@ -124,6 +133,7 @@ def fit_command(
             tissue=kinds,
             relaxation=relaxing,
             inertia=swinging,
+            stiffening=b,
         )
     pp.write_tissue(output, fitted)
     with doing("trying models"):
@@ -137,6 +147,8 @@ def fit_command(
         typer.echo(f"relaxation: {relaxing.text}")
     if swinging is not None:
         typer.echo(f"inertia: {swinging.density:g} kg/m³, damping ratio {swinging.damping:g}, {swinging.modes} modes")
+    if fitted.stiffening.any():
+        typer.echo(_stiffening_text(fitted.stiffening.max()))
     assert fitted.report is not None
     typer.echo(fitted.report.text())
     if within is not None:
@@ -144,6 +156,15 @@ def fit_command(
             found = pp.select_model(fitted, within, force_within / 100, up_to, progress=say)
         typer.echo(found.text())
     typer.echo(f"{len(solid.nodes)} nodes, {len(fitted.fixed)} held; wrote {output}")
+
+
+def _stiffening_text(most: float) -> str:
+    stretch = 1.2
+    growth = exp(most * (stretch**2 + 2 / stretch - 3))
+    return (
+        f"stiffening: exponent up to {most:g}: at a stretch of {stretch:g} the stress is {growth:.3g} times that of a tissue "
+        f"that does not stiffen. The model neo-hookean and the error of linear strain follow it, linear models do not"
+    )
 
 
 def _inertia(damping: float | None, density: float | None) -> "pp.Inertia | None":

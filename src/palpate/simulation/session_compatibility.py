@@ -77,6 +77,8 @@ def _hash(tissue: Tissue, law: SpringLaw | None) -> str:
         hash_.update(repr(tissue.relaxation).encode())
     if tissue.inertia is not None:
         hash_.update(repr(tissue.inertia).encode())
+    if tissue.stiffening.any():  # version 0.1 had none
+        hash_.update(b"stiffening" + tissue.stiffening.tobytes())
     return hash_.hexdigest()[:32]
 
 

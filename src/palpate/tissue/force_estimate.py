@@ -15,8 +15,8 @@ class ForceEstimate:
     solver : float
         How far the answer is from the exact solution of its own equations: `Answer.error`.
     linearisation : float or None
-        Difference of the force from that of a neo-Hookean tissue, direction included: positive if the force is too large.
-        None if it is not known, NaN if finite strain has no solution that keeps every element
+        Difference of the force from that at finite strain, neo-Hookean or with the tissue's stiffening, direction included:
+        positive if the force is too large. None if it is not known, NaN if no solution keeps every element.
 
     Examples
     --------

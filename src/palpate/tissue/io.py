@@ -23,7 +23,8 @@ _TEXT = "palpate"  # field of bytes: JSON in UTF-8
 def write_tissue(path: str | Path, tissue: Tissue) -> None:
     """Write a tissue to a .vtu file, completely or not at all.
 
-    Tetrahedra carry region, young (kPa) and poisson. Nodes carry fixed and, after a fit, the error of the springs in mm.
+    Tetrahedra carry region, young (kPa), poisson and, if the tissue has it, stiffening. Nodes carry fixed and, after a fit,
+    the error of the springs in mm.
 
     Parameters
     ----------
@@ -55,8 +56,11 @@ def write_tissue(path: str | Path, tissue: Tissue) -> None:
         "relaxation": None if tissue.relaxation is None else asdict(tissue.relaxation),
         "inertia": None if tissue.inertia is None else asdict(tissue.inertia),
     }
+    constants = {"young": tissue.young, "poisson": tissue.poisson}
+    if tissue.stiffening.any():
+        constants["stiffening"] = tissue.stiffening
     with replacing(path) as temporary:
-        write_mesh(temporary, tissue.mesh, nodal, {"young": tissue.young, "poisson": tissue.poisson})
+        write_mesh(temporary, tissue.mesh, nodal, constants)
         _add_text(temporary, json.dumps(text))
 
 
@@ -118,6 +122,7 @@ def read_tissue(path: str | Path) -> Tissue:
             materials=materials,
             relaxation=relaxation,
             inertia=inertia,
+            stiffening=fields.get("stiffening", 0.0),
         )
     except (MaterialError, DataError) as problem:
         raise type(problem)(f"{path}: {problem}") from None

@@ -16,7 +16,7 @@ UNKNOWN = float("nan")
 
 
 class LinearisationError:
-    """Compares linear contact forces with those of a neo-Hookean tissue of the same elements and moduli.
+    """Compares linear contact forces with those of finite strain: the same elements, moduli and stiffening.
 
     The latter are solved for, with the linear factors as preconditioner, until their error is some 1 %. The first-order
     estimate u·g(u)/u·Ku − 1, g the neo-Hookean forces of the linear displacement u, would need no solution; at ν = 0.45

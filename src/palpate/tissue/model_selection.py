@@ -106,7 +106,7 @@ def select_model(
     element : str, optional
         Element of the finite elements. The default is the tissue's.
     strain : {"linear", "finite"}, optional
-        Strain of the finite elements; "finite" is neo-Hookean.
+        Strain of the finite elements; "finite" is neo-Hookean, or Demiray's law of a tissue that stiffens.
     models : sequence of str, optional
         Which models. The default is all that take the tissue's element: of P2 and mixed, the springs alone.
     contacts : int, optional

@@ -68,6 +68,13 @@ def smoothing_cells(mesh: TetMesh, lam: Float64, mu: Float64) -> SmoothingCells:
     return SmoothingCells(volumes, slopes, edge, node, edge_volumes, node_volumes, mean, node_volumes / softness)
 
 
+def edge_stiffening(cells: SmoothingCells, mu: Float64, stiffening: Float64) -> Float64:
+    """(cells,) exponent of each edge's cell: the mean of its parts with the weights of their shear moduli."""
+    weight = np.repeat(cells.volumes / 6 * mu, 6)
+    whole = np.bincount(cells.edge.ravel(), weight * np.repeat(stiffening, 6))
+    return np.asarray(whole / np.bincount(cells.edge.ravel(), weight))
+
+
 def smoothed_stiffness(mesh: TetMesh, lam: Float64, mu: Float64) -> bsr_array:
     """Return the stiffness of linear elasticity on smoothed tetrahedra.
 

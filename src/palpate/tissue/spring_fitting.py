@@ -39,6 +39,7 @@ def fit(
     tissue: Named | None = None,
     relaxation: Relaxation | None = None,
     inertia: Inertia | None = None,
+    stiffening: Constant = 0.0,
 ) -> Tissue:
     """Return a tissue whose springs are as close to finite elements as their law allows.
 
@@ -68,6 +69,8 @@ def fit(
         How the stiffness relaxes, in sessions; `young` is what remains in the long term, and what springs are fitted to.
     inertia : Inertia, optional
         The mass, in sessions.
+    stiffening : float, array_like (M,), or dict, optional
+        Exponent of the shear energy at finite strain, as for `Tissue`. Springs are fitted to small strain.
 
     Returns
     -------
@@ -96,7 +99,7 @@ def fit(
     say = progress or (lambda what, share: None)
     materials = named_materials(mesh, tissue)
     E, nu = young_of(mesh, young, materials), poisson_of(mesh, poisson, materials)
-    solid = Tissue(mesh, E, nu, fixed, element=element, materials=materials)
+    solid = Tissue(mesh, E, nu, fixed, element=element, materials=materials, stiffening=stiffening)
     start = SpringLaw(law, {"exponential": -0.1}.get(law, 0.1), weights, rows)
     size = float(np.linalg.norm(np.ptp(mesh.nodes, axis=0)))
     r = 2 * solid.edge if radius is None else radius
@@ -126,6 +129,7 @@ def fit(
         materials=materials,
         relaxation=relaxation,
         inertia=inertia,
+        stiffening=solid.stiffening,
     )
 
 

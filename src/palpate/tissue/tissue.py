@@ -17,6 +17,7 @@ from palpate.tissue.spring_fit_report import FitReport
 from palpate.tissue.vibration import Inertia
 
 KPA = 1e-3  # N/mm² in a kPa
+MOST_STIFFENING = 100.0
 ELEMENTS = ("smoothed", "P1", "P2", "mixed")
 AT_NODES = ("smoothed", "P1")
 """Elements whose unknowns are the nodes' displacements alone. All real-time models take these, the references all."""
@@ -101,6 +102,10 @@ class Tissue:
         How the stiffness relaxes, in sessions; `young` is what remains in the long term.
     inertia : Inertia, optional
         The mass, in sessions.
+    stiffening : float, array_like (M,), or dict, optional
+        Exponent b of the shear energy at finite strain (Demiray's law), no unit, 0 to 100: one number, one for each
+        tetrahedron, or by region number or name. 0 is neo-Hookean. Linear elasticity, the limit of small strain, does not
+        depend on it.
 
     Raises
     ------
@@ -125,6 +130,7 @@ class Tissue:
     materials: dict[int, str]
     relaxation: Relaxation | None
     inertia: Inertia | None
+    stiffening: Float64
 
     def __init__(
         self,
@@ -139,9 +145,11 @@ class Tissue:
         materials: Mapping[int, str] | None = None,
         relaxation: Relaxation | None = None,
         inertia: Inertia | None = None,
+        stiffening: Constant = 0.0,
     ) -> None:
         modulus = constant_per_tet("young", young, mesh)
         ratio = constant_per_tet("poisson", poisson, mesh)
+        exponent = constant_per_tet("stiffening", stiffening, mesh)
         if (modulus <= 0).any():
             bad = int(np.argmin(modulus))
             raise MaterialError(
@@ -150,13 +158,18 @@ class Tissue:
         if element not in ELEMENTS:
             raise MaterialError(f"element: {element!r} is not built; choose one of {', '.join(ELEMENTS)}")
         _refuse_ratios(ratio, element)
+        if not ((exponent >= 0) & (exponent <= MOST_STIFFENING)).all():
+            bad = int(np.argmax((exponent < 0) | (exponent > MOST_STIFFENING)))
+            raise MaterialError(
+                f"stiffening: {exponent[bad]:g} at tet {bad}; give 0 (neo-Hookean) to {MOST_STIFFENING:g}, such as 5"
+            )
         held = _node_indices(fixed, len(mesh.nodes))
         if len(held) == len(mesh.nodes):
             raise MaterialError(
                 "fixed: all nodes are held, so nothing can be pushed; hold those that rest on something"
             )
         _refuse_rigid_motions(mesh, held)
-        for name, value in (("young", modulus), ("poisson", ratio), ("fixed", held)):
+        for name, value in (("young", modulus), ("poisson", ratio), ("stiffening", exponent), ("fixed", held)):
             value.flags.writeable = False
             object.__setattr__(self, name, value)
         for name, thing in (("mesh", mesh), ("element", element), ("springs", springs), ("report", report)):

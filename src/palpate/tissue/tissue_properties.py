@@ -100,7 +100,7 @@ class TissueProperties:
     relaxation_time, slow_relaxation_time : Measured or None
         Time constants of the relaxation, s.
     stiffening : Measured or None
-        Exponent n of the shear modulus, which grows as C⁻ⁿ when C falls from 1 in compression.
+        Exponent n of the shear modulus, which grows as C⁻ⁿ when C falls from 1 in compression; not that of `Tissue`.
     fracture_energy : Measured or None
         Work for each area of new surface, J/m².
 

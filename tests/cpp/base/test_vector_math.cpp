@@ -15,6 +15,18 @@ TEST_CASE("fast_exp is exp to 2 units in the last place") {
     CHECK(fast_exp(5000) == fast_exp(700));
 }
 
+TEST_CASE("fast_expm1 is exp - 1 to 4 units in the last place, near 0 too") {
+    double worst = 0;
+    for (double x = -30; x <= 700; x += 0.0371) worst = std::fmax(worst, std::fabs(fast_expm1(x) / std::expm1(x) - 1));
+    for (double power = -300; power <= 0; power += 0.0173)
+        for (double x : {std::pow(10, power), -std::pow(10, power)})
+            worst = std::fmax(worst, std::fabs(fast_expm1(x) / std::expm1(x) - 1));
+    CHECK(worst < 8.9e-16);
+    CHECK(fast_expm1(0) == 0);
+    CHECK(fast_expm1(-5000) == -1);
+    CHECK(fast_expm1(5000) == fast_expm1(700));
+}
+
 TEST_CASE("fast_log is log to 3 units in the last place of 1 + |log|") {
     double worst = 0;
     for (double power = -300; power <= 300; power += 0.0173) {

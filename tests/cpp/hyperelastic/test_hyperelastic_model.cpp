@@ -12,24 +12,30 @@ struct Cube {
     std::vector<int> tet = patch_test::tetrahedra();
     std::vector<double> lambda = std::vector<double>(patch_test::tets, patch_test::lambda),
                         mu = std::vector<double>(patch_test::tets, patch_test::mu);
-    NeoHookean elements() const {
-        return {x.data(), patch_test::nodes, tet.data(), patch_test::tets, lambda.data(), mu.data()};
+    NeoHookean elements(double stiffening = 0) const {
+        const std::vector<double> b(patch_test::tets, stiffening);
+        return {x.data(), patch_test::nodes, tet.data(), patch_test::tets, lambda.data(), mu.data(), b.data()};
     }
 };
 
 } // namespace
 
 // F = 1 + slope (x) e_z is constant, J = 1 + slope_z, F^-T e_z = e_z / J; the top's traction is P e_z with
-// P = mu (F - F^-T) + lambda ln J F^-T, the derivative of mu/2 (tr F'F - 3) - mu ln J + lambda/2 (ln J)^2.
-TEST_CASE("the neo-Hookean model passes the patch test at large strain") {
+// P = mu (F - F^-T) + lambda ln J F^-T, the derivative of mu/2 (tr F'F - 3) - mu ln J + lambda/2 (ln J)^2. With a
+// stiffening b, mu grows by exp(b S), S = tr F'F - 3 - 2 ln J and tr F'F - 3 = |slope|^2 + 2 slope_z.
+TEST_CASE("the neo-Hookean model passes the patch test at large strain, with stiffening too") {
     const Cube cube;
     const SparseCholesky rest(patch_test::free_stiffness(), &cube.x[12]);
-    const NeoHookean elements = cube.elements();
-    const HyperelasticModel model(elements, rest, {4, 5, 6, 7, 8});
-    const double mu = patch_test::mu, lambda = patch_test::lambda;
     const double slope[3] = {0.4, -0.3, -0.35}, J = 1 + slope[2];
-    const double traction[3] = {mu * slope[0], mu * slope[1], mu * (J - 1 / J) + lambda * std::log(J) / J};
-    patch_test::run(model, slope, traction, 5, 100, 1e-6);
+    const double square = slope[0] * slope[0] + slope[1] * slope[1] + slope[2] * slope[2];
+    for (double b : {0.0, 1.0, 4.0}) {
+        const NeoHookean elements = cube.elements(b);
+        const HyperelasticModel model(elements, rest, {4, 5, 6, 7, 8});
+        const double lambda = patch_test::lambda;
+        const double mu = patch_test::mu * std::exp(b * (square + 2 * slope[2] - 2 * std::log(J)));
+        const double traction[3] = {mu * slope[0], mu * slope[1], mu * (J - 1 / J) + lambda * std::log(J) / J};
+        patch_test::run(model, slope, traction, 5, 100, 1e-6);
+    }
 }
 
 TEST_CASE("force is the energy's gradient, the tangent its derivative: central differences") {
@@ -52,6 +58,18 @@ TEST_CASE("force is the energy's gradient, the tangent its derivative: central d
         CHECK((force_plus[i] - force_minus[i]) / (2 * h) == doctest::Approx(tangent[i]).epsilon(1e-6).scale(0.01));
     }
     CHECK((ahead - behind) / (2 * h) == doctest::Approx(along).epsilon(1e-7));
+}
+
+TEST_CASE("an element that is stiffer than numbers can say has infinite energy") {
+    const Cube cube;
+    const NeoHookean elements = cube.elements(1000);
+    std::vector<double> u(3 * patch_test::nodes, 0.0), force(u), ratio(elements.padded());
+    for (int i = 0; i < patch_test::nodes; i++) u[3 * i] = 0.2 * cube.x[3 * i + 2];
+    const NeoHookean::Energy at = elements.energy(u.data(), force.data(), ratio.data()); // shear: 2 b s = 1000 / 25
+    CHECK(std::isfinite(at.value));
+    CHECK(at.stiffened == doctest::Approx(40));
+    for (double& x : u) x *= 4;
+    CHECK(std::isinf(elements.energy(u.data(), force.data(), ratio.data()).value));
 }
 
 TEST_CASE("an inverted element has infinite energy") {

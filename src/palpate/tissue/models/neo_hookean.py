@@ -21,6 +21,8 @@ MOST_INTERVAL = 10_000  # ticks
 class NeoHookeanModel(TissueModel):
     """Compressible neo-Hookean tissue, W = μ/2 (tr FᵀF − 3) − μ ln J + λ/2 (ln J)², on the tissue's `element`.
 
+    Where the tissue has a stiffening b, the terms with μ are those of Demiray's law, μ/2b (exp(b (tr FᵀF − 3 − 2 ln J)) − 1).
+
     On smoothed elements the terms with μ take the mean F about each edge, and that with λ the volume about each node; a
     tetrahedron below 30 % of its volume resists by an energy of its own.
 

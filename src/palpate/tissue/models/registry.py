@@ -35,7 +35,7 @@ def model(tissue: Tissue, name: str = "blocks", **options: Any) -> TissueModel:
     name : str, optional
         "springs": home and edge springs. "blocks": block relaxation of finite elements. "multigrid": conjugate gradients
         with a multigrid preconditioner. "compliance": a factorization and Green's functions; "compliance-P1": the same on
-        P1 elements, made sooner and too stiff. "neo-hookean": finite strain.
+        P1 elements, made sooner and too stiff. "neo-hookean": finite strain, with the tissue's stiffening if it has one.
     **options
         Keywords of the model's class, such as `law` (a `SpringLaw`) for springs or `memory` (MB) for compliance.
 

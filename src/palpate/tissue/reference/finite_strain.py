@@ -22,29 +22,42 @@ class Law:
     """A hyperelastic energy per volume at rest, by its derivatives.
 
     stress: F (..., 3, 3), λ (...), μ (...) N/mm² -> ∂W/∂F (..., 3, 3) N/mm². tangent: the same -> ∂²W/∂F²
-    (..., 3, 3, 3, 3), the first two indices those of the stress.
+    (..., 3, 3, 3, 3), the first two indices those of the stress. Of a tissue that stiffens, the exponent (...) follows μ.
     """
 
-    stress: Callable[[Float64, Float64, Float64], Float64]
-    tangent: Callable[[Float64, Float64, Float64], Float64]
+    stress: Callable[..., Float64]
+    tangent: Callable[..., Float64]
 
 
-def _neo_hookean_stress(F: Float64, lam: Float64, mu: Float64) -> Float64:
-    G = np.linalg.inv(F).swapaxes(-1, -2)
-    along = lam * np.log(np.linalg.det(F)) - mu
-    return np.asarray(mu[..., None, None] * F + along[..., None, None] * G)
+def _grown(F: Float64, mu: Float64, stiffening: Float64 | None) -> Float64:
+    """μ exp(b (tr FᵀF − 3 − 2 ln J))."""
+    if stiffening is None:
+        return mu
+    with np.errstate(over="ignore"):  # of a trial that goes too far
+        return np.asarray(mu * np.exp(stiffening * ((F**2).sum(axis=(-1, -2)) - 3 - 2 * np.log(np.linalg.det(F)))))
 
 
-def _neo_hookean_tangent(F: Float64, lam: Float64, mu: Float64) -> Float64:
-    G, one = np.linalg.inv(F).swapaxes(-1, -2), np.eye(3)
-    turn = mu - lam * np.log(np.linalg.det(F))
-    A = mu[..., None, None, None, None] * np.einsum("ik,jl->ijkl", one, one)
+def _stress(F: Float64, lam: Float64, mu: Float64, stiffening: Float64 | None = None) -> Float64:
+    G, grown = np.linalg.inv(F).swapaxes(-1, -2), _grown(F, mu, stiffening)
+    along = lam * np.log(np.linalg.det(F)) - grown
+    return np.asarray(grown[..., None, None] * F + along[..., None, None] * G)
+
+
+def _tangent(F: Float64, lam: Float64, mu: Float64, stiffening: Float64 | None = None) -> Float64:
+    G, one, grown = np.linalg.inv(F).swapaxes(-1, -2), np.eye(3), _grown(F, mu, stiffening)
+    turn = grown - lam * np.log(np.linalg.det(F))
+    A = grown[..., None, None, None, None] * np.einsum("ik,jl->ijkl", one, one)
     A = A + turn[..., None, None, None, None] * np.einsum("...il,...kj->...ijkl", G, G)
-    return np.asarray(A + lam[..., None, None, None, None] * np.einsum("...ij,...kl->...ijkl", G, G))
+    A = A + lam[..., None, None, None, None] * np.einsum("...ij,...kl->...ijkl", G, G)
+    if stiffening is not None:
+        Q, steep = F - G, 2 * stiffening * grown
+        A = A + steep[..., None, None, None, None] * np.einsum("...ij,...kl->...ijkl", Q, Q)
+    return np.asarray(A)
 
 
-NEO_HOOKEAN = Law(_neo_hookean_stress, _neo_hookean_tangent)
-"""W = μ/2 (tr FᵀF − 3) − μ ln J + λ/2 (ln J)², linear elasticity for small strain."""
+NEO_HOOKEAN = Law(_stress, _tangent)
+"""W = μ/2 (tr FᵀF − 3) − μ ln J + λ/2 (ln J)², linear elasticity for small strain. With a stiffening b, the terms with μ are
+those of Demiray's law (J. Biomech. 5 (1972) 309): μ/2b (exp(b (tr FᵀF − 3 − 2 ln J)) − 1)."""
 
 
 class FiniteStrain:
@@ -67,8 +80,8 @@ class FiniteStrain:
         self._slope = np.stack([field[0].grad for field in space.basis]).transpose(2, 3, 0, 1)  # (M, q, shapes, 3)
         self._weight: Float64 = space.dx
         self._unknown = self.linear.space.element_dofs.T  # (M, 3 shapes), the components of a shape side by side
-        lam, mu = lame(tissue.young, tissue.poisson)
-        self._lame = tuple(np.tile(c[:, None], space.dx.shape[1]) for c in (lam, mu))
+        constants = lame(tissue.young, tissue.poisson) + ((tissue.stiffening,) if tissue.stiffening.any() else ())
+        self._constants = tuple(np.tile(c[:, None], space.dx.shape[1]) for c in constants)
 
     def deformation(self, u: Float64) -> Float64:
         """(M, q, 3, 3) F at the points of quadrature of each tet."""
@@ -77,7 +90,7 @@ class FiniteStrain:
 
     def force(self, u: Float64) -> Float64:
         """(unknowns,) N that holds the tissue at displacement u (unknowns,)."""
-        P = self.law.stress(self.deformation(u), *self._lame)
+        P = self.law.stress(self.deformation(u), *self._constants)
         local = np.einsum("mqij,mqaj,mq->mai", P, self._slope, self._weight)
         return np.bincount(self._unknown.ravel(), local.ravel(), len(u)).astype(np.float64)
 
@@ -87,7 +100,7 @@ class FiniteStrain:
         value = np.empty((len(F), size, size))
         for first in range(0, len(F), _CHUNK):
             part = slice(first, first + _CHUNK)
-            A = self.law.tangent(F[part], *(c[part] for c in self._lame))
+            A = self.law.tangent(F[part], *(c[part] for c in self._constants))
             half = np.einsum("mqijkl,mqbl,mq->mqijbk", A, self._slope[part], self._weight[part], optimize=True)
             local = np.einsum("mqaj,mqijbk->maibk", self._slope[part], half, optimize=True)
             value[part] = local.reshape(-1, size, size)
@@ -127,6 +140,8 @@ class FiniteStrain:
         for _ in range(_NEWTON):
             residual = (self.force(u) - W @ multiplier)[free]
             gap = d - W.T @ u
+            if not np.isfinite(residual).all():
+                return None
             size = max(size, float(np.abs(W @ multiplier).max()))
             if np.abs(residual).max() <= 1e-11 * size and np.abs(gap).max() <= 1e-11 * max(
                 float(np.abs(d).max()), 1e-9

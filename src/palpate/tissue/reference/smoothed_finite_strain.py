@@ -6,7 +6,7 @@ from scipy.sparse import bsr_array, coo_array, csr_array, diags_array
 from palpate.arrays import Float64, Int32
 from palpate.tissue.reference.finite_strain import NEO_HOOKEAN, FiniteStrain
 from palpate.tissue.reference.linear_elasticity import FiniteElements, lame
-from palpate.tissue.smoothed_elements import smoothing_cells
+from palpate.tissue.smoothed_elements import edge_stiffening, smoothing_cells
 from palpate.tissue.tissue import Tissue
 
 BARRIER_START = 0.3
@@ -17,7 +17,8 @@ class SmoothedFiniteStrain(FiniteStrain):
     """Neo-Hookean equilibrium on smoothed elements; `push` answers like a model, to rounding.
 
     E = Σ V_g μ_g (½(tr F̄ᵀF̄ − 3) − ln det F̄) + Σ V_a λ_a/2 (ln J_a)² + Σ V_e μ_e (ln J_e/0.3)₋², with the mean F̄ of each
-    edge's cell g, the volume ratio J_a of each node's cell a, and J_e of each tetrahedron.
+    edge's cell g, the volume ratio J_a of each node's cell a, and J_e of each tetrahedron. With a stiffening, the first sum
+    has Demiray's law.
     """
 
     def __init__(self, tissue: Tissue) -> None:
@@ -25,6 +26,8 @@ class SmoothedFiniteStrain(FiniteStrain):
         self.linear = FiniteElements(tissue, "smoothed")
         lam, mu = lame(tissue.young, tissue.poisson)
         cells = self._cells = smoothing_cells(tissue.mesh, lam, mu)
+        stiff = (edge_stiffening(cells, mu, tissue.stiffening),) if tissue.stiffening.any() else ()
+        self._constants = (np.zeros(len(cells.mu)), cells.mu * cells.edge_volumes, *stiff)
         self._mu, self._slope = mu, cells.slopes[:, None]  # (M, 1, 4, 3): one point of quadrature
         tets = tissue.mesh.tets
         self._unknown = (3 * tets[:, :, None] + np.arange(3)).reshape(len(tets), 12)
@@ -37,13 +40,13 @@ class SmoothedFiniteStrain(FiniteStrain):
     def force(self, u: Float64) -> Float64:
         """(unknowns,) N that holds the tissue at displacement u (unknowns,)."""
         F, rows = self._mean_deformation(u), self._volume_rows(u)
-        P = self.law.stress(F, np.zeros(len(F)), self._cells.mu * self._cells.edge_volumes)
+        P = self.law.stress(F, *self._constants)
         return np.asarray(self._mean.T @ P.ravel() + rows.T @ self._pressures(u)[0])
 
     def tangent(self, u: Float64) -> csr_array:
         """(unknowns, unknowns) N/mm: derivative of `force`."""
-        F, rows, cells = self._mean_deformation(u), self._volume_rows(u), self._cells
-        A = self.law.tangent(F, np.zeros(len(F)), cells.mu * cells.edge_volumes).reshape(-1, 9, 9)
+        F, rows = self._mean_deformation(u), self._volume_rows(u)
+        A = self.law.tangent(F, *self._constants).reshape(-1, 9, 9)
         middle = bsr_array((A, np.arange(len(A)), np.arange(len(A) + 1)))
         pressure, bulk, barrier = self._pressures(u)
         averaged = csr_array(self._average @ rows)

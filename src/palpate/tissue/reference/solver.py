@@ -46,7 +46,7 @@ def finite_strain(tissue: Tissue, element: str | None = None) -> FiniteStrain:
     Parameters
     ----------
     tissue : Tissue
-        The solid.
+        The solid. Where it has a stiffening, the law is Demiray's.
     element : {"smoothed", "P1", "P2"}, optional
         The default is the tissue's own.
 
@@ -62,7 +62,7 @@ def finite_strain(tissue: Tissue, element: str | None = None) -> FiniteStrain:
 
     References
     ----------
-    Bonet & Wood, Nonlinear Continuum Mechanics for Finite Element Analysis, 2008.
+    Bonet & Wood, Nonlinear Continuum Mechanics for Finite Element Analysis, 2008. Demiray, J. Biomech. 5 (1972) 309.
 
     Examples
     --------
