@@ -57,6 +57,7 @@ from .reconstruction.self_calibration import image_shift as image_shift
 from .reconstruction.self_calibration import shift_panels as shift_panels
 from .reconstruction.self_calibration import view_gain as view_gain
 from .reconstruction.self_calibration import without_displacement as without_displacement
+from .report.force_error_plot import plot_force_error as plot_force_error
 from .report.score_report import score_report as score_report
 from .scans.analytic_phantoms import Box as Box
 from .scans.analytic_phantoms import Ellipsoid as Ellipsoid
@@ -104,6 +105,7 @@ from .studies.tomosynthesis.study import tomosynthesis_study as tomosynthesis_st
 from .tissue.boundary_conditions import fixed_beyond as fixed_beyond
 from .tissue.boundary_conditions import fixed_near as fixed_near
 from .tissue.boundary_conditions import resting_on as resting_on
+from .tissue.force_error_map import force_error_map as force_error_map
 from .tissue.io import read_tissue as read_tissue
 from .tissue.io import write_tissue as write_tissue
 from .tissue.lump_detectability import force_map as force_map
