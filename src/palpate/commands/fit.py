@@ -123,7 +123,7 @@ def fit_command(
     E: Constant = _by_region(solid, "--region-young", float, young, region_young, region_tissue)
     if stiffness is not None or quantity is not None:
         E = _from_map(solid, stiffness, quantity, E, nu, kinds)
-    fixed = pp.resting_on(solid, _numbers("--rest-on", rest_on), depth)
+    fixed = pp.resting_on(solid, numbers("--rest-on", rest_on), depth)
     with progress() as say:
         fitted = pp.fit(
             solid,
@@ -199,14 +199,15 @@ def _inertia(damping: float | None, density: float | None) -> "pp.Inertia | None
     return pp.Inertia(damping) if density is None else pp.Inertia(damping, density)
 
 
-def _numbers(option: str, text: str) -> list[float]:
+def numbers(option: str, text: str) -> list[float]:
+    """Three numbers from x,y,z."""
     try:
-        numbers = [float(part) for part in text.split(",")]
+        found = [float(part) for part in text.split(",")]
     except ValueError:
-        numbers = []
-    if len(numbers) != 3:
+        found = []
+    if len(found) != 3:
         raise typer.BadParameter(f"{text!r}: give three numbers, such as 0,0,-1", param_hint=option)
-    return numbers
+    return found
 
 
 def _by_region(

@@ -119,8 +119,8 @@ def force_error_map(
     radius : float, optional
         Radius of the contacts, mm. The default is two mean edges. The error grows with the square of edge over radius.
     points : array_like, (P, 3), optional
-        Places on the surface, mm. The default is 24 to 64, evenly spread about a radius apart, and a radius away from
-        what is held, if there are such.
+        Places on the surface, mm. The default is 24 to 64, about a radius apart, closer over inclusions of another stiffness,
+        and a radius away from what is held, if there are such.
     progress : callable, optional
         Called with what is done and the share done.
 
@@ -173,7 +173,9 @@ def force_error_map(
 def spread_places(tissue: Tissue, radius: float, seed: int = 0) -> Float64:
     """(P, 3) mm: surface points about `radius` apart, as far from each other as can be, and as far from held nodes.
 
-    Where all of the surface lies closer to held nodes than a radius, the further half of it is taken.
+    Within a radius of where the stiffness jumps they are half as far apart, and the first is the nearest to it: the error
+    is larger in the tissue over a stiff lump. Where all of the surface lies closer to held nodes than a radius, the
+    further half of it is taken.
     """
     mesh = tissue.mesh
     corners = mesh.nodes[mesh.surface]
@@ -183,8 +185,22 @@ def spread_places(tissue: Tissue, radius: float, seed: int = 0) -> Float64:
     if len(tissue.fixed):
         apart = np.asarray(cKDTree(mesh.nodes[tissue.fixed]).query(x)[0])
         x = x[apart > min(radius, float(apart.max()) / 2)]
-    chosen, far = [0], np.linalg.norm(x - x[0], axis=1)
+    jump = np.asarray(cKDTree(_jumps(tissue)).query(x)[0])  # infinite if there is none
+    density = np.where(jump < radius, 2.0, 1.0)
+    chosen = [int(np.argmin(jump))]
+    far = np.linalg.norm(x - x[chosen[0]], axis=1)
     while len(chosen) < min(count, len(x)):
-        chosen.append(int(np.argmax(far)))
+        chosen.append(int(np.argmax(density * far)))
         far = np.minimum(far, np.linalg.norm(x - x[chosen[-1]], axis=1))
     return np.asarray(x[chosen])
+
+
+def _jumps(tissue: Tissue) -> Float64:
+    """(n, 3) mm: nodes at which tetrahedra of different Young's moduli in different regions meet."""
+    mesh = tissue.mesh
+    low, high = np.full(len(mesh.nodes), np.inf), np.zeros(len(mesh.nodes))
+    for region in np.unique(mesh.region):
+        here = mesh.region == region
+        young, nodes = float(tissue.young[here].mean()), np.unique(mesh.tets[here])
+        low[nodes], high[nodes] = np.minimum(low[nodes], young), np.maximum(high[nodes], young)
+    return np.asarray(mesh.nodes[high > 1.01 * low])
