@@ -249,12 +249,13 @@ def _wanted(x: Float64, needs: Float64, edge: float, radius: float) -> Float64:
     for place in needs:
         away = np.linalg.norm(x - place[:3], axis=1) / radius
         out = np.minimum(out, place[3] * np.maximum(away, 1))
-    return np.maximum(out, edge / 2**MOST_HALVINGS)
+    return np.asarray(np.maximum(out, edge / 2**MOST_HALVINGS))
 
 
 def _rounded(base: float, wanted: Float64) -> Float64:
     """The largest power of two times `base`, at most `base`, that is no more than what is wanted."""
-    return base / 2.0 ** np.clip(np.ceil(np.log2(base / wanted) - 1e-9), 0, MOST_HALVINGS)
+    halvings = np.clip(np.ceil(np.log2(base / wanted) - 1e-9), 0, MOST_HALVINGS)
+    return np.asarray(base / 2**halvings, dtype=np.float64)
 
 
 def _planned(mesh: TetMesh, needs: Float64, edge: float, radius: float, most_tets: int) -> _Sizes:
