@@ -93,7 +93,7 @@ def test_the_command_refines_and_draws(tmp_path):
     done = command(*words, "--inclusion", "2", "--stiffer", "2=10")
     assert done.exit_code == 0, done.output
     assert "places for a contact radius of 18 mm" in done.output
-    assert "palpate touch ... --radius 18" in done.output
+    assert "fit and touch it with this radius: --radius 18" in done.output
     assert (tmp_path / "map.png").read_bytes().startswith(b"\x89PNG")
     assert len(pp.read_mesh(tmp_path / "organ.vtu").tets) > 0
     again = command("mesh", tmp_path / "organ.vtu", "--within", 3, "-o", tmp_path / "again.vtu")

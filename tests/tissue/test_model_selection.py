@@ -113,6 +113,8 @@ def test_the_command_says_which_model_is_needed(tmp_path):
     assert "needed: a finer mesh" in done.output
     assert "palpate mesh LABELS --within 3 --radius" in done.output
     assert (tmp_path / "map.png").read_bytes().startswith(b"\x89PNG")
-    done = CliRunner().invoke(app, [*map(str, words), "--force-within", "90"])
+    done = CliRunner().invoke(app, [*map(str, words), "--force-within", "90", "--radius", "20"])
+    assert "patch radius 20 mm" in done.output
+    assert "for a contact radius of 20 mm" in done.output
     assert "finer" not in done.output
     assert re.search(r"needed: [\w-]+, \d+ sweeps", done.output)

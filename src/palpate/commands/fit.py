@@ -71,6 +71,9 @@ def fit_command(
     ] = None,
     force_within: Annotated[float, typer.Option(help="And whose force is off by no more, %.")] = 5.0,
     up_to: Annotated[float, typer.Option(help="For pushes so deep, mm.")] = 10.0,
+    radius: Annotated[
+        float | None, typer.Option(help="Of the contacts in all this, mm. Default: two mean edges.", show_default=False)
+    ] = None,
     error_map: Annotated[
         Path | None,
         typer.Option(
@@ -111,6 +114,8 @@ def fit_command(
     from palpate.tissue.named_tissues import material_lines
 
     writable(output)
+    if radius is not None and not radius > 0:
+        raise typer.BadParameter(f"{radius:g} mm; give the radius of the contacts, above 0", param_hint="--radius")
     if error_map is not None:
         writable(error_map)
     if output.suffix.lower() != ".vtu":
@@ -132,6 +137,7 @@ def fit_command(
             fixed,
             law=law,
             element=element,
+            radius=radius,
             progress=say,
             tissue=kinds,
             relaxation=relaxing,
@@ -139,7 +145,7 @@ def fit_command(
         )
     pp.write_tissue(output, fitted)
     with doing("trying models"):
-        begin = starting_model(fitted)
+        begin = starting_model(fitted, radius)
     if element == "P1":
         typer.echo(P1_NOTE.format(output))
     typer.echo(f"palpate touch {shlex.quote(str(output))} begins with {begin.reason}")
@@ -153,13 +159,13 @@ def fit_command(
     typer.echo(fitted.report.text())
     if within is not None:
         with progress() as say:
-            found = pp.select_model(fitted, within, force_within / 100, up_to, progress=say)
+            found = pp.select_model(fitted, within, force_within / 100, up_to, radius, progress=say)
         typer.echo(found.text())
         if found.mesh is not None and found.too_coarse:
             typer.echo(_finer_mesh(found.mesh, force_within))
     if error_map is not None:
         with progress() as say:
-            coarseness = pp.force_error_map(fitted, progress=say)
+            coarseness = pp.force_error_map(fitted, radius, progress=say)
         write_error_map(error_map, coarseness, force_within)
     typer.echo(f"{len(solid.nodes)} nodes, {len(fitted.fixed)} held; wrote {output}")
 

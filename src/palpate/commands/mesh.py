@@ -157,7 +157,7 @@ def mesh_command(
     typer.echo(str(pp.mesh_quality(mesh, stored)))
     if made is not None:
         typer.echo(option_names(made.text()))
-        typer.echo(f"touch it with this radius: palpate touch ... --radius {made.error.radius:.3g}")
+        typer.echo(f"fit and touch it with this radius: --radius {made.error.radius:.3g}")
         if error_map is not None:
             write_error_map(error_map, made.error, 100 * made.within)
     typer.echo(f"wrote {output}")
