@@ -327,7 +327,9 @@ def pushes():
             made[f"{name}/{case}/sweeps"] = answer.sweeps
             made[f"{name}/{case}/error"] = answer.error if answer.error > ROUNDING else 0.0
     made["force map"] = pp.force_map(tissue, 4.0, 15.0, points)
-    select = public("select_model", "ladder")(tissue, within=0.5, force=0.1, contacts=2, models=["blocks", "springs"])
+    select = public("select_model", "ladder")(
+        tissue, within=0.5, force=0.1, contacts=2, element="P1", models=["blocks", "springs"]
+    )
     tried = next(v for v in vars(select).values() if isinstance(v, tuple))
     columns = zip(*(dataclasses.astuple(one)[1:5] for one in tried), strict=True)  # enough, sweeps, mm, share of force
     made.update({f"selection/{k}": np.array(column) for k, column in enumerate(columns)})

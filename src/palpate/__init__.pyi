@@ -57,6 +57,7 @@ from .reconstruction.self_calibration import image_shift as image_shift
 from .reconstruction.self_calibration import shift_panels as shift_panels
 from .reconstruction.self_calibration import view_gain as view_gain
 from .reconstruction.self_calibration import without_displacement as without_displacement
+from .report.force_error_plot import plot_force_error as plot_force_error
 from .report.score_report import score_report as score_report
 from .scans.analytic_phantoms import Box as Box
 from .scans.analytic_phantoms import Ellipsoid as Ellipsoid
@@ -101,9 +102,11 @@ from .studies.deformation.study import deformation_study as deformation_study
 from .studies.head.study import head_study as head_study
 from .studies.realtime.study import realtime_study as realtime_study
 from .studies.tomosynthesis.study import tomosynthesis_study as tomosynthesis_study
+from .tissue.adaptive_mesh import adaptive_mesh as adaptive_mesh
 from .tissue.boundary_conditions import fixed_beyond as fixed_beyond
 from .tissue.boundary_conditions import fixed_near as fixed_near
 from .tissue.boundary_conditions import resting_on as resting_on
+from .tissue.force_error_map import force_error_map as force_error_map
 from .tissue.io import read_tissue as read_tissue
 from .tissue.io import write_tissue as write_tissue
 from .tissue.lump_detectability import force_map as force_map

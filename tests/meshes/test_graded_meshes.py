@@ -210,3 +210,27 @@ def test_command(tmp_path):
     assert wrong.exit_code != 0
     assert "2:1.5: expected a label and a length in mm" in " ".join(wrong.output.replace("│", " ").split())
     assert not (tmp_path / "n.vtu").exists()
+
+
+def test_elements_are_shorter_at_the_points_alone():
+    """Points in the patient's axes, of a mesh whose labels do not begin at the origin."""
+    labels = organ_with_ball("ellipsoid", (20, 16, 14), (0, 0, 0), 3.0, (1.0, 0.8, 0.8))
+    line = np.stack(np.meshgrid(np.arange(10, 20, 1.0), np.arange(-16, 17, 1.0), np.arange(-14, 15, 1.0)), axis=-1)
+    mesh = pp.tetrahedralize(labels, "organ", 5, finer_at={2.5: line.reshape(-1, 3)})
+    assert angles(mesh.nodes, mesh.tets).min() >= 10
+    x = mesh.nodes[mesh.tets]
+    edge = np.mean([np.linalg.norm(x[:, i] - x[:, j], axis=1) for i in range(4) for j in range(i)], axis=0)
+    middle = x.mean(axis=1)[:, 0]
+    assert edge[middle > 10].mean() == pytest.approx(2.5, rel=0.2)
+    assert edge[middle < 2].mean() == pytest.approx(5, rel=0.2)
+    same = pp.tetrahedralize(labels, "organ", 5, finer_at={})
+    np.testing.assert_array_equal(same.nodes, pp.tetrahedralize(labels, "organ", 5).nodes)
+
+
+@pytest.mark.parametrize(
+    "wrong", [{6.0: [[0, 0, 0]]}, {0.1: [[0, 0, 0]]}, {float("nan"): [[0, 0, 0]]}, {2.5: [[0, 0]]}]
+)
+def test_points_and_lengths_that_cannot_be_are_refused(wrong):
+    labels = organ_with_ball("block", (12, 12, 12), (0, 0, 0), 3.0)
+    with pytest.raises(ValueError, match="finer_at"):
+        pp.tetrahedralize(labels, "organ", 5, finer_at=wrong)

@@ -1,5 +1,7 @@
 """Which model is needed: what is said of each is what it does."""
 
+import re
+
 import numpy as np
 import pytest
 from support.brick_meshes import block, brick
@@ -11,7 +13,7 @@ from palpate.tissue.model_selection import SKIPPED
 from palpate.tissue.spring_fitting import scattered_points, surface_normals, tilt_half
 
 TISSUE = block(6, poisson=0.4)
-ASKED = {"within": 0.3, "force": 0.05, "depth": 6.0, "radius": 15.0, "contacts": 3}
+ASKED = {"within": 0.3, "force": 0.05, "depth": 6.0, "radius": 15.0, "contacts": 3, "element": "smoothed"}
 
 
 @pytest.fixture(scope="module")
@@ -76,6 +78,22 @@ def test_at_finite_strain_the_finite_model_is_needed():
         pp.select_model(TISSUE, strain="plastic")
 
 
+def test_the_meshs_error_is_part_of_the_models_error():
+    """The exact solver of a mesh that is off by more than the force may be is not enough, and else has what is left."""
+    asked = {"within": 1.0, "depth": 2.0, "radius": 15.0, "contacts": 2, "models": ["compliance", "blocks"]}
+    off = pp.force_error_map(TISSUE, 15.0)
+    assert off.cautious > 0.03
+    coarse = pp.select_model(TISSUE, force=off.cautious - 0.001, **asked)
+    assert coarse.needed is None
+    assert coarse.trials[0].force < 1e-6
+    assert "needed: a finer mesh" in coarse.text()
+    fine = pp.select_model(TISSUE, force=off.cautious + 0.005, **asked)
+    assert fine.needed is not None
+    assert all(one.force <= 0.005 for one in fine.trials)
+    blocks = pp.select_model(TISSUE, force=off.cautious + 0.005, element="smoothed", **asked).trials[1]
+    assert blocks.sweeps < fine.trials[1].sweeps
+
+
 @pytest.mark.parametrize("name", ["within", "force", "depth", "contacts"])
 def test_wishes_for_nothing_are_refused(name):
     with pytest.raises(ValueError, match=f"{name}: 0"):
@@ -88,7 +106,15 @@ def test_the_command_says_which_model_is_needed(tmp_path):
     mesh = brick((4, 4, 4))
     pp.write_mesh(tmp_path / "mesh.vtu", mesh)
     words = ["fit", tmp_path / "mesh.vtu", "--young", 3, "--within", 0.5, "--up-to", 4, "-o", tmp_path / "tissue.vtu"]
+    words += ["--map", tmp_path / "map.png"]
     done = CliRunner().invoke(app, list(map(str, words)))
     assert done.exit_code == 0, done.output
     assert "within 0.5 mm and 5 % of force, pushes up to 4 mm" in done.output
-    assert "needed: " in done.output
+    assert "needed: a finer mesh" in done.output
+    assert "palpate mesh LABELS --within 3 --radius" in done.output
+    assert (tmp_path / "map.png").read_bytes().startswith(b"\x89PNG")
+    done = CliRunner().invoke(app, [*map(str, words), "--force-within", "90", "--radius", "20"])
+    assert "patch radius 20 mm" in done.output
+    assert "for a contact radius of 20 mm" in done.output
+    assert "finer" not in done.output
+    assert re.search(r"needed: [\w-]+, \d+ sweeps", done.output)

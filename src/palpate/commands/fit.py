@@ -12,6 +12,7 @@ import palpate as pp
 from palpate.commands.progress import doing, progress
 
 if TYPE_CHECKING:
+    from palpate.tissue.force_error_map import ForceErrorMap
     from palpate.tissue.tissue import Constant
 
 T = TypeVar("T", float, str)
@@ -75,6 +76,15 @@ def fit_command(
     ] = None,
     force_within: Annotated[float, typer.Option(help="And whose force is off by no more, %.")] = 5.0,
     up_to: Annotated[float, typer.Option(help="For pushes so deep, mm.")] = 10.0,
+    radius: Annotated[
+        float | None, typer.Option(help="Of the contacts in all this, mm. Default: two mean edges.", show_default=False)
+    ] = None,
+    error_map: Annotated[
+        Path | None,
+        typer.Option(
+            "--map", help="Picture of where the mesh is too coarse for the force: .png, .svg.", show_default=False
+        ),
+    ] = None,
     show_tissues: Annotated[
         bool, typer.Option("--list-tissues", help="Print the named tissues.", callback=list_tissues, is_eager=True)
     ] = False,
@@ -86,6 +96,9 @@ def fit_command(
 
     Which model is needed for 0.3 mm and 5 % of force in pushes of 10 mm:
     palpate fit kidney.vtu --young 15 --within 0.3 -o tissue.vtu
+
+    Where the mesh is too coarse for that force:
+    palpate fit kidney.vtu --young 15 --map map.png -o tissue.vtu
 
     With a stiff lump:
     palpate fit breast.vtu --young 3.25 --region-young lump=42.5 -o tissue.vtu
@@ -109,6 +122,10 @@ def fit_command(
     from palpate.tissue.named_tissues import material_lines
 
     writable(output)
+    if radius is not None and not radius > 0:
+        raise typer.BadParameter(f"{radius:g} mm; give the radius of the contacts, above 0", param_hint="--radius")
+    if error_map is not None:
+        writable(error_map)
     if output.suffix.lower() != ".vtu":
         raise FileError(f"{output}: tissue is written as .vtu; name it so")
     relaxing = None if relaxation is None else pp.Relaxation.parse(relaxation)
@@ -120,7 +137,7 @@ def fit_command(
     b = _by_region(solid, "--region-stiffening", float, stiffening, region_stiffening)
     if stiffness is not None or quantity is not None:
         E = _from_map(solid, stiffness, quantity, E, nu, kinds)
-    fixed = pp.resting_on(solid, _numbers("--rest-on", rest_on), depth)
+    fixed = pp.resting_on(solid, numbers("--rest-on", rest_on), depth)
     with progress() as say:
         fitted = pp.fit(
             solid,
@@ -129,6 +146,7 @@ def fit_command(
             fixed,
             law=law,
             element=element,
+            radius=radius,
             progress=say,
             tissue=kinds,
             relaxation=relaxing,
@@ -137,7 +155,7 @@ def fit_command(
         )
     pp.write_tissue(output, fitted)
     with doing("trying models"):
-        begin = starting_model(fitted)
+        begin = starting_model(fitted, radius)
     if element == "P1":
         typer.echo(P1_NOTE.format(output))
     typer.echo(f"palpate touch {shlex.quote(str(output))} begins with {begin.reason}")
@@ -153,8 +171,14 @@ def fit_command(
     typer.echo(fitted.report.text())
     if within is not None:
         with progress() as say:
-            found = pp.select_model(fitted, within, force_within / 100, up_to, progress=say)
+            found = pp.select_model(fitted, within, force_within / 100, up_to, radius, progress=say)
         typer.echo(found.text())
+        if found.mesh is not None and found.too_coarse:
+            typer.echo(_finer_mesh(found.mesh, force_within))
+    if error_map is not None:
+        with progress() as say:
+            coarseness = pp.force_error_map(fitted, radius, progress=say)
+        write_error_map(error_map, coarseness, force_within)
     typer.echo(f"{len(solid.nodes)} nodes, {len(fitted.fixed)} held; wrote {output}")
 
 
@@ -167,6 +191,31 @@ def _stiffening_text(most: float) -> str:
     )
 
 
+def write_error_map(path: Path, found: "ForceErrorMap", percent: float) -> None:
+    """Draws the map, red where the estimate is too near to `percent` % of the force."""
+    from palpate.atomic_write import replacing
+
+    figure = pp.plot_force_error(found, percent / 100)
+    with replacing(path) as temporary:
+        figure.savefig(temporary, format=path.suffix.lstrip(".").lower() or "png", dpi=150)
+    typer.echo(f"{path}: {found.text()}")
+
+
+def _finer_mesh(found: "ForceErrorMap", percent: float) -> str:
+    """What to do about a mesh that makes a larger error than `percent` % of the force: 0.6 of it leaves room for a model."""
+    import numpy as np
+
+    tissue = found.tissue
+    young = {int(r): float(tissue.young[tissue.mesh.region == r].mean()) for r in np.unique(tissue.mesh.region)}
+    base = max(young, key=lambda r: int((tissue.mesh.region == r).sum()))
+    words = ["palpate", "mesh", "LABELS", "--within", f"{0.6 * percent:.2g}", "--radius", f"{found.radius:.3g}"]
+    words += ["--poisson", f"{tissue.poisson.max():.4g}"]
+    for region in set(young) - {base}:
+        name = tissue.mesh.names.get(region, str(region))
+        words += ["--inclusion", name, "--stiffer", f"{name}={young[region] / young[base]:.3g}"]
+    return f"the mesh alone may be off by more than {percent:g} % of force; make a finer one: {shlex.join(words)}"
+
+
 def _inertia(damping: float | None, density: float | None) -> "pp.Inertia | None":
     if damping is None:
         if density is not None:
@@ -177,14 +226,15 @@ def _inertia(damping: float | None, density: float | None) -> "pp.Inertia | None
     return pp.Inertia(damping) if density is None else pp.Inertia(damping, density)
 
 
-def _numbers(option: str, text: str) -> list[float]:
+def numbers(option: str, text: str) -> list[float]:
+    """Three numbers from x,y,z."""
     try:
-        numbers = [float(part) for part in text.split(",")]
+        found = [float(part) for part in text.split(",")]
     except ValueError:
-        numbers = []
-    if len(numbers) != 3:
+        found = []
+    if len(found) != 3:
         raise typer.BadParameter(f"{text!r}: give three numbers, such as 0,0,-1", param_hint=option)
-    return numbers
+    return found
 
 
 def _by_region(

@@ -1,12 +1,14 @@
 """`palpate mesh`."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 import palpate as pp
-from palpate.commands.progress import doing
+from palpate.commands.fit import numbers, write_error_map
+from palpate.commands.option_names import option_names
+from palpate.commands.progress import progress
 
 
 def add(app: typer.Typer) -> None:
@@ -63,6 +65,24 @@ def mesh_command(
         str, typer.Option(help="stuffing, or tetwild (pip install 'palpate[tetwild]'; slow).")
     ] = "stuffing",
     most_lost: Annotated[float, typer.Option(help="Part of the volume that thin places may lose.")] = 0.05,
+    within: Annotated[
+        float | None,
+        typer.Option(help="Refine until the force of a contact is estimated within so many % at 95 % of the places."),
+    ] = None,
+    radius: Annotated[
+        float | None, typer.Option(help="Of that contact, mm. Default: two of --edge.", show_default=False)
+    ] = None,
+    poisson: Annotated[float, typer.Option(help="For --within: Poisson's ratio.")] = 0.45,
+    stiffer: Annotated[
+        list[str] | None,
+        typer.Option(help="For --within: how much stiffer an inclusion is: lump=10.", metavar="LABEL=RATIO"),
+    ] = None,
+    rest_on: Annotated[str, typer.Option(help="For --within: way to the table that holds it: x,y,z.")] = "0,0,-1",
+    most_tets: Annotated[int, typer.Option(help="For --within: about how many tetrahedra at most.")] = 150_000,
+    error_map: Annotated[
+        Path | None,
+        typer.Option("--map", help="For --within: picture of the estimated error: .png, .svg.", show_default=False),
+    ] = None,
 ) -> None:
     """Example: [bold]palpate mesh labels.nii.gz --label kidney_left --edge 4 -o kidney.vtu[/bold]
 
@@ -75,6 +95,9 @@ def mesh_command(
 
     One of two kidneys that have one label:
     palpate mesh labels.nii.gz --label kidney --keep left -o kidney.vtu
+
+    Fine enough for 3 % of the force of a contact of 8 mm radius:
+    palpate mesh labels.nii.gz --label kidney --within 3 --radius 8 -o kidney.vtu
     """
     import warnings
 
@@ -84,12 +107,19 @@ def mesh_command(
     from palpate.volumes.label_names import with_names
 
     writable(output)
+    if error_map is not None:
+        writable(error_map)
+    if within is None and (radius is not None or stiffer or error_map is not None):
+        raise typer.BadParameter("are for --within; give it too", param_hint="--radius, --stiffer, --map")
     mesh_format(output)
     if labels.suffix.lower() in READ:
+        if within is not None:
+            raise typer.BadParameter(f"{labels} is a mesh; give the labels it was made from", param_hint="--within")
         pp.write_mesh(output, pp.read_mesh(labels))
         typer.echo(f"wrote {output}")
         return
-    finer: dict[int | str, float] = dict(_label_and_edge(text) for text in fine or [])
+    finer: dict[int | str, float] = dict(_label_and_number("--fine", text, "length in mm") for text in fine or [])
+    ratios: dict[int | str, float] = dict(_label_and_number("--stiffer", text, "ratio") for text in stiffer or [])
     if is_surface(labels):
         stored = pp.read_surfaces(labels, edge, [Path(name) for name in inclusion or []])
         label, inclusion = "1", [str(number) for number in sorted(stored.names)[1:]]
@@ -97,27 +127,39 @@ def mesh_command(
         raise typer.BadParameter("which of the labels is the organ, by name or number", param_hint="--label")
     else:
         stored = with_names(pp.read_labels(labels), labels, names)
-    with warnings.catch_warnings(record=True) as said, doing(f"meshing {label}"):
+    options: dict[str, Any] = {
+        "inclusions": inclusion or [],
+        "fine": finer,
+        "interior": interior,
+        "keep": "all" if keep_all else _part(keep),
+        "fill_holes": not keep_voids,
+        "closed_at_border": closed_at_border,
+        "smooth": smooth,
+        "most_lost": most_lost,
+        "finer_where_thin": finer_where_thin,
+        "mesher": mesher,
+    }
+    made = None
+    with warnings.catch_warnings(record=True) as said, progress() as say:
         warnings.simplefilter("always", UserWarning)
-        mesh = pp.tetrahedralize(
-            stored,
-            label,
-            edge,
-            inclusions=inclusion or [],
-            fine=finer,
-            interior=interior,
-            keep="all" if keep_all else _part(keep),
-            fill_holes=not keep_voids,
-            closed_at_border=closed_at_border,
-            smooth=smooth,
-            most_lost=most_lost,
-            finer_where_thin=finer_where_thin,
-            mesher=mesher,
-        )
+        if within is None:
+            say(f"meshing {label}", 0.0)
+            mesh = pp.tetrahedralize(stored, label, edge, **options)
+            say(f"meshing {label}", 1.0)
+        else:
+            judged = {"poisson": poisson, "stiffer": ratios, "rest_on": numbers("--rest-on", rest_on)}
+            options |= judged | {"most_tets": most_tets, "progress": say}
+            made = pp.adaptive_mesh(stored, label, within / 100, edge, radius, **options)
+            mesh = made.mesh
     for warning in said:  # once the line of progress is gone
         warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
     pp.write_mesh(output, mesh)
     typer.echo(str(pp.mesh_quality(mesh, stored)))
+    if made is not None:
+        typer.echo(option_names(made.text()))
+        typer.echo(f"fit and touch it with this radius: --radius {made.error.radius:.3g}")
+        if error_map is not None:
+            write_error_map(error_map, made.error, 100 * made.within)
     typer.echo(f"wrote {output}")
 
 
@@ -130,9 +172,9 @@ def _part(text: str) -> str | int | list[float]:
     return int(numbers[0]) if len(numbers) == 1 and numbers[0].is_integer() else numbers
 
 
-def _label_and_edge(text: str) -> tuple[str, float]:
-    name, _, length = text.rpartition("=")
+def _label_and_number(option: str, text: str, what: str) -> tuple[str, float]:
+    name, _, number = text.rpartition("=")
     try:
-        return name, float(length)
+        return name, float(number)
     except ValueError:
-        raise typer.BadParameter(f"--fine {text}: expected a label and a length in mm, such as lump=1.5") from None
+        raise typer.BadParameter(f"{option} {text}: expected a label and a {what}, such as lump=1.5") from None

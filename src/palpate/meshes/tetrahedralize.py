@@ -5,14 +5,21 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from palpate.arrays import Float64, Int64
+from palpate.arrays import ArrayLike, Float64, Int64
 from palpate.errors import DataError, MeshError
 from palpate.meshes.ftetwild import check_tetwild, ftetwild
 from palpate.meshes.stuffing.level_set import Level
 from palpate.meshes.stuffing.nested_solids import Solid, solids
 from palpate.meshes.stuffing.organ_parts import Keep
 from palpate.meshes.stuffing.region_interfaces import divide_regions, own_volumes, touching
-from palpate.meshes.stuffing.sizing_field import Grading, check_edge, check_interior, edges_at, grading
+from palpate.meshes.stuffing.sizing_field import (
+    Grading,
+    check_edge,
+    check_interior,
+    checked_places,
+    edges_at,
+    grading,
+)
 from palpate.meshes.stuffing.thin_features import Lost, missed_places, predict_losses, smooth_surface
 from palpate.meshes.stuffing.volume_matching import StuffedMesh, level_of, stuff_to_volume
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
@@ -29,6 +36,7 @@ def tetrahedralize(
     inclusions: Sequence[int | str] = (),
     fine: Mapping[int | str, float] | None = None,
     interior: float | None = None,
+    finer_at: Mapping[float, ArrayLike] | None = None,
     keep: Keep = "largest",
     fill_holes: bool = True,
     closed_at_border: bool = False,
@@ -56,6 +64,9 @@ def tetrahedralize(
         A shorter edge for some inclusions, mm. Sizes are powers of two times each other, so both may be a fifth off.
     interior : float, optional
         A longer edge deep inside the organ, mm.
+    finer_at : mapping, optional
+        Shorter edges, mm, each with the points (P, 3), mm, near which elements are so small. An edge is kept between points
+        that lie no further apart than it.
     keep : str, int or array_like (3,), optional
         Which part of the organ remains, where several do not touch: "largest", which is the one that holds the inclusions,
         if there are some; "all"; the one furthest to the "left", "right", "posterior", "anterior", "superior" or
@@ -102,11 +113,12 @@ def tetrahedralize(
     if mesher not in ("stuffing", "tetwild"):
         raise DataError(f"mesher: expected 'stuffing' or 'tetwild', got {mesher!r}")
     check_interior(edge, interior)
+    places = checked_places(edge, finer_at or {})
     if mesher == "tetwild":
         check_tetwild()
-        if fine or interior:
+        if fine or interior or finer_at:
             raise DataError(
-                "fine, interior: mesher 'tetwild' makes elements of one size; leave them out, or use 'stuffing'"
+                "fine, interior, finer_at: mesher 'tetwild' makes elements of one size; leave them out, or use 'stuffing'"
             )
     bodies = solids(labels, label, inclusions, keep=keep, fill_holes=fill_holes, closed_at_border=closed_at_border)
     edges = edges_at(bodies, edge, {labels.value_of(key): length for key, length in (fine or {}).items()})
@@ -116,7 +128,9 @@ def tetrahedralize(
         nodes, tets, owned, lost = _divided(bodies, made, edges, smooth)
     else:
         _check_thin(bodies[0], edge / 2 ** max(THIN_HALVINGS) if finer_where_thin else edge, most_lost)
-        sizes = grading(bodies, edges, interior)
+        first, spacing = bodies[0].corner, np.array(labels.grid.spacing)
+        near = {h: ((labels.grid.indices(x) - first) * spacing)[:, ::-1] for h, x in places.items() if len(x)}
+        sizes = grading(bodies, edges, interior, near)
         nodes, tets, owned, lost = _meshed(bodies, edges, sizes, smooth, finer_where_thin)
     _warn_of_losses(bodies[0], edge, lost, most_lost)
     region = np.array([body.value for body in bodies])[owned]

@@ -72,8 +72,8 @@ def surfaces(mesh: TetMesh, faces: Mapping[str, Int32], eye: tuple[float, float]
     figure = Figure(figsize=(5.2 * len(faces), 4.8), layout="constrained")
     for i, (name, triangles) in enumerate(faces.items()):
         axes = figure.add_subplot(1, len(faces), i + 1, projection="3d")
-        _solid(axes, mesh.nodes, triangles, OUTLINES[i % len(OUTLINES)])
-        _framed(axes, mesh.nodes[np.unique(triangles)], eye)
+        draw_solid(axes, mesh.nodes, triangles, OUTLINES[i % len(OUTLINES)])
+        draw_frame(axes, mesh.nodes[np.unique(triangles)], eye)
         axes.set_title(name, fontsize=10, color=INK)
     return figure
 
@@ -84,13 +84,13 @@ def surface_map(
     """Values (P,) at surface points (P, 3) mm, drawn as dots on the organ's shaded skin."""
     figure = Figure(figsize=(8.5, 4.6), layout="constrained")
     axes = figure.add_subplot(projection="3d")
-    _solid(axes, mesh.nodes, mesh.surface, "#b8c4cf", alpha=0.35)
+    draw_solid(axes, mesh.nodes, mesh.surface, "#b8c4cf", alpha=0.35)
     order = np.argsort(np.abs(values))
     size = 14 + 60 * np.abs(values[order]) / max(np.abs(values).max(), 1e-30)
     dots = axes.scatter(*points[order].T, c=values[order], s=size, cmap="viridis", depthshade=False)
     bar = figure.colorbar(dots, ax=axes, shrink=0.7, pad=0.02)
     bar.set_label(unit)
-    _framed(axes, mesh.nodes, eye)
+    draw_frame(axes, mesh.nodes, eye)
     return figure
 
 
@@ -121,13 +121,15 @@ def _row(count: int, aspect: float) -> Figure:
     return figure
 
 
-def _solid(axes: object, nodes: Float64, triangles: Int32, colour: object, alpha: float = 1.0) -> None:
+def draw_solid(axes: object, nodes: Float64, triangles: Int32, colour: object, alpha: float = 1.0) -> None:
+    """Shaded triangles (F, 3), of one colour or of one each."""
     skin = Poly3DCollection(nodes[triangles], facecolors=colour, shade=True, lightsource=LightSource(225, 45))
     skin.set_alpha(alpha)
     axes.add_collection3d(skin)  # type: ignore[attr-defined]
 
 
-def _framed(axes: object, points: Float64, eye: tuple[float, float]) -> None:
+def draw_frame(axes: object, points: Float64, eye: tuple[float, float]) -> None:
+    """Limits, labels and the view of a solid in mm."""
     low, high = points.min(axis=0), points.max(axis=0)
     for name, a, b in zip("xyz", low, high, strict=True):
         getattr(axes, f"set_{name}lim")(a, b)

@@ -2,13 +2,14 @@
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from palpate.arrays import Float64
 from palpate.errors import DataError
 from palpate.tissue.contact_patches import Answer
+from palpate.tissue.force_error_map import ForceErrorMap, force_error_map
 from palpate.tissue.models.registry import model, names
 from palpate.tissue.models.tissue_model import TissueModel
 from palpate.tissue.reference.solver import finite_elements, finite_strain
@@ -24,8 +25,8 @@ MOST = 8192
 class ModelTrial:
     """A model tried. sweeps: the fewest tried that are enough, else the most; displacement: mm, greatest nodal error.
 
-    force: greatest relative error of the force. seconds: processor time of a cold push, median. making: to make the
-    model and answer a first push.
+    force: greatest relative error of the force, against finite elements on the same mesh. seconds: processor time of a cold
+    push, median. making: to make the model and answer a first push.
     """
 
     name: str
@@ -39,7 +40,11 @@ class ModelTrial:
 
 @dataclass(frozen=True)
 class ModelSelection:
-    """What was asked (mm, share of force, mm of push, mm of patch), of which truth, and how each model does."""
+    """What was asked (mm, share of force, mm of push, mm of patch), of which truth, and how each model does.
+
+    mesh: the estimated error of the force that the mesh makes, of which each model leaves room for `mesh.cautious`; None
+    if the truth is the finite elements themselves.
+    """
 
     within: float
     force: float
@@ -48,6 +53,12 @@ class ModelSelection:
     truth: str
     contacts: int
     trials: tuple[ModelTrial, ...]
+    mesh: ForceErrorMap | None = None
+
+    @property
+    def too_coarse(self) -> bool:
+        """Whether the mesh alone makes a larger error of the force than was asked, whichever the model."""
+        return self.mesh is not None and self.mesh.cautious >= self.force
 
     @property
     def needed(self) -> ModelTrial | None:
@@ -60,8 +71,14 @@ class ModelSelection:
             f"within {self.within:g} mm and {100 * self.force:g} % of force, pushes up to {self.depth:g} mm "
             f"({self.contacts} contacts, patch radius {self.radius:.3g} mm, against finite elements: {self.truth}):"
         ]
+        if self.mesh is not None:
+            lines.append(f"  {self.mesh.text()}; counted as {self.mesh.cautious:.1%}, as estimates run low")
         for r in self.trials:
-            how = f"with {r.sweeps} sweeps" if r.enough else f"not, even with {r.sweeps} sweeps"
+            how = f"not, even with {r.sweeps} sweeps"
+            if r.enough:
+                how = f"with {r.sweeps} sweeps"
+            elif self.too_coarse:
+                how = f"not, the mesh is too coarse; with {r.sweeps} sweeps"
             if not np.isfinite(r.displacement):
                 lines.append(f"  {r.name:>12}: not, some pushes are too deep for it")
                 continue
@@ -70,7 +87,8 @@ class ModelSelection:
                 f"{1e3 * r.seconds:.3g} ms a push"
             )
         best = self.needed
-        lines.append(f"  needed: {best.name}, {best.sweeps} sweeps" if best else "  no model here is good enough")
+        none = "needed: a finer mesh" if self.too_coarse else "no model here is good enough"
+        lines.append(f"  needed: {best.name}, {best.sweeps} sweeps" if best else f"  {none}")
         return "\n".join(lines)
 
 
@@ -89,7 +107,7 @@ def select_model(
     """Try all models against finite elements, and find the fewest sweeps that are accurate enough.
 
     Each push starts from rest. No model was fitted to these pushes. The first half goes along the inward normal, the rest
-    45° to it.
+    45° to it. The force is that of the continuum: what `force_error_map` estimates for the mesh is part of its error.
 
     Parameters
     ----------
@@ -104,7 +122,8 @@ def select_model(
     radius : float, optional
         Radius of the contact, mm. The default is two mean edges.
     element : str, optional
-        Element of the finite elements. The default is the tissue's.
+        Element of finite elements that are taken for the truth, without the mesh's error. The default is the tissue's, with
+        it (of P2 and mixed there is no estimate).
     strain : {"linear", "finite"}, optional
         Strain of the finite elements; "finite" is neo-Hookean, or Demiray's law of a tissue that stiffens.
     models : sequence of str, optional
@@ -116,7 +135,7 @@ def select_model(
 
     Returns
     -------
-    Ladder
+    ModelSelection
         Every model tried, and the fastest one that is accurate enough (`needed`). Its `text()` prints well.
 
     Raises
@@ -142,6 +161,11 @@ def select_model(
     pushes = tilt_half(-depth * surface_normals(tissue, points))
     truth = finite_elements(tissue, element)
     solver = truth if strain == "linear" else finite_strain(tissue, element)
+    mesh = None
+    if element is None and tissue.element in AT_NODES:
+        mesh = force_error_map(tissue, r, progress=progress)
+    coarse = mesh is not None and mesh.cautious >= force
+    room = force if mesh is None or coarse else force - mesh.cautious
     progress("finite elements", 0.0)
     true = [solver.push(x, w, r) for x, w in zip(points, pushes, strict=True)]
     every = names() if tissue.element in AT_NODES else ("springs",)
@@ -149,9 +173,10 @@ def select_model(
     tried = []
     for k, name in enumerate(wanted):
         progress(f"trying {name}", k / len(wanted))
-        tried.append(_fewest_sweeps(tissue, name, _Trial(points, pushes, r, true), within, force))
+        found = _fewest_sweeps(tissue, name, _Trial(points, pushes, r, true), within, room)
+        tried.append(replace(found, enough=False) if coarse else found)
     progress("models tried", 1.0)
-    return ModelSelection(within, force, depth, r, f"{truth.element}, {strain} strain", contacts, tuple(tried))
+    return ModelSelection(within, force, depth, r, f"{truth.element}, {strain} strain", contacts, tuple(tried), mesh)
 
 
 @dataclass(frozen=True)

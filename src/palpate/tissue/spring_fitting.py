@@ -149,8 +149,8 @@ def compare(truth: FiniteElements, model: SpringModel, points: Float64, push: Fl
     return FitReport(truth.element, r, d, points, push, *arrays, error_map)
 
 
-def scattered_points(tissue: Tissue, count: int) -> Float64:
-    """(count, 3) mm: points at random over the surface that no held node borders, the same each time.
+def scattered_points(tissue: Tissue, count: int, seed: int = 0) -> Float64:
+    """(count, 3) mm: points at random over the surface that no held node borders, the same for each seed.
 
     Raises `MaterialError` when all of the surface is held.
     """
@@ -160,7 +160,7 @@ def scattered_points(tissue: Tissue, count: int) -> Float64:
         raise MaterialError("fixed: no room left to touch, all of the surface is held; hold fewer nodes")
     a, b, c = (mesh.nodes[triangles[:, k]] for k in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    rng = np.random.default_rng(0)
+    rng = np.random.default_rng(seed)
     t = rng.choice(len(triangles), count, p=area / area.sum())
     s, q = np.sqrt(rng.random((count, 1))), rng.random((count, 1))
     return np.asarray((1 - s) * a[t] + s * (1 - q) * b[t] + s * q * c[t])

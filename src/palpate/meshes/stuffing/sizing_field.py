@@ -7,7 +7,7 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from palpate.arrays import ArrayLike, Bool, Float64, Int64
+from palpate.arrays import ArrayLike, Bool, Float64, Int64, float64
 from palpate.errors import MeshError
 from palpate.meshes.stuffing.bcc_lattice import Lattice
 from palpate.meshes.stuffing.graded_bcc_lattice import octree
@@ -127,13 +127,20 @@ def check_edge(body: Solid, edge: float) -> None:
         )
 
 
-def grading(bodies: Sequence[Solid], edges: Sequence[float], interior: float | None = None) -> Grading | None:
+def grading(
+    bodies: Sequence[Solid],
+    edges: Sequence[float],
+    interior: float | None = None,
+    finer_at: Mapping[float, Float64] | None = None,
+) -> Grading | None:
     """The grading nearest to the `edges` (bodies,) mm asked for, that of the first body at its surface alone.
 
-    interior: mm, the edge deep inside the first body. None if all are the same; refuses too many tets.
+    interior: mm, the edge deep inside the first body. finer_at: shorter edges, mm, and points (P, 3) mm near which they
+    are wanted. None if all are the same; refuses too many tets.
     """
     coarse = edges[0] if interior is None else interior
-    asked = np.log2(coarse / np.array(edges, dtype=np.float64))
+    places = finer_at or {}
+    asked = np.log2(coarse / np.array([*edges, *places], dtype=np.float64))
     if not (asked > 0).any():
         return None
     shifts = np.linspace(-0.5, 0.5, 201)
@@ -142,10 +149,12 @@ def grading(bodies: Sequence[Solid], edges: Sequence[float], interior: float | N
     halvings = np.maximum(np.round(asked + shift), 0).astype(int)
     masks = [_surface_voxels(bodies[0]), *(body.mask for body in bodies[1:])]
     spacing = np.array(bodies[0].grid.spacing)[::-1]
-    trees = [cKDTree(np.argwhere(mask & (n > 0))[:, ::-1] * spacing) for mask, n in zip(masks, halvings, strict=True)]
-    reach = (SHORT_REACH, *(REACH,) * (len(bodies) - 1))
+    trees = [cKDTree(np.argwhere(mask & (n > 0))[:, ::-1] * spacing) for mask, n in zip(masks, halvings, strict=False)]
+    trees += [cKDTree(points) for points in places.values()]
+    reach = (SHORT_REACH, *(REACH,) * (len(bodies) - 1), *(SHORT_REACH,) * len(places))
     sizes = Grading(2**shift * coarse / edges[0], tuple(int(n) for n in halvings), tuple(trees), reach)
     _check_fine(bodies, edges, sizes)
+    _check_places(places)
     return sizes
 
 
@@ -158,6 +167,27 @@ def _check_fine(bodies: Sequence[Solid], edges: Sequence[float], sizes: Grading)
             f"{tets / 1e6:.3g} million tets, at most {MOST_TETS // 1_000_000} million are allowed; use "
             f"{edges[finest] * (tets / MOST_TETS) ** (1 / 3):.2g} mm or more"
         )
+
+
+def _check_places(places: Mapping[float, Float64]) -> None:
+    """Raises `MeshError` if the cells that hold the points alone make too many tets."""
+    for length, points in places.items():
+        tets = 12 * len(np.unique(np.floor(points / (CELL * length)), axis=0))
+        if tets > MOST_TETS:
+            raise MeshError(
+                f"finer_at: {length:g} mm makes at least {tets / 1e6:.3g} million tets, at most {MOST_TETS // 1_000_000} "
+                f"million are allowed; use {length * (tets / MOST_TETS) ** (1 / 3):.2g} mm or more, or fewer points"
+            )
+
+
+def checked_places(edge: float, finer_at: Mapping[float, ArrayLike]) -> dict[float, Float64]:
+    """Arrays of the points by length. Raises `MeshError` for lengths, `DataError` for points that cannot be."""
+    for length in finer_at:
+        if not (np.isfinite(length) and edge / 2**MOST_HALVINGS <= length <= edge):
+            raise MeshError(
+                f"finer_at: expected an edge from 1/{2**MOST_HALVINGS} of the organ's {edge:g} mm up to it, got {length!r}"
+            )
+    return {float(length): float64("finer_at", points, (None, 3)) for length, points in finer_at.items()}
 
 
 def _surface_voxels(body: Solid) -> Bool:

@@ -114,6 +114,6 @@ def fitted(setting: Setting) -> dict[str, list[Row]]:
         {"x": float(x[0]), "y": float(x[1]), "z": float(x[2]), "error_mm": float(e)}
         for x, e in zip(tissue.mesh.nodes[nodes], tissue.report.error_map[nodes], strict=True)
     ]
-    found = select_model(tissue, *ASKED, contacts=setting.contacts)
+    found = select_model(tissue, *ASKED, element=tissue.element, contacts=setting.contacts)
     text = [{"line": line} for line in (*tissue.report.text().splitlines(), *found.text().splitlines())]
     return {"kidney_error": error, "kidney_words": text}
