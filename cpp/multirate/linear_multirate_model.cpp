@@ -7,12 +7,12 @@ namespace palpate {
 namespace {
 
 using State = LinearMultirateState;
-constexpr int most = State::most;
+constexpr int most_unknowns = State::most;
 constexpr int most_repeats = 16; // of a request for patches that stay; more iterations would change nothing
 
 // The stiffness of the other contacts when one is free: K_aa - K_ab K_bb^-1 K_ba. K: (n, n), becomes (n - 3, n - 3).
 void release(double* K, int n, int gone) {
-    double part[9], inverse[9] = {}, out[most * most];
+    double part[9], inverse[9] = {}, out[most_unknowns * most_unknowns];
     for (int k = 0; k < 9; k++) part[k] = K[n * (3 * gone + k / 3) + 3 * gone + k % 3];
     if (!invert_positive(part, 3, inverse)) std::fill_n(inverse, 9, 0.0); // its stiffness was not known yet
     const auto at = [&](int k) { return k < 3 * gone ? k : k + 3; };
@@ -30,7 +30,7 @@ bool refused(const State& s) { return s.newest->serial == s.serial && !s.newest-
 
 // A contact more: without stiffness until that is known.
 void admit(double* K, int n) {
-    double out[most * most] = {};
+    double out[most_unknowns * most_unknowns] = {};
     for (int i = 0; i < n; i++) std::copy_n(K + n * i, n, out + (n + 3) * i);
     std::copy_n(out, (n + 3) * (n + 3), K);
 }

@@ -127,6 +127,6 @@ def test_an_error_of_the_model_is_reported_and_its_contact_refused(ball, top, mo
     assert (session.step([pp.Command(True, tuple(top), (0, 0, -1.0))] * 3) == 0).all()
     assert set(told) == {ZeroDivisionError}
     with pytest.raises(
-        MaterialError, match="choose one of springs, blocks, multigrid, compliance, neo-hookean, fibres"
+        MaterialError, match="choose one of springs, blocks, multigrid, compliance, neo-hookean, compliance-P1, fibres"
     ):
         pp.model(ball, "jelly")

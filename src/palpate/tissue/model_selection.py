@@ -147,7 +147,7 @@ def select_model(
 
     Examples
     --------
-    >>> found = pp.select_model(tissue, depth=2, contacts=1, models=["multigrid"])
+    >>> found = pp.select_model(tissue, force=0.5, depth=2, contacts=1, models=["multigrid"])
     >>> found.needed.name
     'multigrid'
     """
