@@ -221,8 +221,9 @@ def _refuse_ratios(ratio: Float64, element: str) -> None:
 
 def mesh_edges(mesh: TetMesh) -> Int32:
     """(E, 2) edges of a mesh, lower node index first, sorted, each once."""
-    pairs = np.concatenate([mesh.tets[:, [a, b]] for a in range(4) for b in range(a + 1, 4)])
-    return np.unique(np.sort(pairs, axis=1), axis=0).astype(np.int32)
+    pairs = np.concatenate([mesh.tets[:, [a, b]] for a in range(4) for b in range(a + 1, 4)]).astype(np.int64)
+    numbers = np.unique(pairs.min(axis=1) * len(mesh.nodes) + pairs.max(axis=1))  # whole pairs sort eight times slower
+    return np.stack(np.divmod(numbers, len(mesh.nodes)), axis=1).astype(np.int32)
 
 
 def constant_per_tet(name: str, value: Constant, mesh: TetMesh) -> Float64:
