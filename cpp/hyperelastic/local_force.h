@@ -10,8 +10,8 @@ namespace palpate {
 // the way from rest to d0 it is the polynomial of fifth degree that both ends ask for, beyond d0 the Taylor series,
 // whose second derivative fades: a hand that runs ahead of the solutions is not led by a stiffness it has left. Of
 // tissue that stiffens, which would be felt far too soft there, it has the second and third derivative of the power of
-// |d| that has the solution's value and slope: the slope is known better than the second derivative. Forces
-// are its gradient, so that contacts which return to where they were have done no work.
+// |d| that has the solution's value and slope: the slope is known better than the second derivative. Forces are its
+// gradient, so that contacts which return to where they were have done no work.
 struct LocalForce {
     static constexpr int most = 3 * TissueModel::max_patches;
     static constexpr double fading = 1.5; // of d0: the way in which the second derivative fades

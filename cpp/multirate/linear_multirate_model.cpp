@@ -1,13 +1,16 @@
 #include "multirate/linear_multirate_model.h"
+#include "base/vec3.h"
 #include "linalg/small_dense.h"
 #include "multirate/contact_tracking.h"
 #include "tissue/stiffness_blend.h"
+#include <cmath>
 
 namespace palpate {
 namespace {
 
 using State = LinearMultirateState;
 constexpr int most_unknowns = State::most;
+constexpr double home[3] = {0, 0, 0};
 constexpr int most_repeats = 16; // of a request for patches that stay; more iterations would change nothing
 
 // The stiffness of the other contacts when one is free: K_aa - K_ab K_bb^-1 K_ba. K: (n, n), becomes (n - 3, n - 3).
@@ -26,19 +29,65 @@ void release(double* K, int n, int gone) {
     std::copy_n(out, (n - 3) * (n - 3), K);
 }
 
+// The stiffness that gives the force of now from the whole displacement, and its difference to the newest solution's.
+void rebase(State& s, const double* displacement) {
+    const int n = 3 * int(s.values[State::contacts_at]);
+    double *K = &s.values[State::stiffness_at], *origin = &s.values[State::origin_at], square = 0;
+    for (int k = 0; k < n; k++) square += displacement[k] * displacement[k];
+    for (int i = 0; i < n && square > 0; i++) {
+        double held = 0; // force that the origins take away
+        for (int j = 0; j < n; j++) held += K[n * i + j] * origin[j];
+        for (int j = 0; j < n; j++) K[n * i + j] -= held * displacement[j] / square;
+    }
+    std::fill_n(origin, n, 0.0);
+    for (int k = 0; k < n * n; k++) s.values[State::offset_at + k] = K[k] - s.newest->stiffness[k];
+}
+
 bool refused(const State& s) { return s.newest->serial == s.serial && !s.newest->good; }
 
-// A contact more: without stiffness until that is known.
-void admit(double* K, int n) {
+// A contact more, of stiffness `guess` alone.
+void admit(double* K, int n, double guess) {
     double out[most_unknowns * most_unknowns] = {};
     for (int i = 0; i < n; i++) std::copy_n(K + n * i, n, out + (n + 3) * i);
+    for (int i = n; i < n + 3; i++) out[(n + 3) * i + i] = guess;
     std::copy_n(out, (n + 3) * (n + 3), K);
 }
 
 } // namespace
 
+LinearMultirateModel::LinearMultirateModel(const MultigridModel& model, int interval, std::vector<double> position,
+                                           std::vector<double> shear, const std::vector<ContactPatch>& samples)
+    : model(model), interval(interval), position(std::move(position)), shear(std::move(shear)) {
+    ContactStiffnessSolver solver(model);
+    StiffnessAnswer answer = solver.blank();
+    StiffnessRequest request;
+    request.contacts = 1;
+    for (const ContactPatch& patch : samples) {
+        request.serial++;
+        request.patch[0].copy(patch);
+        solver.solve(request, answer);
+        for (int i = 0; i < 3 && answer.good; i++) {
+            double row = 0; // the largest of these sums is no less than the largest eigenvalue
+            for (int j = 0; j < 3; j++) row += std::abs(answer.stiffness[3 * i + j]);
+            most_stiff = std::max(most_stiff, row / scale_of(patch));
+        }
+    }
+}
+
+// A density (1 - rho^2)^2 over a disc has half its radius as root mean square.
+double LinearMultirateModel::scale_of(const ContactPatch& patch) const {
+    double middle[3], square = 0, modulus = 0;
+    patch.mean(position.data(), middle);
+    for (int i = 0; i < patch.count; i++) {
+        square += patch.weight[i] * square_of_distance(&position[3 * size_t(patch.node[i])], middle);
+        modulus += patch.weight[i] * shear[patch.node[i]];
+    }
+    return modulus * 2 * std::sqrt(square);
+}
+
 void LinearMultirateState::reset() {
     values.assign(size, 0.0);
+    shown_contacts = 0;
     serial++;
     repeats = 0;
 }
@@ -46,6 +95,7 @@ void LinearMultirateState::reset() {
 std::unique_ptr<ModelState> LinearMultirateModel::make_state() const {
     auto state = std::make_unique<State>(model);
     state->u.assign(3 * size_t(nodes()), 0);
+    state->lags = true;
     state->owner = this;
     return state;
 }
@@ -58,21 +108,23 @@ bool LinearMultirateModel::relax(ModelState& state, const ContactPatch* patches,
     s.ticks++;
     if (prescribed == 0) {
         if (s.values[State::contacts_at] > 0) s.reset();
-        s.stale = s.blending = false;
+        s.stale = false;
     } else {
-        follow_contacts(s, prescribed, displacement);
-        exchange_solutions(s, patches);
+        follow_contacts(s, patches, prescribed, displacement);
+        exchange_solutions(s, patches, displacement);
         if (refused(s)) {
             s.refused_events = s.events;
             return false;
         }
         const int n = 3 * prescribed;
         double *K = &s.values[State::stiffness_at], *offset = &s.values[State::offset_at];
+        const double* origin = &s.values[State::origin_at];
         s.stale = !s.known();
-        s.blending = s.stale || StiffnessBlend::advance(K, offset, s.newest->stiffness, n, displacement);
+        if (!s.stale) std::copy_n(displacement, n, s.shown), s.shown_contacts = prescribed;
+        if (!s.stale) StiffnessBlend::advance(K, offset, s.newest->stiffness, n, displacement);
         for (int i = 0; i < n; i++) {
             force[i] = 0;
-            for (int j = 0; j < n; j++) force[i] -= K[n * i + j] * displacement[j];
+            for (int j = 0; j < n; j++) force[i] -= K[n * i + j] * (displacement[j] - origin[j]);
         }
         std::copy_n(displacement, n, &s.values[State::displacement_at]);
     }
@@ -80,15 +132,23 @@ bool LinearMultirateModel::relax(ModelState& state, const ContactPatch* patches,
     return true;
 }
 
-void LinearMultirateModel::follow_contacts(State& s, int prescribed, const double* displacement) const {
+// A new contact is taken to be as stiff as the stiffest sample, until its own stiffness is known: one that grew in a
+// tissue that has been displaced would give energy away, one that falls does not. Beside others it lands where these
+// have taken the tissue, without a force.
+void LinearMultirateModel::follow_contacts(State& s, const ContactPatch* patches, int prescribed,
+                                           const double* displacement) const {
     const int before = int(s.values[State::contacts_at]);
     if (before == prescribed) return;
     double* K = &s.values[State::stiffness_at];
-    for (int now = before; now < prescribed; now++) admit(K, 3 * now);
+    double *d = &s.values[State::displacement_at], *origin = &s.values[State::origin_at];
+    for (int now = before; now < prescribed; now++) {
+        admit(K, 3 * now, most_stiff * scale_of(patches[now]));
+        std::copy_n(before > 0 ? displacement + 3 * now : home, 3, origin + 3 * now);
+    }
     for (int now = before; now > prescribed; now--) {
-        double* d = &s.values[State::displacement_at];
         const int gone = now == prescribed + 1 ? contact_gone(d, now, displacement) : now - 1;
         release(K, 3 * now, gone);
+        for (double* list : {d, origin}) std::copy(list + 3 * gone + 3, list + 3 * now, list + 3 * gone);
     }
     s.values[State::contacts_at] = prescribed;
     s.serial++;
@@ -97,28 +157,25 @@ void LinearMultirateModel::follow_contacts(State& s, int prescribed, const doubl
 
 // Takes an answer that is there, and asks for another one if nothing is under way: by the clock as the thread is ready,
 // in lockstep after `interval` ticks, and in a replay as recorded.
-void LinearMultirateModel::exchange_solutions(State& s, const ContactPatch* patches) const {
-    enum Event { requested = 1, taken = 2 }; // ModelState::events
+void LinearMultirateModel::exchange_solutions(State& s, const ContactPatch* patches, const double* displacement) const {
     const int contacts = int(s.values[State::contacts_at]);
     const bool replayed = s.recorded_events >= 0;
     const int recorded = s.recorded_events & ~s.events;
-    const bool comes = replayed   ? recorded & taken
+    const bool comes = replayed   ? recorded & SolverEvent::taken
                        : s.thread ? s.thread->has_answer()
                                   : s.is_pending && s.ticks - s.sent >= interval;
     if (comes) {
         if (!s.thread) std::swap(s.held, s.pending);
         s.newest = s.thread ? &s.thread->answer() : &s.held;
-        if (s.known())
-            for (int k = 0; k < 9 * contacts * contacts; k++)
-                s.values[State::offset_at + k] = s.values[State::stiffness_at + k] - s.newest->stiffness[k];
+        if (s.known()) rebase(s, displacement);
         s.is_pending = false;
-        s.events |= taken;
+        s.events |= SolverEvent::taken;
         if (refused(s)) return;
     }
     for (int c = 0; c < contacts; c++)
         if (!same(patches[c], s.last_patch[c])) s.repeats = 0;
     const bool free = s.thread ? s.thread->is_free() : !s.is_pending;
-    if (!(replayed ? recorded & requested : free && s.repeats < most_repeats)) return;
+    if (!(replayed ? recorded & SolverEvent::requested : free && s.repeats < most_repeats)) return;
     StiffnessRequest& request = s.thread ? s.thread->request() : s.asked;
     request.serial = s.serial;
     request.contacts = contacts;
@@ -131,7 +188,7 @@ void LinearMultirateModel::exchange_solutions(State& s, const ContactPatch* patc
     }
     s.repeats++;
     s.sent = s.ticks;
-    s.events |= requested;
+    s.events |= SolverEvent::requested;
 }
 
 // By the newest solution's columns; while there is none, what they were.
@@ -151,13 +208,13 @@ void LinearMultirateModel::observe(State& s, const ContactPatch* patches, int pr
     }
 }
 
+// Where contacts have closed or opened since the newest solution, the field stays as it was until the next one.
 void LinearMultirateModel::displayed_displacement(ModelState& state, const int* nodes, int count, float* out) const {
     auto& s = static_cast<State&>(state);
     const size_t stride = 3 * size_t(this->nodes());
-    const int n = s.known() ? 3 * int(s.values[State::contacts_at]) : 0;
     std::fill_n(out, 3 * size_t(count), 0.0f);
-    for (int k = 0; k < n; k++) {
-        const float d = float(s.values[State::displacement_at + k]), *u = &s.newest->u[k * stride];
+    for (int k = 0; k < s.shown_unknowns(); k++) {
+        const float d = float(s.shown[k]), *u = &s.newest->u[k * stride];
         for (int i = 0; i < count; i++)
             for (int c = 0; c < 3; c++) out[3 * size_t(i) + c] += d * u[3 * size_t(nodes[i]) + c];
     }
@@ -166,11 +223,9 @@ void LinearMultirateModel::displayed_displacement(ModelState& state, const int* 
 void LinearMultirateModel::displacement(ModelState& state, double* out) const {
     auto& s = static_cast<State&>(state);
     const size_t stride = 3 * size_t(nodes());
-    const int n = s.known() ? 3 * int(s.values[State::contacts_at]) : 0;
     std::fill_n(out, stride, 0.0);
-    for (int k = 0; k < n; k++)
-        for (size_t i = 0; i < stride; i++)
-            out[i] += s.values[State::displacement_at + k] * double(s.newest->u[k * stride + i]);
+    for (int k = 0; k < s.shown_unknowns(); k++)
+        for (size_t i = 0; i < stride; i++) out[i] += s.shown[k] * double(s.newest->u[k * stride + i]);
 }
 
 void LinearMultirateModel::begin_realtime(ModelState& state) const {

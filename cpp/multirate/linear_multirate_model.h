@@ -4,6 +4,7 @@
 // TissueModel.
 #include "multirate/contact_stiffness_solver.h"
 #include "multirate/solver_thread.h"
+#include <algorithm>
 
 namespace palpate {
 
@@ -15,7 +16,8 @@ struct LinearMultirateState : ModelState {
         offset_at = stiffness_at + most * most,
         displacement_at = offset_at + most * most,
         observed_at = displacement_at + most,
-        size = observed_at + most
+        origin_at = observed_at + most,
+        size = origin_at + most
     };
     explicit LinearMultirateState(const MultigridModel& model)
         : solver(model), pending(solver.blank()), held(pending), values(size, 0.0) {}
@@ -34,8 +36,11 @@ struct LinearMultirateState : ModelState {
     int refused_events = 0;
     ContactPatch last_patch[TissueModel::max_patches];
     // The number of contacts; the stiffness in use and its difference to the newest solution's; the displacements of
-    // prescribed contacts, and of observed ones.
+    // prescribed contacts, and of observed ones; and of those whose stiffness is a guess, where they have no force.
     std::vector<double> values;
+    double shown[most] = {}; // mm, of the contacts when the newest solution was last for them
+    int shown_contacts = 0;
+    int shown_unknowns() const { return newest->good ? 3 * std::min(shown_contacts, newest->contacts) : 0; }
     bool known() const {
         return newest->good && newest->serial == serial && newest->contacts == int(values[contacts_at]);
     }
@@ -43,8 +48,10 @@ struct LinearMultirateState : ModelState {
 
 class LinearMultirateModel : public TissueModel {
 public:
-    // model: must outlive this. interval: ticks that a solution takes in lockstep.
-    LinearMultirateModel(const MultigridModel& model, int interval) : model(model), interval(interval) {}
+    // model: must outlive this. interval: ticks that a solution takes in lockstep. position: (nodes, 3) mm. shear:
+    // (nodes) N/mm^2. samples: some contacts, from whose stiffness that of new ones is guessed.
+    LinearMultirateModel(const MultigridModel& model, int interval, std::vector<double> position,
+                         std::vector<double> shear, const std::vector<ContactPatch>& samples);
 
     int nodes() const override { return model.nodes(); }
     std::unique_ptr<ModelState> make_state() const override;
@@ -59,8 +66,12 @@ public:
 
 private:
     const int interval;
-    void follow_contacts(LinearMultirateState& s, int prescribed, const double* displacement) const;
-    void exchange_solutions(LinearMultirateState& s, const ContactPatch* patches) const;
+    const std::vector<double> position, shear;
+    double most_stiff = 0;                            // of the samples: stiffness over shear modulus times radius
+    double scale_of(const ContactPatch& patch) const; // N/mm, its shear modulus times its radius
+    void follow_contacts(LinearMultirateState& s, const ContactPatch* patches, int prescribed,
+                         const double* displacement) const;
+    void exchange_solutions(LinearMultirateState& s, const ContactPatch* patches, const double* displacement) const;
     void observe(LinearMultirateState& s, const ContactPatch* patches, int prescribed, int observed,
                  double* displacement, double* force) const;
 };

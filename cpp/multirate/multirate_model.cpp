@@ -13,8 +13,6 @@ constexpr double most_scale = 2;
 constexpr double slow = 0.05;     // of the stride: a way that counts as none
 constexpr int most_latency = 200; // ticks
 
-enum Event { requested = 1, taken = 2 }; // ModelState::events
-
 } // namespace
 
 MultirateState::MultirateState(std::unique_ptr<ModelState> linear, const HyperelasticModel& finite,
@@ -119,7 +117,7 @@ void MultirateModel::follow_contacts(MultirateState& s, int prescribed, const do
 // ready, in lockstep after `interval` ticks, and in a replay as recorded.
 void MultirateModel::exchange_solutions(MultirateState& s, const ContactPatch* patches) const {
     const bool replayed = s.recorded_events >= 0;
-    const bool comes = replayed   ? s.recorded_events & taken
+    const bool comes = replayed   ? s.recorded_events & SolverEvent::taken
                        : s.thread ? s.thread->has_answer()
                                   : s.is_pending && s.ticks - s.sent >= interval;
     if (comes) {
@@ -131,10 +129,10 @@ void MultirateModel::exchange_solutions(MultirateState& s, const ContactPatch* p
             s.shown = &answer; // the thread may write to the one before
         }
         s.is_pending = false;
-        s.events |= taken;
+        s.events |= SolverEvent::taken;
     }
-    const bool asks =
-        replayed ? s.recorded_events & requested : !s.stale && (s.thread ? s.thread->is_free() : !s.is_pending);
+    const bool asks = replayed ? s.recorded_events & SolverEvent::requested
+                               : !s.stale && (s.thread ? s.thread->is_free() : !s.is_pending);
     if (!asks) return; // nor while linear tables are missing: they are needed sooner, and take the processor
     write_request(s, patches, s.thread ? s.thread->request() : s.asked);
     if (s.thread) {
@@ -143,7 +141,7 @@ void MultirateModel::exchange_solutions(MultirateState& s, const ContactPatch* p
         s.solver.solve(s.asked, s.pending);
         s.is_pending = true;
     }
-    s.events |= requested;
+    s.events |= SolverEvent::requested;
 }
 
 // Requests are for where the tools will be while the answer is in use, but no further from the last one than a solution

@@ -8,6 +8,10 @@
 
 namespace palpate {
 
+struct SolverEvent { // of a tick, bits of ModelState::events
+    static constexpr int requested = 1, taken = 2;
+};
+
 // Solver has solve(const Request&, Answer&), which this thread alone calls.
 template <class Solver, class Request, class Answer> class SolverThread {
 public:

@@ -13,7 +13,7 @@ constexpr double drag_path = 0.1;    // of the contact's radius: length over whi
 constexpr double straight = 0.5;     // of that length, in one direction: from there on the full drag is applied
 constexpr double drag_filter = 0.2;  // low-pass filter of the drag, a tick
 constexpr double slow_change = 5e-3; // of the force, a tick: too slow a change to be felt
-constexpr double most_damping = 0.1; // of the force
+constexpr double most_damping = 0.1; // of the force; a model that lags may give much away at once, and all is taken
 constexpr double least_slide = 0.01; // mm a tick: below it a slope is learnt over several ticks
 
 // Moves `from` towards `wanted`, by `most` at the most.
@@ -124,7 +124,8 @@ void Simulation::control_passivity(const double way[most_tools][3], const double
             continue;
         }
         const double share = per * length(way[t]) / std::max(length(p.force), 1e-12); // of the force
-        const double part = -per / std::max(length(p.force), 1e-12) * (share > most_damping ? most_damping / share : 1);
+        const double limit = now.state->lags ? 1 : most_damping;
+        const double part = -per / std::max(length(p.force), 1e-12) * (share > limit ? limit / share : 1);
         const double wanted[3] = {part * way[t][0], part * way[t][1], part * way[t][2]};
         move(p.damping, wanted, most[t]);
     }

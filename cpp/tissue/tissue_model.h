@@ -31,6 +31,7 @@ struct ModelState {
     bool stale = false;      // the last relax() lacked tables
     bool blending = false;   // the last relax() answered between what older tables gave and what the newest give
     double energy_shift = 0; // N mm, change of energy() in the last relax() that no tool has worked for
+    bool lags = false;       // its forces follow solutions of another thread, so that tools may be given more energy
     // What a thread of the state did for the last relax(), as two bits of the model's own. A recording keeps them; in
     // its replay they are given here before the tick (else: -1), and the model does the same again in the tick.
     int events = 0, recorded_events = -1;

@@ -30,6 +30,14 @@ inline std::vector<int> tetrahedra() {
     return out;
 }
 
+// The arrays that models are made of.
+struct Mesh {
+    std::vector<double> x = positions();
+    std::vector<int> tet = tetrahedra();
+    std::vector<double> lambda_of = std::vector<double>(tets, lambda), mu_of = std::vector<double>(tets, mu);
+    std::vector<uint8_t> fixed{1, 1, 1, 1, 0, 0, 0, 0, 0}; // the bottom
+};
+
 // The stiffness among all nodes, (3 nodes, 3 nodes), dense: sum of V B' D B in Voigt notation.
 inline std::vector<double> dense_stiffness() {
     const std::vector<double> x = positions();

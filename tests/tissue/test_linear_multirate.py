@@ -7,7 +7,6 @@ from support.running_server import until
 
 import palpate as pp
 from palpate.simulation.scripted_device import ScriptedDevice
-from palpate.tissue.contact_patches import contacts
 
 RADIUS, TOP, SIDE = 12.0, (25.0, 25.0, 50.0), (10.0, 12.0, 50.0)
 TISSUE = block(7, poisson=0.45)
@@ -50,7 +49,11 @@ def test_two_tools_come_and_go_without_a_step_and_feel_each_other():
     a, b = hold(TOP, (0, 0, -3.0)), hold(SIDE, (0, 0, -2.0))
     one = session()
     alone = one.step([[a, None]] * 500)
-    both = one.step([[a, b]] * 800)
+    before = np.array(one.frame().shown)
+    for _ in range(8):  # nor is the picture of the first one lost until the second's stiffness is known
+        one.step([[a, b]])
+        assert np.abs(one.frame().shown - before).max() < 0.1 * np.abs(before).max()
+    both = one.step([[a, b]] * 792)
     left = one.step([[None, b]] * 500)
     fe = pp.finite_elements(TISSUE)
     expected = fe.push([TOP, SIDE], [(0, 0, -3.0), (0, 0, -2.0)], [RADIUS] * 2).force
@@ -96,11 +99,9 @@ def test_a_session_by_the_clock_replays_to_the_bit():
 def test_a_large_mesh_has_it_by_default_and_a_push_does_not_care():
     assert MODEL.settings["interval"] == 8
     assert pp.model(TISSUE, "multigrid").settings["interval"] == 0
-    found = contacts(TISSUE, TOP, (0, 0, -1.0), RADIUS)
     answers = [
         model.push(TOP, (0, 0, -1.0), RADIUS, tolerance=1e-6) for model in (MODEL, pp.model(TISSUE, "multigrid"))
     ]
     assert (answers[0].force == answers[1].force).all()
-    assert len(found.patches) == 1
     with pytest.raises(pp.errors.DataError, match="interval"):
         pp.model(TISSUE, "multigrid", interval=-1)

@@ -7,14 +7,10 @@ using namespace palpate;
 
 namespace {
 
-struct Cube {
-    std::vector<double> x = patch_test::positions();
-    std::vector<int> tet = patch_test::tetrahedra();
-    std::vector<double> lambda = std::vector<double>(patch_test::tets, patch_test::lambda),
-                        mu = std::vector<double>(patch_test::tets, patch_test::mu);
+struct Cube : patch_test::Mesh {
     NeoHookean elements(double stiffening = 0) const {
         const std::vector<double> b(patch_test::tets, stiffening);
-        return {x.data(), patch_test::nodes, tet.data(), patch_test::tets, lambda.data(), mu.data(), b.data()};
+        return {x.data(), patch_test::nodes, tet.data(), patch_test::tets, lambda_of.data(), mu_of.data(), b.data()};
     }
 };
 

@@ -1,4 +1,4 @@
-#include "../free_stiffness.h"
+#include "../patch_test.h"
 #include "multirate/linear_multirate_model.h"
 #include <cmath>
 
@@ -6,15 +6,9 @@ using namespace palpate;
 
 namespace {
 
-// The cube of the patch test, its bottom fixed.
-struct Cube {
-    std::vector<double> x = patch_test::positions();
-    std::vector<int> tet = patch_test::tetrahedra();
-    std::vector<double> lambda = std::vector<double>(patch_test::tets, patch_test::lambda),
-                        mu = std::vector<double>(patch_test::tets, patch_test::mu);
-    std::vector<uint8_t> fixed{1, 1, 1, 1, 0, 0, 0, 0, 0};
+struct Cube : patch_test::Mesh {
     MultigridModel iterative{
-        {x.data(), tet.data(), lambda.data(), mu.data(), fixed.data(), patch_test::nodes, patch_test::tets},
+        {x.data(), tet.data(), lambda_of.data(), mu_of.data(), fixed.data(), patch_test::nodes, patch_test::tets},
         patch_test::edge,
         2,
         1.0};
@@ -30,7 +24,8 @@ ContactPatch at_corner(int k) {
 
 TEST_CASE("by the clock another thread iterates, and a replay of its events gives the same bits") {
     const Cube cube;
-    const LinearMultirateModel model(cube.iterative, 10);
+    const LinearMultirateModel model(cube.iterative, 10, cube.x, std::vector<double>(patch_test::nodes, patch_test::mu),
+                                     {});
     auto live = model.make_state(), replayed = model.make_state();
     const ContactPatch patches[3] = {at_corner(0), at_corner(2), at_corner(2)};
     constexpr int ticks = 400;

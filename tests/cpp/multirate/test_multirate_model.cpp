@@ -7,13 +7,8 @@ using namespace palpate;
 
 namespace {
 
-// The cube of the patch test, its bottom fixed.
-struct Cube {
-    std::vector<double> x = patch_test::positions();
-    std::vector<int> tet = patch_test::tetrahedra();
-    std::vector<double> lambda = std::vector<double>(patch_test::tets, patch_test::lambda),
-                        mu = std::vector<double>(patch_test::tets, patch_test::mu);
-    NeoHookean elements{x.data(), patch_test::nodes, tet.data(), patch_test::tets, lambda.data(), mu.data()};
+struct Cube : patch_test::Mesh {
+    NeoHookean elements{x.data(), patch_test::nodes, tet.data(), patch_test::tets, lambda_of.data(), mu_of.data()};
     SparseCholesky factor{patch_test::free_stiffness(), &x[12]};
     ComplianceModel linear{FactoredStiffness{&factor,
                                              factor.rounded(),

@@ -16,6 +16,7 @@ from palpate.tissue.tissue import Tissue
 
 QUICK = 3000  # nodes that may move: an iteration of more takes longer than a tick of 1 ms
 MOST_INTERVAL = 10_000  # ticks
+SAMPLES = 4  # contacts, of which new ones take the largest stiffness until theirs is known
 
 
 class MultigridModel(IterativeModel):
@@ -64,9 +65,18 @@ class MultigridModel(IterativeModel):
             raise DataError(f"interval: {interval} ticks; give 0 (iterate in the ticks) to {MOST_INTERVAL}, such as 16")
         self.iteration = _core.multigrid.MultigridModel(nodes, tets, lam, mu, held, *sizes, *self._stiffness(tissue))
         settings = {"cell": cell, "smoothing": smoothing, "relaxation": relaxation, "interval": float(interval)}
-        native = _core.multirate.LinearMultirateModel(self.iteration, interval) if interval else self.iteration
-        super().__init__(tissue, native, settings)
+        super().__init__(tissue, self._beside(tissue, interval) if interval else self.iteration, settings)
         self.certified = moving <= MOST_NODES
+
+    def _beside(self, tissue: Tissue, interval: int) -> "_core.multirate.LinearMultirateModel":
+        mesh = tissue.mesh
+        shear = np.zeros(len(mesh.nodes))
+        np.maximum.at(shear, mesh.tets, lame(tissue.young, tissue.poisson)[1][:, None])
+        free = mesh.surface_nodes[~tissue.held[mesh.surface_nodes]]
+        some = mesh.nodes[free[:: max(1, len(free) // SAMPLES)]]
+        found = (tissue.surface.patch(tissue.surface.closest(x), 2 * tissue.edge) for x in some)
+        samples = [patch for patch in found if not isinstance(patch, str)]
+        return _core.multirate.LinearMultirateModel(self.iteration, interval, mesh.nodes, shear, samples)
 
     @property
     def iterated(self) -> "_core.multigrid.MultigridModel":
