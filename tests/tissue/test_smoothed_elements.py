@@ -132,6 +132,15 @@ def test_the_model_that_stands_in_solves_p1_elements(mixed):
     np.testing.assert_allclose(answers[1].force, answers[0].force, rtol=1e-8)
 
 
+def test_the_model_that_stands_in_tells_its_own_errors():
+    """That of its elements, and of linear strain that of the same elements: a small push has none."""
+    tissue = block(7, poisson=0.45)
+    estimates = [pp.model(tissue, name).push(TOP, [0, 0, -0.2], 15.0).estimate for name in (STAND_IN, "compliance")]
+    assert estimates[0].mesh > 0.05 + estimates[1].mesh
+    for estimate in estimates:
+        assert abs(estimate.linearisation) < 0.02
+
+
 @pytest.mark.parametrize("element", ["P2", "mixed"])
 def test_models_refuse_what_only_references_have(element):
     tissue = block(3, element=element)

@@ -23,9 +23,9 @@ class LinearisationError:
     it is far too large, since u then changes volumes that finite strain keeps.
     """
 
-    def __init__(self, tissue: Tissue, factors: Factors) -> None:
+    def __init__(self, tissue: Tissue, factors: Factors, element: str | None = None) -> None:
         moving = np.flatnonzero(~tissue.held).astype(np.int32)
-        self.energy = neo_hookean_energy(tissue)
+        self.energy = neo_hookean_energy(tissue, element)
         self._lock = Lock()  # the solver has a state
         self._solver = _core.hyperelastic.EquilibriumSolver(
             _core.hyperelastic.HyperelasticModel(self.energy, factors.native, moving)

@@ -88,7 +88,7 @@ class ComplianceModel(TissueModel):
     @cached_property
     def linearisation(self) -> LinearisationError:
         """Compares linear forces with those at finite strain."""
-        return LinearisationError(self.tissue, self.factors)
+        return LinearisationError(self.tissue, self.factors, self.elements.element)
 
     def compliance(self, found: Contacts) -> Float64:
         """(3m, 3m) mm/N, symmetric: the mean displacements of the m patches under unit forces spread over them."""

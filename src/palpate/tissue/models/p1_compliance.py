@@ -11,8 +11,8 @@ from palpate.tissue.tissue import Tissue
 class P1ComplianceModel(ComplianceModel):
     """`ComplianceModel` on P1 elements, whatever the tissue's element is.
 
-    The factors have a seventh of the entries, so that they are made in a tenth of the time. Its forces are too large: by
-    some 10 % at ν = 0.45 under a patch of two edges, by more as ν grows. A session begins with it on a large mesh.
+    The factors have a fraction of the entries, so that they are made sooner. Its forces are too large, by more as ν grows;
+    `estimate.mesh` of an answer says by how much. A session begins with it on a large mesh.
     """
 
     def _finite_elements(self, tissue: Tissue) -> FiniteElements:
@@ -20,7 +20,7 @@ class P1ComplianceModel(ComplianceModel):
 
 
 class _P1Elements(FiniteElements):
-    """The stiffness as matrix products: 20 times sooner than scikit-fem's assembly, and equal but for rounding."""
+    """The stiffness as matrix products: made sooner than by scikit-fem, and equal but for rounding."""
 
     def _stiffness(self) -> csr_array:
         return csr_array(p1_stiffness(self.tissue.mesh, *lame(self.tissue.young, self.tissue.poisson)))

@@ -21,6 +21,7 @@ _MODELS: dict[str, type[TissueModel]] = {
     "neo-hookean": NeoHookeanModel,
 }
 STAND_IN = "compliance-P1"  # for compliance, until that is made
+_IN_SESSIONS = _MODELS | {STAND_IN: P1ComplianceModel}
 
 
 def model(tissue: Tissue, name: str = "blocks", **options: Any) -> TissueModel:
@@ -61,7 +62,7 @@ def model(tissue: Tissue, name: str = "blocks", **options: Any) -> TissueModel:
     """
     if name not in plugins.names("tissue_model"):
         raise MaterialError(f"model: {name!r} is not built; choose one of {', '.join(plugins.names('tissue_model'))}")
-    kind: type[TissueModel] = plugins.part("tissue_model", name) or ({STAND_IN: P1ComplianceModel} | _MODELS)[name]
+    kind: type[TissueModel] = plugins.part("tissue_model", name) or _IN_SESSIONS[name]
     return kind(tissue, **options)
 
 
@@ -72,10 +73,10 @@ def names() -> tuple[str, ...]:
 
 def names_in_sessions() -> tuple[str, ...]:
     """Of all models that a session may have."""
-    return (*_MODELS, STAND_IN)
+    return tuple(_IN_SESSIONS)
 
 
 def name_of(model: TissueModel) -> str:
     """The name by which `model` makes models of this kind."""
     own = {name: plugins.part("tissue_model", name) for name in plugins.names("tissue_model")}
-    return next(name for name, kind in (own | _MODELS | {STAND_IN: P1ComplianceModel}).items() if type(model) is kind)
+    return next(name for name, kind in (own | _IN_SESSIONS).items() if type(model) is kind)
