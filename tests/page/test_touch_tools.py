@@ -112,7 +112,7 @@ def test_needle_enters_stays_goes_deeper_and_takes_a_sample(touched, album):
     touched.page.mouse.up()
     touched.wait("palpate.frame.contact[3] === 1")  # stays without a hand
     touched.page.click("text=Take sample")
-    touched.wait("document.getElementById('hint').textContent.includes('not in the tissue')")
+    touched.until_told("not in the tissue")
     slider = touched.page.locator("#amount")
     slider.focus()
     key(touched, *["+"] * 20)
@@ -134,7 +134,7 @@ def test_needle_enters_stays_goes_deeper_and_takes_a_sample(touched, album):
     touched.wait(f"palpate.crosshair().every((x, i) => Math.abs(x - {tip.tolist()}[i]) <= 1.01)")  # half a voxel
     touched.page.click("text=Take sample")
     touched.page.click("text=Found it")
-    touched.wait("document.getElementById('hint').textContent.includes('Noted')")
+    touched.until_told("Noted")
     touched.page.click("text=Needle out")
     touched.until_home()
     touched.session.stop()
@@ -198,7 +198,7 @@ def test_a_model_that_cannot_be_made_is_said(touched, monkeypatch, capsys):
 
     monkeypatch.setattr(live_session, "build", build)
     touched.page.select_option("#model", "compliance")
-    touched.wait("document.getElementById('hint').textContent === 'compliance was not made: not today'")
+    touched.until_told("compliance was not made: not today")
     touched.wait("document.getElementById('model').value === 'blocks'")
     assert "not today" in capsys.readouterr().out
 

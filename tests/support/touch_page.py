@@ -5,6 +5,13 @@ import pytest
 
 from support.browser import Seen
 
+RECORD_HINTS = """(() => {
+    window.hints = [];
+    const hint = document.getElementById('hint');
+    const told = new MutationObserver(() => hints.push(hint.textContent));
+    told.observe(hint, { childList: true, characterData: true, subtree: true });
+})()"""
+
 
 class Touched(Seen):
     """A served session and the page that shows it."""
@@ -19,6 +26,11 @@ class Touched(Seen):
     def open(self, address):
         self.page.goto(address)
         self.wait("Boolean(window.palpate && palpate.frame)")
+        self.see(RECORD_HINTS)
+
+    def until_told(self, words):
+        """Until the hint has said that: a busy machine may look at the page after the message has gone."""
+        self.wait(f"hints.some((hint) => hint.includes('{words}'))")
 
     def place(self, across=0.5, down=0.42):
         """A pixel of the organ's canvas."""
