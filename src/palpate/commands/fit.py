@@ -169,15 +169,18 @@ def fit_command(
         typer.echo(_stiffening_text(fitted.stiffening.max()))
     assert fitted.report is not None
     typer.echo(fitted.report.text())
+    coarseness = None
     if within is not None:
         with progress() as say:
             found = pp.select_model(fitted, within, force_within / 100, up_to, radius, progress=say)
         typer.echo(found.text())
-        if found.mesh is not None and found.too_coarse:
-            typer.echo(_finer_mesh(found.mesh, force_within))
+        coarseness = found.mesh
+        if coarseness is not None and found.too_coarse:
+            typer.echo(_finer_mesh(coarseness, force_within))
     if error_map is not None:
-        with progress() as say:
-            coarseness = pp.force_error_map(fitted, radius, progress=say)
+        if coarseness is None:
+            with progress() as say:
+                coarseness = pp.force_error_map(fitted, radius, progress=say)
         write_error_map(error_map, coarseness, force_within)
     typer.echo(f"{len(solid.nodes)} nodes, {len(fitted.fixed)} held; wrote {output}")
 

@@ -7,6 +7,7 @@ from matplotlib import colormaps
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 
+from palpate.errors import DataError
 from palpate.report.figures import draw_frame, draw_solid
 from palpate.report.plot_axes import INK
 from palpate.tissue.force_error_map import MARGIN, ForceErrorMap
@@ -35,14 +36,16 @@ def plot_force_error(found: ForceErrorMap, within: float | None = None) -> Pictu
 
     Raises
     ------
-    AttributeError
-        If `found` is not a map.
+    DataError
+        If `within` is not positive.
 
     Examples
     --------
     >>> figure = pp.plot_force_error(pp.force_error_map(tissue, radius=12), within=0.05)
     >>> figure.savefig("map.png")
     """
+    if within is not None and not within > 0:
+        raise DataError(f"within: {within}; give the allowed error relative to the force, above 0, such as 0.05")
     mesh, values = found.tissue.mesh, 100 * found.on_surface()
     limit = None if within is None else 100 * within / MARGIN
     known = values[np.isfinite(values)]
