@@ -1,6 +1,7 @@
 #include "bindings/tissue.h"
 #include "hyperelastic/equilibrium_solver.h"
 #include "hyperelastic/neo_hookean.h"
+#include "hyperelastic/self_contact.h"
 #include "hyperelastic/smoothed_neo_hookean.h"
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/tuple.h>
@@ -127,6 +128,18 @@ void bind_hyperelastic(nb::module_& m) {
             },
             "nodes"_as_is, "tets"_as_is, "mu"_as_is, "edge_cell"_as_is, "node_cell"_as_is, "edge_mu"_as_is,
             "node_lambda"_as_is, "edge_stiffening"_as_is);
+    nb::class_<SelfContact, HyperelasticEnergy>(m, "SelfContact", "Elements whose surface does not go through itself.")
+        .def(
+            "__init__",
+            [](SelfContact* self, const HyperelasticEnergy& elements, const ContactSurface& surface, In<double, 1> mu) {
+                expect(mu.size() == size_t(elements.nodes()), "mu: expected one of each node");
+                for (int node : surface.node)
+                    expect(node < elements.nodes(), "surface: of another mesh than the elements");
+                nb::gil_scoped_release free;
+                new (self) SelfContact(elements, surface, mu.data());
+            },
+            "elements"_a, "surface"_a, "mu"_as_is, nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>())
+        .def_ro_static("gap", &SelfContact::gap);
     nb::class_<HyperelasticModel, TissueModel>(m, "HyperelasticModel",
                                                "Neo-Hookean equilibrium under prescribed patch means.")
         .def(

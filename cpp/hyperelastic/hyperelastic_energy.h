@@ -2,6 +2,7 @@
 // What a hyperelastic model needs of its elements: their energy, its gradient and tangent. HyperelasticModel calls it
 // in the loop's thread. Immutable: what a call writes, the caller owns.
 #include <cstddef>
+#include <limits>
 
 namespace palpate {
 
@@ -28,6 +29,14 @@ public:
     // out = K(u) v, N: the derivatives of the force along `count` directions v (count, nodes, 3) mm, at most
     // most_directions; three at once take half the time of three calls. All J must be positive.
     virtual void tangent(const double* u, const double* v, int count, double* out, double* work) const = 0;
+
+    // The elements without any contact between them.
+    virtual const HyperelasticEnergy& elastic() const { return *this; }
+
+    // A descent has arrived at u; true if the energy there may be another one from now on. Between two arrivals no node
+    // may move further than longest_move() mm.
+    virtual bool arrive(const double*, double*) const { return false; }
+    virtual double longest_move(const double*) const { return std::numeric_limits<double>::infinity(); }
 };
 
 } // namespace palpate

@@ -1,4 +1,5 @@
 #include "hyperelastic/hyperelastic_model.h"
+#include "base/vec3.h"
 #include <algorithm>
 #include <cmath>
 
@@ -102,8 +103,10 @@ void HyperelasticModel::precondition(HyperelasticState& s, Configuration& at, st
 }
 
 void HyperelasticModel::evaluate_current(HyperelasticState& s) const {
+    elements.arrive(s.current.u.data(), s.work.data());
     if (!evaluate(s, s.current)) { // a caller has set an inverted u: restart from rest
         std::fill(s.current.u.begin(), s.current.u.end(), 0.0);
+        elements.arrive(s.current.u.data(), s.work.data());
         s.lbfgs.clear();
         evaluate(s, s.current);
     }
@@ -132,11 +135,15 @@ bool HyperelasticModel::move_tools(HyperelasticState& s, const double* displacem
     } else {
         s.constraints.least_energy_move(s.gap.data(), s.direction.data());
     }
-    for (double fraction = 1; fraction > 1e-3; fraction *= 0.7) {
+    double longest = 0;
+    for (size_t i = 0; i < s.direction.size(); i += 3) longest = std::max(longest, length(&s.direction[i]));
+    const double most = std::min(1.0, elements.longest_move(s.work.data()) / std::max(longest, arrival_tolerance));
+    for (double fraction = most; fraction > 1e-3 * most; fraction *= 0.7) {
         step_along(s.current.u, fraction, s.direction, s.trial.u);
         if (!(elements.least_ratio(s.trial.u.data(), s.current.volume_ratio.data()) > min_volume_ratio)) continue;
         if (!evaluate(s, s.trial) || s.trial.stiffened > s.current.stiffened + most_stiffening) continue;
         std::swap(s.current, s.trial);
+        if (elements.arrive(s.current.u.data(), s.work.data())) evaluate(s, s.current);
         precondition_current(s);
         for (int k = 0; k < m; k++) s.gap[k] *= 1 - fraction;
         s.tools_arrived = fraction == 1;
@@ -202,6 +209,11 @@ bool HyperelasticModel::descent_step(HyperelasticState& s) const {
     s.lbfgs.put(s.step.data(), s.direction.data(), s.preconditioned.data());
     std::swap(s.current, s.trial);
     std::swap(s.preconditioned, s.trial_preconditioned);
+    if (elements.arrive(s.current.u.data(), s.work.data())) {
+        evaluate(s, s.current);
+        precondition_current(s);
+        return true;
+    }
     s.gradient_norm2 = inner(s.current.gradient.data(), s.preconditioned.data(), n);
     return true;
 }
@@ -211,7 +223,7 @@ HyperelasticModel::Balance HyperelasticModel::balance(const ModelState& state) c
     std::vector<double> better = s.preconditioned, moved(s.u.size()), work(s.work.size());
     Lbfgs lbfgs = s.lbfgs;
     lbfgs.improve(s.current.gradient.data(), better.data());
-    elements.tangent(s.current.u.data(), s.current.u.data(), 1, moved.data(), work.data());
+    elements.elastic().tangent(s.current.u.data(), s.current.u.data(), 1, moved.data(), work.data());
     double gap = 0;
     for (int k = 0; k < 3 * s.constraints.count(); k++) gap = std::max(gap, std::abs(s.gap[k]));
     const int n = int(s.u.size());

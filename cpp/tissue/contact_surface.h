@@ -68,7 +68,7 @@ public:
     std::vector<int> start, neighbour; // edge neighbours of vertex i: neighbour[start[i] .. start[i + 1]]
     std::vector<int> across; // (triangles, 3) the triangle beyond the edge from corner c to the next; itself if none
 
-private:
+    // Boxes over the triangles: of an inner one the left child comes next.
     struct Box {
         double low[3], high[3];
         int first,
@@ -76,6 +76,8 @@ private:
     };
     std::vector<Box> tree;
     std::vector<int> leaf_order;
+
+private:
     int build_tree(int first, int count);
     void build_adjacency();
     void link_triangles();

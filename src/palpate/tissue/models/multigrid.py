@@ -11,7 +11,7 @@ from palpate.tissue.contact_patches import Contacts
 from palpate.tissue.error_bound import MOST_NODES, Certificate, relative
 from palpate.tissue.models.block_gauss_seidel import ordered_by_node
 from palpate.tissue.models.tissue_model import IterativeModel, nodal_element
-from palpate.tissue.reference.linear_elasticity import lame
+from palpate.tissue.reference.linear_elasticity import lame, nodal_shear
 from palpate.tissue.tissue import Tissue
 
 QUICK = 3000  # nodes that may move: an iteration of more takes longer than a tick of 1 ms
@@ -70,8 +70,7 @@ class MultigridModel(IterativeModel):
 
     def _beside(self, tissue: Tissue, interval: int) -> "_core.multirate.LinearMultirateModel":
         mesh = tissue.mesh
-        shear = np.zeros(len(mesh.nodes))
-        np.maximum.at(shear, mesh.tets, lame(tissue.young, tissue.poisson)[1][:, None])
+        shear = nodal_shear(mesh, tissue.young, tissue.poisson)
         free = mesh.surface_nodes[~tissue.held[mesh.surface_nodes]]
         some = mesh.nodes[free[:: max(1, len(free) // SAMPLES)]]
         found = (tissue.surface.patch(tissue.surface.closest(x), 2 * tissue.edge) for x in some)

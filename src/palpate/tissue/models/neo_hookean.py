@@ -11,6 +11,7 @@ from palpate.tissue.contact_patches import Contacts
 from palpate.tissue.models.compliance import ComplianceModel
 from palpate.tissue.models.tissue_model import TissueModel, too_many_contacts
 from palpate.tissue.neo_hookean_energy import neo_hookean_energy
+from palpate.tissue.reference.linear_elasticity import nodal_shear
 from palpate.tissue.tissue import Tissue
 
 _BATCH = 20  # steps between checks of a tool that does not reach its target
@@ -35,13 +36,16 @@ class NeoHookeanModel(TissueModel):
     in lockstep (`Session.step`), so that it is there with the delay of a thread; 0: no thread, the ticks themselves
     descend, as in version 0.1, and a larger mesh then keeps no rate.
 
+    self_contact: the surface does not go through itself where it folds: what comes closer than 0.2 mm to another part is
+    pushed back without friction (`cpp/hyperelastic/self_contact.h`). What hangs together within 3 edges is no other part.
+
     An answer's `error` is an estimate, no bound: the residual in the energy norm that the descent has learnt of the
     tangent, over u in the norm of the tangent itself.
     """
 
     native: "_core.multirate.MultirateModel | _core.hyperelastic.HyperelasticModel"
 
-    def __init__(self, tissue: Tissue, interval: int = 20) -> None:
+    def __init__(self, tissue: Tissue, interval: int = 20, self_contact: bool = True) -> None:
         interval = int(interval)
         if not 0 <= interval <= MOST_INTERVAL:
             raise DataError(f"interval: {interval} ticks; give 0 (descend in the ticks) to {MOST_INTERVAL}, such as 20")
@@ -52,12 +56,15 @@ class NeoHookeanModel(TissueModel):
             )
         self.linear = ComplianceModel(tissue)
         elements = neo_hookean_energy(tissue)
+        if self_contact:
+            shear = nodal_shear(tissue.mesh, tissue.young, tissue.poisson)
+            elements = _core.hyperelastic.SelfContact(elements, tissue.surface, shear)
         moving = np.flatnonzero(~tissue.held).astype(np.int32)
         self.equilibrium = _core.hyperelastic.HyperelasticModel(elements, self.linear.factors.native, moving)
         native: Any = self.equilibrium
         if interval:
             native = _core.multirate.MultirateModel(self.linear.native, self.equilibrium, interval, 0.5 * tissue.edge)
-        super().__init__(tissue, native, {"interval": float(interval)})
+        super().__init__(tissue, native, {"interval": float(interval), "self_contact": float(self_contact)})
 
     def start(self) -> "_core.tissue.ModelState":
         """A state at rest, to hand to `push(warm=)`."""

@@ -38,6 +38,13 @@ def lame(young: ArrayLike, poisson: ArrayLike) -> tuple[Float64, Float64]:
     return E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
 
 
+def nodal_shear(mesh: TetMesh, young: ArrayLike, poisson: ArrayLike) -> Float64:
+    """(N,) the largest μ of the tetrahedra at each node, N/mm². young: (M,) kPa. poisson: (M,)."""
+    out = np.zeros(len(mesh.nodes))
+    np.maximum.at(out, mesh.tets, lame(young, poisson)[1][:, None])
+    return out
+
+
 def basis(mesh: TetMesh, element: str = "P1") -> Any:
     """scikit-fem's basis of vector functions on a mesh: linear for "smoothed" and "P1", else quadratic."""
     tets = skfem.MeshTet(
