@@ -110,4 +110,5 @@ def _words(value: Any) -> str:
         return f"{value.shape} voxels of {value.spacing} mm from {value.origin}"
     if isinstance(value, Volume):
         return hashlib.sha256(value.values.tobytes()).hexdigest()[:16]
-    return str(value).replace("'generalized'", "'generalised'")  # as version 0.1 wrote it
+    text = str(value).replace("'generalized'", "'generalised'")  # as version 0.1 wrote it
+    return text.replace(", resolution=None", "")  # which it did not know

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from palpate.arrays import AnyArray, Float32
+from palpate.reconstruction.models.mrf_prior import Prior
 from palpate.volumes.volume import Volume
 
 
@@ -31,6 +32,8 @@ class Step:
         Other numbers that the optimizer needs to go on.
     state : mapping of str to ndarray, optional
         What a registered optimizer needs to go on.
+    prior : Prior, optional
+        The prior of "map" with the strength and edge that were chosen; none in a step read from a checkpoint.
 
     Examples
     --------
@@ -48,6 +51,7 @@ class Step:
     previous: Float32 | None = None
     pace: tuple[float, ...] = ()
     state: Mapping[str, AnyArray] = field(default_factory=dict)
+    prior: Prior | None = None
 
     def _repr_html_(self) -> str:
         where = f"level {self.level}, iteration {self.iteration}{', finished' if self.finished else ''}"

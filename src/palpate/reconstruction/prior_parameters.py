@@ -6,8 +6,10 @@ from dataclasses import replace
 import numpy as np
 
 from palpate.arrays import Float32, Float64
+from palpate.reconstruction.local_response import strength_for_resolution
 from palpate.reconstruction.models.likelihood import Likelihood
 from palpate.reconstruction.models.mrf_prior import Prior
+from palpate.reconstruction.optimizers.coordinate_descent import sampled_diagonal
 from palpate.reconstruction.projector import Projector
 from palpate.scans.views import Views
 from palpate.volumes.grid import Grid
@@ -16,7 +18,9 @@ RAYS = 10_000  # for each view; ten times as many change the mean by 0.03 %
 SHARE = 0.05  # edge over the object's mean attenuation: half the difference between fat and muscle
 
 
-def choose_prior_parameters(prior: Prior, A: Projector, likelihood: Likelihood, curvature: Float32) -> Prior:
+def choose_prior_parameters(
+    prior: Prior, A: Projector, likelihood: Likelihood, curvature: Float32, local: float | None = None
+) -> Prior:
     """The prior with its missing parameters chosen from the scan and the grid.
 
     edge: a twentieth of the object's mean attenuation: the mean of line integral / length in the box over the measured
@@ -24,8 +28,14 @@ def choose_prior_parameters(prior: Prior, A: Projector, likelihood: Likelihood, 
     from all its neighbours by one edge is √d, the standard deviation of the likelihood's gradient; d is the median of the
     Fisher information over the voxels that some ray meets. Smaller differences are mostly noise, larger ones mostly the
     object. β grows as the square root of the dose, so that a scan of more photons is smoothed less. A quadratic prior
-    uses the edge only to choose the strength. curvature: see `data_curvature`.
+    uses the edge only to choose the strength. With a resolution β is `strength_for_resolution` (local, if it is known
+    already) times the data's curvature in the object; both the curvature and β are proportional to the dose.
+    curvature: see `data_curvature`.
     """
+    if prior.resolution is not None:
+        local = strength_for_resolution(prior, A.views, A.grid, prior.resolution) if local is None else local
+        share = object_curvature(A, likelihood, curvature) / median_curvature(curvature)
+        return replace(prior, strength=local * share, resolution=None)
     edge = prior.edge if prior.edge is not None else SHARE * mean_attenuation(A, likelihood)
     prior = replace(prior, edge=edge)
     if prior.strength is None:
@@ -61,6 +71,34 @@ def box_lengths(views: Views, grid: Grid, step: int = 1) -> Float64:
         leave = np.maximum(near, far).min(axis=1).clip(max=1)
         out[k] = ((leave - enter).clip(0) * np.linalg.norm(ends - source, axis=1)).reshape(r.shape)
     return out
+
+
+def object_curvature(A: Projector, likelihood: Likelihood, curvature: Float32) -> float:
+    """Median over the voxels, each weighted by the squares of the line integrals through it, so that air does not count."""
+    p = np.where(likelihood.measured, np.maximum(likelihood.line_integrals, 0), np.float32(0))
+    weights = sampled_diagonal(A, p * p).ravel()
+    order = np.argsort(curvature, axis=None)
+    below = np.cumsum(weights[order], dtype=np.float64)
+    if not below[-1] > 0:
+        return median_curvature(curvature)
+    return float(curvature.ravel()[order[np.searchsorted(below, below[-1] / 2)]])
+
+
+def explain_prior(given: Prior, chosen: Prior) -> str:
+    """One line: what a prior is, and by what each of its numbers was decided."""
+    name = given.potential if isinstance(given.potential, str) else type(given.potential).__name__
+    said = f"prior {name}, strength {chosen.strength:.3g} 1/mm"
+    if given.resolution is not None:
+        return f"{said}: a point becomes {given.resolution:g} mm wide in the slice, at every dose"
+    reasons = []
+    if given.strength is None:
+        reasons.append("the strength by the dose: at one edge neighbours pull as hard as the noise")
+    if name != "quadratic":
+        said += f", edge {chosen.edge:.3g} 1/mm"
+        if given.edge is None:
+            reasons.append(f"the edge by the object: {SHARE:.0%} of its mean attenuation")
+        reasons.append("for smooth objects: it flattens faint detail, which --resolution keeps")
+    return said + (": " + "; ".join(reasons) if reasons else "")
 
 
 def median_curvature(curvature: Float32) -> float:

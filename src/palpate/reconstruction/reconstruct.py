@@ -4,6 +4,7 @@ import time
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Literal, get_args
 
@@ -18,6 +19,7 @@ from palpate.reconstruction.baselines.sirt import backproject, sirt, uniform_vol
 from palpate.reconstruction.baselines.total_variation import tv
 from palpate.reconstruction.default_grid import covering_grid
 from palpate.reconstruction.iterate import Step
+from palpate.reconstruction.local_response import strength_for_resolution
 from palpate.reconstruction.models.likelihood import (
     CURVATURES,
     Curvature,
@@ -64,6 +66,7 @@ def iterates(
     levels: int | None = None,
     method: Method = "map",
     prior: Prior | None = None,
+    resolution: float | None = None,
     likelihood: LikelihoodOf = "poisson",
     start: Literal["backprojection", "uniform"] | Volume = "backprojection",
     curvature: Curvature = "precomputed",
@@ -93,7 +96,9 @@ def iterates(
     method : str, optional
         "map"; "ml", which has no prior; or a baseline on the finest level: "tv", "sirt", "sart", "fbp", "backprojection".
     prior : Prior, optional
-        By default `Prior()`. The data choose what it leaves open. "tv" uses its strength only.
+        By default `Prior()`, for smooth objects. The data choose what it leaves open. "tv" uses its strength only.
+    resolution : float, optional
+        Of "map", mm: short for `prior=Prior("quadratic", resolution=...)`, which keeps what is small and faint.
     likelihood : str or callable, optional
         "poisson" for counts, "gaussian" for counts with a variance that follows the mean, "least-squares" for intensities,
         or a function from a scan to a likelihood.
@@ -158,9 +163,12 @@ def iterates(
     if levels == 1 or not sweeps_are_cheap(A):  # then "auto" has no sweeps: see `hybrid_descent`
         optimizers = ["momentum" if name == "auto" else name for name in optimizers]
     rule = StoppingRule(most, tolerance)
-    prior = prior if prior is not None else Prior()
+    prior = _resolved(prior, resolution, method)
+    local = None if prior.resolution is None else strength_for_resolution(prior, A.views, grid, prior.resolution)
     baseline = _baseline(method, prior, window, cutoff, relaxation)
-    return _run(scans, A, method, prior, chosen, start, curvature, optimizers, rule, interpolation, resume, baseline)
+    return _run(
+        scans, A, method, prior, local, chosen, start, curvature, optimizers, rule, interpolation, resume, baseline
+    )
 
 
 OPTIONS = tuple(iterates.__kwdefaults__ or ())
@@ -175,6 +183,7 @@ def reconstruct(
     levels: int | None = None,
     method: Method = "map",
     prior: Prior | None = None,
+    resolution: float | None = None,
     likelihood: LikelihoodOf = "poisson",
     start: Literal["backprojection", "uniform"] | Volume = "backprojection",
     curvature: Curvature = "precomputed",
@@ -201,7 +210,7 @@ def reconstruct(
         Depth of the default grid, mm.
     spacing : float, optional
         Voxel size of the default grid in the slice, mm.
-    levels, method, prior, likelihood, start, curvature, optimizer, iterations, tolerance : optional
+    levels, method, prior, resolution, likelihood, start, curvature, optimizer, iterations, tolerance : optional
         As for `iterates`.
     downsample, interpolation, window, cutoff, relaxation, resume, optimiser : optional
         As for `iterates`.
@@ -232,6 +241,7 @@ def _run(
     A: Projector,
     method: Method,
     prior: Prior,
+    local: float | None,
     likelihood: Callable[[Scan], Likelihood],
     start: str | Volume,
     curvature: Curvature,
@@ -244,7 +254,7 @@ def _run(
     began = time.perf_counter() - (resume.seconds if resume else 0)
     A, data = finest = A, likelihood(scans[0][0])
     prior = Prior("quadratic", 0.0) if method == "ml" else prior
-    prior, beta = _prior_with_weight(prior, A, data) if method == "map" else (prior, 0.0)
+    prior, beta = _prior_with_weight(prior, A, data, local) if method == "map" else (prior, 0.0)
     last = resume
     for level in reversed(range(len(scans))):
         if last is not None and (last.level < level or (last.level == level and last.finished)):
@@ -297,7 +307,8 @@ def _run(
                 previous, numbers = None, ()
             state = {name: np.array(array) for name, array in own.state().items()} if own and not finished else {}
             seconds = time.perf_counter() - began
-            last = Step(volume, now, level, iteration, seconds, finished, previous, numbers, state)
+            used = prior if method == "map" else None
+            last = Step(volume, now, level, iteration, seconds, finished, previous, numbers, state, used)
             objective, values = now, volume.values
             yield last
             if finished:
@@ -309,10 +320,20 @@ def _likelihood_of_views(scan: Scan, likelihood: Callable[[Scan], Likelihood]) -
     return lambda views: likelihood(scan[views])
 
 
-def _prior_with_weight(prior: Prior, A: Projector, data: Likelihood) -> tuple[Prior, float]:
+def _resolved(prior: Prior | None, resolution: float | None, method: str) -> Prior:
+    """The prior that is meant by a prior and a resolution."""
+    if resolution is not None:
+        prior = replace(prior if prior is not None else Prior("quadratic"), resolution=resolution)
+    prior = prior if prior is not None else Prior()
+    if prior.resolution is not None and method != "map":
+        raise DataError(f'resolution: the method {method!r} has no quadratic prior that sets it; take "map"')
+    return prior
+
+
+def _prior_with_weight(prior: Prior, A: Projector, data: Likelihood, local: float | None) -> tuple[Prior, float]:
     """The prior with all parameters chosen, and β, from the finest grid."""
     known = data_curvature(A, data)
-    prior = choose_prior_parameters(prior, A, data, known)
+    prior = choose_prior_parameters(prior, A, data, known, local)
     assert prior.strength is not None
     return prior, prior.strength * median_curvature(known)
 

@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -132,6 +133,11 @@ def reconstruct_full_field(
     halvings = min(halvings, possible)
     coarse, field = pyramid(scan, grid, halvings + 1)[-1]
     levels = default_levels(coarse, field) if levels is None else levels
+    options = {"prior": None, "resolution": None, **options}
+    if options["resolution"] is not None:
+        options["resolution"] *= 2**halvings
+    if options["prior"] is not None and options["prior"].resolution is not None:
+        options["prior"] = replace(options["prior"], resolution=options["prior"].resolution * 2**halvings)
     return iterates(coarse, field, levels=min(levels, possible - halvings + 1), **options)
 
 

@@ -34,6 +34,9 @@ class Prior:
         Voxels that share a face, at least an edge, or at least a corner.
     exponent : float, optional
         q of "generalized", from 1 to 2.
+    resolution : float, optional
+        Of "quadratic": the width in the slice that a point shall have, mm (full width at half maximum). It sets the
+        strength, by the geometry alone, so that it is the same at every dose.
 
     Raises
     ------
@@ -56,6 +59,7 @@ class Prior:
     edge: float | None = None
     neighbours: int = 26
     exponent: float = 1.2
+    resolution: float | None = None
 
     def __post_init__(self) -> None:
         if self.potential == "generalised":
@@ -79,6 +83,16 @@ class Prior:
             raise DataError(f"prior neighbours: expected 6, 18 or 26, got {self.neighbours!r}")
         if not 1 <= self.exponent <= 2:
             raise DataError(f"prior exponent: expected 1 (keeps edges) to 2 (quadratic), got {self.exponent!r}")
+        if self.resolution is not None:
+            if not 0 < self.resolution < float("inf"):
+                raise DataError(f"prior resolution: expected a width above 0 in mm, got {self.resolution!r}")
+            if self.potential != "quadratic":
+                raise DataError(
+                    f'prior resolution: only of the potential "quadratic", whose response is the same for all objects; '
+                    f"got {self.potential!r}"
+                )
+            if self.strength is not None:
+                raise DataError("prior: give the resolution or the strength, which it sets; not both")
         _ = self._table  # raises DataError for an invalid potential before any work
 
     def value(self, values: Float32, grid: Grid) -> float:

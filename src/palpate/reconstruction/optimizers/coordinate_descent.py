@@ -60,11 +60,11 @@ def coordinate_descent(
 
 
 def data_curvature(A: Projector, likelihood: Likelihood) -> Float32:
-    """d_j = Σ_i a_ij² c_i with the precomputed curvature: how well the data alone know a voxel, mm².
+    """d_j = Σ_i a_ij² c_i with the precomputed curvature: how well the data alone know a voxel, mm². Sampled: see below."""
+    return sampled_diagonal(A, likelihood.curvature(np.zeros(A.range_shape, np.float32), "precomputed"))
 
-    Of `SLICES` slices and `ROWS` rows evenly spread, (slices, rows, x): enough for the median, which is all that is asked.
-    """
-    nothing = np.zeros(A.range_shape, np.float32)
+
+def sampled_diagonal(A: Projector, weights: Float32) -> Float32:
+    """Σ_i a_ij² w_i of `SLICES` slices and `ROWS` rows evenly spread, (slices, rows, x): enough for a median."""
     every, every_row = (max(1, n // most) for n, most in zip(A.grid.shape, (SLICES, ROWS), strict=False))
-    curvature = np.ascontiguousarray(likelihood.curvature(nothing, "precomputed"))
-    return _core.icd.diagonal(A.geometry, curvature, every, every_row)
+    return _core.icd.diagonal(A.geometry, np.ascontiguousarray(weights), every, every_row)
