@@ -60,7 +60,9 @@ def body(seed: int) -> Body:
     tissue = WATER * rng.uniform(0.9, 1.2)
     low = middle[2] - radii[2] * rng.uniform(0.2, 0.8)  # where the fold lies
     wide = radii + [rng.uniform(2, 6), rng.uniform(2, 6), 0]
-    disc = pp.Intersection([pp.Ellipsoid((*middle[:2], low), (wide[0], wide[1], 50), axes), pp.Box((0, 0, low), (1e3, 1e3, fold))])
+    disc = pp.Intersection(
+        [pp.Ellipsoid((*middle[:2], low), (wide[0], wide[1], 50), axes), pp.Box((0, 0, low), (1e3, 1e3, fold))]
+    )
     round_, plates = pp.Ellipsoid(middle, radii * [1, 1, bulge], axes), pp.Box(middle, (1e3, 1e3, thick))
     core = pp.Intersection([round_, plates])  # bulge 1: an ellipsoid; more: pressed flat between plates
     parts = [(core, tissue), (disc, tissue), (pp.Intersection([core, disc]), -tissue)]
@@ -144,13 +146,17 @@ def main() -> None:
         found.append(measured(seed, not chosen.hull_only))
         if chosen.verbose:
             print(seed, found[-1], flush=True)
-    print("| bodies | | object kept % mean, least | outer 2 mm % | air cut % | RMSE with / without: mean, worst | said that nothing is cut |")
+    print(
+        "| bodies | | object kept % mean, least | outer 2 mm % | air cut % | RMSE with / without: mean, worst | said that nothing is cut |"
+    )
     print("|---|---|---|---|---|---|---|")
     for kind in (*KINDS, "lung", "all"):
         some = [r for r in found if kind == "all" or r.kind == kind or (kind == "lung" and r.lung)]
         if not some:
             continue
-        kept, outer, cut, rmse, told = (np.array([getattr(r, n) for r in some]) for n in ("kept", "outer", "cut", "rmse", "said"))
+        kept, outer, cut, rmse, told = (
+            np.array([getattr(r, n) for r in some]) for n in ("kept", "outer", "cut", "rmse", "said")
+        )
         print(
             f"| {kind} | {len(some)} | {100 * kept.mean():.2f}, {100 * kept.min():.2f} | {100 * outer.mean():.2f}, "
             f"{100 * outer.min():.2f} | {100 * np.nanmean(cut):.0f} | {np.mean(rmse):.3f}, {np.max(rmse):.3f} | {told.sum()} |"

@@ -96,7 +96,9 @@ def reconstruct_command(
     edge: Annotated[float | None, typer.Option(help="Difference that is kept, 1/mm. Default: from the data.")] = None,
     neighbours: Annotated[int, typer.Option(help="6, 18 or 26 voxels around each.")] = 26,
     exponent: Annotated[float, typer.Option(help="Of the generalized prior, 1 to 2: it grows so for jumps.")] = 1.2,
-    start: Annotated[StartImage, typer.Option(help="Of the coarsest level. auto: uniform within a support.")] = StartImage.auto,
+    start: Annotated[
+        StartImage, typer.Option(help="Of the coarsest level. auto: uniform within a support.")
+    ] = StartImage.auto,
     optimizer: Annotated[
         str, typer.Option(help="Of map and ml: auto, momentum, descent, subsets, or one of your own (--plugin).")
     ] = "auto",
@@ -107,7 +109,8 @@ def reconstruct_command(
     cutoff: Annotated[float, typer.Option(help="Where fbp's ramp ends, share of the Nyquist frequency.")] = 1.0,
     relaxation: Annotated[float, typer.Option(help="Of sart, between 0 and 2; less for noise.")] = 1.0,
     support: Annotated[
-        str, typer.Option(help="Where the object may be: none (everywhere), hull (by its shadows), or a file of labels.")
+        str,
+        typer.Option(help="Where the object may be: none (everywhere), hull (by its shadows), or a file of labels."),
     ] = "none",
     resume: Annotated[bool, typer.Option("--resume", help="Go on from the checkpoint beside the output.")] = False,
     checkpoint_every: Annotated[int, typer.Option(help="Iterations between checkpoints.")] = 5,
@@ -120,6 +123,7 @@ def reconstruct_command(
     Ctrl-C keeps the last iterate in a checkpoint beside the output; the
     same command with --resume goes on from it.
     """
+    from palpate.reconstruction.air_level import without_sheet
     from palpate.reconstruction.checkpoint import checkpoint_path, fingerprint, read_checkpoint, with_checkpoints
     from palpate.reconstruction.reconstruct import OLD_SPELLING, OPTIONS
     from palpate.reconstruction.region_of_interest import crop_to_region, reconstruct_full_field
@@ -146,6 +150,7 @@ def reconstruct_command(
     if support not in ("none", "hull") and part is not None:
         raise DataError("support: with --region only none or hull, since a file's mask is on one grid")
     if support != "none":
+        measured = without_sheet(measured) if part is not None else measured  # the sheet lies outside the support
         options["support"] = support if support == "hull" else pp.read_labels(support)
     if hardening is None and bones is not None:
         raise DataError("bones: they need --hardening with a file of weight,soft,bone lines")
@@ -179,6 +184,8 @@ def reconstruct_command(
     assert last is not None
     pp.write_volume(output, last.volume)
     beside.unlink(missing_ok=True)
+    if "sheet" in last.volume.notes.get("support", ""):
+        measured = without_sheet(measured)
     if check and hardening is None:
         warn(pp.check_residuals(pp.residuals(measured, last.volume)))
     shape = " x ".join(str(n) for n in grid.shape)

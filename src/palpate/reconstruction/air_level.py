@@ -11,7 +11,8 @@ from palpate.scans.views import Panel
 
 NOISE = 0.005  # of a block's mean, at most: as much as a sheet's level may be wrong
 WIDEST = 20  # pixels along a block
-THICKEST = 0.4  # line integral of a sheet; a paddle of 3 mm has 0.1 to 0.25
+THICKEST = 0.3  # line integral of a sheet; a paddle of 3 mm has 0.1 to 0.25
+SHEET = 0.01  # the thinnest that is worth it: incident itself is hardly known better
 BRIGHTEST = -0.2  # the same where incident is too low
 LEAST = 0.02  # share of the view's blocks that air fills at least to be found
 EVEN = 3.0  # times as many blocks at the level as at line integrals just above: an object's thin parts have no level
@@ -27,8 +28,14 @@ def air_levels(scan: Scan) -> Float64:
     return np.where(np.isfinite(found), found, np.median(known) if known.size else 0.0)
 
 
-def behind_sheet(scan: Scan, levels: Float64) -> Scan:
-    """The scan whose incident beam has passed the sheet already, so that it need not be reconstructed."""
+def without_sheet(scan: Scan) -> Scan:
+    """The scan whose incident beam has passed the sheet already, so that it need not be reconstructed.
+
+    The same scan where there is none, or less than `SHEET`.
+    """
+    levels = air_levels(scan)
+    if np.abs(levels).max() < SHEET:
+        return scan
     incident = np.stack([expected_in_air(scan, k, level) - scan.background[k] for k, level in enumerate(levels)])
     return Scan(scan.counts, incident, scan.views, scan.background, scan.mask)
 
@@ -43,7 +50,8 @@ def obliquity(source: Float64, panel: Panel) -> Float64:
     """(rows, columns): length of the ray in a sheet parallel to the panel, over the sheet's thickness."""
     rows, columns = np.indices(panel.shape)
     rays = panel.points(np.stack([rows.ravel(), columns.ravel()], axis=1)) - source
-    return (np.linalg.norm(rays, axis=1) / np.abs(rays @ panel.normal)).reshape(panel.shape)
+    secant: Float64 = np.linalg.norm(rays, axis=1) / np.abs(rays @ panel.normal)
+    return secant.reshape(panel.shape)
 
 
 def _air_level(scan: Scan, view: int) -> float:

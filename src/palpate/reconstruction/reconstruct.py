@@ -3,7 +3,7 @@
 import time
 import warnings
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Literal, get_args
 
@@ -12,6 +12,7 @@ import numpy as np
 from palpate.arrays import Float32, UInt8
 from palpate.errors import DataError
 from palpate.plugins import BUILT_IN, names, part
+from palpate.reconstruction.air_level import without_sheet
 from palpate.reconstruction.baselines.filtered_backprojection import Window, check_window, fbp
 from palpate.reconstruction.baselines.sart import check_relaxation, sart
 from palpate.reconstruction.baselines.sirt import backproject, sirt, uniform_volume
@@ -36,7 +37,7 @@ from palpate.reconstruction.optimizers.problem import Problem
 from palpate.reconstruction.prior_parameters import choose_prior_parameters, median_curvature
 from palpate.reconstruction.projector import Projector
 from palpate.reconstruction.stopping_rule import StoppingRule
-from palpate.reconstruction.support import Support, constrained, rays_leave_support
+from palpate.reconstruction.support import Support, chosen_support, rays_leave_support
 from palpate.scans.grid_placement import check_grid
 from palpate.scans.scan import Scan
 from palpate.volumes.grid import Grid
@@ -157,7 +158,13 @@ def iterates(
     check_window(window, cutoff)
     check_relaxation(relaxation)
     chosen = LIKELIHOODS[likelihood] if isinstance(likelihood, str) else likelihood
-    inside, scan = constrained(support, method, scan, grid)
+    inside, notes = None, {}
+    if not (isinstance(support, str) and support == "none"):
+        inside, measured = chosen_support(support, method, scan, grid), scan
+        scan = scan if inside.all() else without_sheet(scan)
+        name = support if isinstance(support, str) else "mask"
+        sheet = ", behind a sheet over all of the field" if scan is not measured else ""
+        notes["support"] = f"{name}, {inside.mean():.0%} of the voxels{sheet}"
     scans = pyramid(scan, grid, levels if method in ("map", "ml") else 1, downsample)
     A = Projector(scan.views, grid)  # raises GeometryError before any work
     for finding in check_grid(scan.views, grid):
@@ -169,7 +176,22 @@ def iterates(
     rule = StoppingRule(most, tolerance)
     prior = prior if prior is not None else Prior()
     baseline = _baseline(method, prior, window, cutoff, relaxation)
-    return _run(scans, A, method, prior, chosen, start, curvature, optimizers, rule, interpolation, resume, baseline, inside)
+    return _run(
+        scans,
+        A,
+        method,
+        prior,
+        chosen,
+        start,
+        curvature,
+        optimizers,
+        rule,
+        interpolation,
+        resume,
+        baseline,
+        inside,
+        notes,
+    )
 
 
 OPTIONS = tuple(iterates.__kwdefaults__ or ())
@@ -251,6 +273,7 @@ def _run(
     resume: Step | None,
     baseline: Baseline,
     inside: UInt8 | None,
+    notes: Mapping[str, str],
 ) -> Iterator[Step]:
     began = time.perf_counter() - (resume.seconds if resume else 0)
     A, data = finest = A, likelihood(scans[0][0])
@@ -292,7 +315,7 @@ def _run(
             state = last.state if last is not None and done else {}
             problem = Problem(A, data, prior, weight, curvature, inside)
             own = part("optimizer", optimizers[level])(problem, values.copy(), state)
-            solver = iter(own.update, None)
+            solver = _within_support(own.update, inside, optimizers[level])
         elif remembers and optimizers[level] == "auto":
             solver = hybrid_descent(A, data, prior, weight, values, curvature, done, before, inside)
         elif remembers:
@@ -307,7 +330,7 @@ def _run(
             shared = method in ("map", "ml") and pace is None and own is None
             if shared and not finished:
                 f.flags.writeable = False
-            volume = Volume(f if shared else np.array(f), grid)
+            volume = Volume(f if shared else np.array(f), grid, notes=notes)
             previous, numbers = (values, ()) if pace is None else pace.state()
             if finished or not remembers or own:
                 previous, numbers = None, ()
@@ -318,6 +341,17 @@ def _run(
             yield last
             if finished:
                 break
+
+
+def _within_support(
+    update: Callable[[], tuple[Float32, float]], inside: UInt8 | None, name: str
+) -> Iterator[tuple[Float32, float]]:
+    """Every iterate of a registered optimizer. Raises `DataError` for one that leaves the support."""
+    while True:
+        f, objective = update()
+        if inside is not None and f[inside == 0].any():
+            raise DataError(f"optimizer {name!r} leaves the support; it must hold f = 0 where problem.support is 0")
+        yield f, objective
 
 
 def _likelihood_of_views(scan: Scan, likelihood: Callable[[Scan], Likelihood]) -> Callable[[list[int]], Likelihood]:

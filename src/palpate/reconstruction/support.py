@@ -9,7 +9,7 @@ from scipy.stats import norm
 
 from palpate.arrays import AnyArray, Bool, Float32, Float64, UInt8
 from palpate.errors import DataError, GeometryError
-from palpate.reconstruction.air_level import air_levels, behind_sheet, expected_in_air
+from palpate.reconstruction.air_level import air_levels, expected_in_air
 from palpate.reconstruction.prior_parameters import box_lengths
 from palpate.reconstruction.projector import Projector
 from palpate.scans.scan import Scan
@@ -23,7 +23,6 @@ POWER = 0.99  # probability with which it is then seen
 WIDEST = 31  # pixels along a window
 VIEWS, SHARE = 2, 0.1  # views that must see air, at least, and of those that see the voxel
 TOUCHED = 0.01  # of a voxel's footprint; less is rounding
-SHEET = 0.01  # line integral of a sheet that is taken out of the incident beam
 UNSEEN = 0.02  # share of the shadow's pixels whose ray a mask may miss
 
 Support = str | Labels | Volume | AnyArray
@@ -84,7 +83,7 @@ def support_hull(scan: Scan, grid: Grid) -> Labels:
         inside[:] = True
     elif inside.all():
         warnings.warn("support: no view shows air beside the object; nothing is cut", stacklevel=2)
-    return Labels(inside, grid, {1: "support"})
+    return Labels(inside.astype(np.int32), grid, {1: "support"})
 
 
 def _hull(shadows: Sequence[Bool], views: Views, grid: Grid) -> Bool:
@@ -113,19 +112,8 @@ def _with_margin(view: Views) -> Views:
     return Views(view.source, [Panel(shape, p.pitch, p.points([-1, -1])[0], p.row_axis, p.column_axis)], view.direction)
 
 
-def constrained(support: Support, method: str, scan: Scan, grid: Grid) -> tuple[UInt8 | None, Scan]:
-    """(z, y, x): 1 inside, 0 outside, or None for "none"; and the scan behind a sheet that lies outside.
-
-    Raises `DataError`; warns of a mask that the counts contradict.
-    """
-    if isinstance(support, str) and support == "none":
-        return None, scan
-    inside = _chosen(support, method, scan, grid)
-    levels = air_levels(scan)
-    return inside, behind_sheet(scan, levels) if np.abs(levels).max() > SHEET else scan
-
-
-def _chosen(support: Support, method: str, scan: Scan, grid: Grid) -> UInt8:
+def chosen_support(support: Support, method: str, scan: Scan, grid: Grid) -> UInt8:
+    """(z, y, x): 1 inside, 0 outside. Raises `DataError`; warns of a mask that the counts contradict."""
     if method not in ("map", "ml"):
         raise DataError(f"support: of the methods map and ml only, got {method!r}; leave it out")
     if isinstance(support, str):
@@ -133,7 +121,9 @@ def _chosen(support: Support, method: str, scan: Scan, grid: Grid) -> UInt8:
             raise DataError(f"support: there is no {support!r}; choose from none, hull, or give a mask")
         return support_hull(scan, grid).values.astype(np.uint8)
     if isinstance(support, Labels | Volume) and support.grid != grid:
-        raise DataError(f"support: expected a mask on the grid {grid!r}, got one on {support.grid!r}; resample it first")
+        raise DataError(
+            f"support: expected a mask on the grid {grid!r}, got one on {support.grid!r}; resample it first"
+        )
     mask = np.asarray(support)
     if mask.shape != grid.shape or mask.dtype.kind not in "biuf":
         raise DataError(f"support: expected a mask of shape {grid.shape}, got {mask.shape} of {mask.dtype}")
@@ -156,7 +146,7 @@ def _warn_of_missed_object(inside: UInt8, scan: Scan, grid: Grid) -> None:
         missed += int((object_seen & ~hit[k]).sum())
     if missed > UNSEEN * total:
         words = f"support: {missed / total:.0%} of the rays through an object within the grid do not meet the mask"
-        warnings.warn(f"{words}; it leaves out a part of the object, or lies elsewhere", stacklevel=5)
+        warnings.warn(f"{words}; it leaves out a part of the object, or lies elsewhere", stacklevel=4)
 
 
 def rays_leave_support(inside: UInt8, views: Views, grid: Grid) -> bool:
@@ -177,7 +167,7 @@ def rays_leave_support(inside: UInt8, views: Views, grid: Grid) -> bool:
 def object_shadow(scan: Scan, view: int, level: float) -> Bool:
     """(rows, columns): where the panel does not surely see air, and a pixel around it."""
     unknown = seen_object(scan, view, level) | ~scan.mask[view]
-    return np.asarray(binary_dilation(unknown, np.ones((3, 3))), np.bool_)
+    return np.asarray(binary_dilation(unknown, np.ones((3, 3), np.bool_)), np.bool_)
 
 
 def seen_object(scan: Scan, view: int, level: float) -> Bool:
@@ -188,7 +178,7 @@ def seen_object(scan: Scan, view: int, level: float) -> Bool:
     for width in widths:
         summed, wanted = (_summed(np.where(left, a, 0), width) for a in (y, expected))
         left &= 2 * (np.sqrt(wanted + 1 / 8) - np.sqrt(summed + 3 / 8)) <= z
-    return scan.mask[view] & ~left
+    return np.asarray(scan.mask[view] & ~left, np.bool_)
 
 
 def windows(counts: float) -> list[int]:

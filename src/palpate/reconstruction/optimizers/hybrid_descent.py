@@ -32,14 +32,17 @@ def hybrid_descent(
 
     Yields each iterate, (z, y, x) in 1/mm as `values`, and its objective, without end. The objective never rises. done:
     iterations made before; `previous` (read after `SWEEPS` + 1 of them) and `values` are the last two, from which the run
-    resumes exactly. support: as in `coordinate_descent`. No array that is given or yielded is written to, and the caller may not write to them during the run.
+    resumes exactly. support: as in `coordinate_descent`. No array that is given or yielded is written to, and the caller
+    may not write to them during the run.
     """
     pool = VolumePool(A.grid.shape)
     run = coordinate_descent(A, likelihood, prior, beta, values, curvature, pool=pool, support=support)
     for _ in range(done, SWEEPS):
         values, objective = next(run)
         yield values, objective
-    run = memory_gradient(A, likelihood, prior, beta, values, curvature, previous if done > SWEEPS else None, pool, support)
+    run = memory_gradient(
+        A, likelihood, prior, beta, values, curvature, previous if done > SWEEPS else None, pool, support
+    )
     del values, previous  # they would keep a volume that is no longer needed
     yield from run
 

@@ -68,7 +68,8 @@ def ordered_subsets(
     with half the subsets; with one subset, with steps half as long. So the objective never rises, and the end is the
     minimum. Yields the iterate after each pass and its objective, without end. part: the likelihood of some of the views.
     pace: with how many subsets to begin, or where to go on; by default a third of the views. It changes as the run goes
-    on. support: as in `coordinate_descent`. The yielded volume and `pace.previous` are working arrays: copy them to keep them.
+    on. support: as in `coordinate_descent`. The yielded volume and `pace.previous` are working arrays: copy them to keep
+    them.
     """
     pace = pace if pace is not None else SubsetsState(default_subsets(len(A.views)))
     problem = Problem(A, likelihood, prior, beta, curvature, support)

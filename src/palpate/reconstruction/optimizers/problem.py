@@ -12,7 +12,6 @@ from palpate.reconstruction.models.likelihood import Curvature, Likelihood
 from palpate.reconstruction.models.mrf_prior import Prior
 from palpate.reconstruction.projector import Projector
 
-
 RISING = 1e30  # any gradient so steep that the prior does not outweigh it
 
 
