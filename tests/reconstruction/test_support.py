@@ -238,6 +238,15 @@ def test_what_leaves_the_panel_is_kept():
     assert not hull.all()
 
 
+def test_a_hull_that_would_press_attenuation_from_beyond_into_the_object_is_not_held():
+    """Rays along the sweep pass the part of the body that lies beside the grid."""
+    body = pp.Phantom([(pp.Ellipsoid((24, 0, 14), (22, 12, 8)), WATER)])
+    scan = pp.simulate_scan(body, views(), 2000, seed=1)
+    with pytest.warns(UserWarning, match="beyond a side of the grid"):
+        held = pp.reconstruct(scan, GRID, support="hull", levels=2, iterations=5)
+    assert np.array_equal(held.values, pp.reconstruct(scan, GRID, levels=2, iterations=5).values)
+
+
 def test_unmeasured_pixels_are_no_air():
     scan = pp.simulate_scan(chord_phantom(), views(), 2000, seed=1)
     mask = np.ones(scan.shape, bool)

@@ -12,7 +12,6 @@ import numpy as np
 from palpate.arrays import Float32, UInt8
 from palpate.errors import DataError
 from palpate.plugins import BUILT_IN, names, part
-from palpate.reconstruction.air_level import without_sheet
 from palpate.reconstruction.baselines.filtered_backprojection import Window, check_window, fbp
 from palpate.reconstruction.baselines.sart import check_relaxation, sart
 from palpate.reconstruction.baselines.sirt import backproject, sirt, uniform_volume
@@ -124,7 +123,9 @@ def iterates(
         Of `sart`.
     support : str, Labels, Volume or array_like of bool, (z, y, x), optional
         Of "map" and "ml": where the object may be. Outside f = 0 at every level. "hull" is
-        `support_hull`, "none" all of the grid. A mask on the finest grid has 0 outside.
+        `support_hull`, which is not held where the object reaches beyond a side of the grid that rays cross. "none" is all of
+        the grid. A mask on the finest grid has 0 outside. A sheet over all of the field, such as a paddle, is taken out of
+        the incident beam, since it lies outside.
     resume : Step, optional
         The step after which to go on, exactly as if the run had never stopped.
     optimiser : str, optional
@@ -160,8 +161,8 @@ def iterates(
     chosen = LIKELIHOODS[likelihood] if isinstance(likelihood, str) else likelihood
     inside, notes = None, {}
     if not (isinstance(support, str) and support == "none"):
-        inside, measured = chosen_support(support, method, scan, grid), scan
-        scan = scan if inside.all() else without_sheet(scan)
+        measured = scan
+        inside, scan = chosen_support(support, method, scan, grid)
         name = support if isinstance(support, str) else "mask"
         sheet = ", behind a sheet over all of the field" if scan is not measured else ""
         notes["support"] = f"{name}, {inside.mean():.0%} of the voxels{sheet}"
@@ -172,7 +173,8 @@ def iterates(
     if levels == 1 or not sweeps_are_cheap(A):  # then "auto" has no sweeps: see `hybrid_descent`
         optimizers = ["momentum" if name == "auto" else name for name in optimizers]
     if isinstance(start, str) and start == "auto":
-        start = "backprojection" if inside is None or rays_leave_support(inside, scan.views, grid) else "uniform"
+        flat = inside is not None and not rays_leave_support(inside, scan.views, grid)
+        start = "uniform" if flat else "backprojection"
     rule = StoppingRule(most, tolerance)
     prior = prior if prior is not None else Prior()
     baseline = _baseline(method, prior, window, cutoff, relaxation)

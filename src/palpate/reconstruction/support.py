@@ -9,7 +9,7 @@ from scipy.stats import norm
 
 from palpate.arrays import AnyArray, Bool, Float32, Float64, UInt8
 from palpate.errors import DataError, GeometryError
-from palpate.reconstruction.air_level import air_levels, expected_in_air
+from palpate.reconstruction.air_level import air_levels, expected_in_air, without_sheet
 from palpate.reconstruction.prior_parameters import box_lengths
 from palpate.reconstruction.projector import Projector
 from palpate.scans.scan import Scan
@@ -112,14 +112,27 @@ def _with_margin(view: Views) -> Views:
     return Views(view.source, [Panel(shape, p.pitch, p.points([-1, -1])[0], p.row_axis, p.column_axis)], view.direction)
 
 
-def chosen_support(support: Support, method: str, scan: Scan, grid: Grid) -> UInt8:
-    """(z, y, x): 1 inside, 0 outside. Raises `DataError`; warns of a mask that the counts contradict."""
+def chosen_support(support: Support, method: str, scan: Scan, grid: Grid) -> tuple[UInt8, Scan]:
+    """(z, y, x): 1 inside, 0 outside; and the scan without a sheet that lies outside.
+
+    The hull is not held where rays bring attenuation from beyond the grid's sides: it would press that into the object.
+    Raises `DataError`; warns of that, and of a mask that the counts contradict.
+    """
     if method not in ("map", "ml"):
         raise DataError(f"support: of the methods map and ml only, got {method!r}; leave it out")
     if isinstance(support, str):
         if support != "hull":
             raise DataError(f"support: there is no {support!r}; choose from none, hull, or give a mask")
-        return support_hull(scan, grid).values.astype(np.uint8)
+        inside = support_hull(scan, grid).values.astype(np.uint8)
+        if inside.all():
+            return inside, scan
+        if rays_leave_support(inside, scan.views, grid):
+            words = (
+                "the object reaches beyond a side of the grid that rays cross, and f = 0 outside the hull is not held"
+            )
+            warnings.warn(f"support: {words}; take a wider grid if the panel sees more", stacklevel=3)
+            inside[:] = 1
+        return inside, without_sheet(scan)
     if isinstance(support, Labels | Volume) and support.grid != grid:
         raise DataError(
             f"support: expected a mask on the grid {grid!r}, got one on {support.grid!r}; resample it first"
@@ -133,7 +146,7 @@ def chosen_support(support: Support, method: str, scan: Scan, grid: Grid) -> UIn
     if not inside.any():
         raise DataError("support: the mask is empty; it is above 0 where the object may be")
     _warn_of_missed_object(inside, scan, grid)
-    return inside
+    return inside, scan if inside.all() else without_sheet(scan)
 
 
 def _warn_of_missed_object(inside: UInt8, scan: Scan, grid: Grid) -> None:
@@ -150,9 +163,7 @@ def _warn_of_missed_object(inside: UInt8, scan: Scan, grid: Grid) -> None:
 
 
 def rays_leave_support(inside: UInt8, views: Views, grid: Grid) -> bool:
-    """Whether the object reaches a side of the grid that rays cross: they bring attenuation from beyond, and a start that
-    is flat inside errs there.
-    """
+    """Whether the object reaches a side of the grid that rays cross: they bring attenuation from beyond."""
     height = grid.shape[0] * grid.spacing[0]
     source = grid.indices(views.source)  # (z, y, x)
     drop = np.maximum(np.abs(source[:, 0]) * grid.spacing[0], 1e-9)
