@@ -131,13 +131,42 @@ def measured(seed: int, reconstruct: bool = True) -> Result:
     )  # fmt: skip
 
 
+def picture(path: str, seed: int = 1003) -> None:
+    """Sections of a body under a paddle: the truth, without and with the hull."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    b = body(seed)
+    hull = pp.support_hull(b.scan, b.grid).values
+    volumes = {"truth": b.phantom.volume(b.grid).values}
+    for name, given in (("support none", "none"), ("support hull", "hull")):
+        volumes[name] = pp.reconstruct(b.scan, b.grid, support=given).values
+    figure, axes = plt.subplots(2, 3, figsize=(9, 4.4), layout="constrained")
+    z, y = b.grid.shape[0] // 2, b.grid.shape[1] // 2
+    for k, (name, values) in enumerate(volumes.items()):
+        for ax, part, line, ratio in (
+            (axes[0, k], values[z], hull[z], 1),
+            (axes[1, k], values[:, y], hull[:, y], SLICE),
+        ):
+            ax.imshow(part, cmap="gray", vmin=0, vmax=0.06, origin="lower", aspect=ratio / VOXEL)
+            ax.contour(line, [0.5], colors="tab:orange", linewidths=1)
+            ax.set_axis_off()
+        axes[0, k].set_title(name)
+    figure.savefig(path, dpi=110)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.support", description=__doc__)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--last", type=int, default=100)
     parser.add_argument("--verbose", action="store_true", help="print every seed")
     parser.add_argument("--hull-only", action="store_true", help="do not reconstruct")
+    parser.add_argument("--picture", metavar="FILE", help="write sections of one body instead")
     chosen = parser.parse_args()
+    if chosen.picture:
+        return picture(chosen.picture)
     found = []
     for seed in range(chosen.first, chosen.last):
         found.append(measured(seed, not chosen.hull_only))

@@ -186,7 +186,7 @@ class World:
     def array(self, module, rest, argument, annotation, nodes, tets, rng):
         tissue = self.tissue
         kind = next((t for t in TYPES if f"numpy.{np.dtype(t).name}]" in annotation), np.float64)
-        rank = annotation.count("None") if "shape=(" in annotation else 2
+        rank = annotation.split("shape=(")[1].split(")")[0].count("None") if "shape=(" in annotation else 2
         start, column, block, places = line_matrix(nodes)
         special = {
             "start": start, "block": block, "places": places, "tets": tissue.mesh.tets.astype(np.int32),
@@ -228,6 +228,8 @@ class World:
             return rng.integers(0, 3, (4, 3) if rank == 2 else 4).astype(kind)
         if argument in special and special[argument].dtype == kind:
             return special[argument].copy()
+        if argument == "support":
+            return rng.integers(0, 2, GRID).astype(kind)
         if argument == "load":
             return rng.normal(size=(9, 2))
         if argument in ("nodes", "wanted", "vertices", "shown", "free"):
