@@ -186,7 +186,7 @@ class World:
     def array(self, module, rest, argument, annotation, nodes, tets, rng):
         tissue = self.tissue
         kind = next((t for t in TYPES if f"numpy.{np.dtype(t).name}]" in annotation), np.float64)
-        rank = annotation.split("shape=(")[1].split(")")[0].count("None") if "shape=(" in annotation else 2
+        rank = annotation.count("None") if "shape=(" in annotation else 2
         start, column, block, places = line_matrix(nodes)
         special = {
             "start": start, "block": block, "places": places, "tets": tissue.mesh.tets.astype(np.int32),
