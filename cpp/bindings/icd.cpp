@@ -3,6 +3,7 @@
 #include "icd/coordinate_descent.h"
 #include "icd/sweep_schedule.h"
 #include <nanobind/stl/array.h>
+#include <nanobind/stl/optional.h>
 #include <nanobind/stl/vector.h>
 
 using namespace nb::literals;
@@ -31,17 +32,21 @@ void bind_icd(nb::module_& m) {
     m.def(
         "sweep",
         [](SurrogateImages& data, Array<float, 3> f, const PriorKernel& potential, double edge, double beta,
-           double relaxation, bool backwards) {
+           double relaxation, bool backwards, std::optional<In<uint8_t, 3>> support) {
             const Grid& grid = data.geometry.grid;
             const int64_t shape[3] = {grid.nz, grid.ny, grid.nx};
             const double spacing[3] = {grid.dz, grid.dy, grid.dx};
             if (int64_t(f.size()) != shape[0] * shape[1] * shape[2]) throw std::invalid_argument("volume: wrong size");
+            if (support) expect(support->size() == f.size(), "support: wrong size");
             nb::gil_scoped_release release;
             descend(neighbourhood(shape, spacing, potential.with(edge), potential.neighbours),
-                    {float(beta), float(relaxation), backwards}, data, f.data());
+                    {float(beta), float(relaxation), backwards}, data, f.data(), support ? support->data() : nullptr);
         },
         "data"_a, "f"_as_is, "potential"_a, "edge"_a, "beta"_a, "relaxation"_a = 1.0, "backwards"_a = false,
-        "One sweep of coordinate descent over f, in place. The data's slope follows, to within rounding.");
+        "support"_as_is = nb::none(),
+        "One sweep of coordinate descent over f, in place. The data's slope follows, to within rounding. f stays 0 "
+        "where "
+        "support is 0.");
     m.def(
         "diagonal",
         [](const ScanGeometry& g, In<float, 3> curvature, int every, int every_row) {

@@ -76,10 +76,24 @@ void gather_prior(const Neighbourhood& n, int z, const RowGroup& group, int begi
     }
 }
 
+// Where f is held at 0 in voxels begin .. end - 1 of a row group. False if that is everywhere.
+bool gather_support(const Neighbourhood& n, int z, const RowGroup& group, int begin, int end, const uint8_t* support,
+                    AlignedBuffer& inside) {
+    bool any = false;
+    inside.assign((end - begin) * lanes, 0.0f);
+    for (int i = 0; i < group.rows; i++) {
+        const uint8_t* row = support + (int64_t(z) * n.ny + group.y[i]) * n.nx + begin;
+        for (int x = 0; x < end - begin; x++)
+            if (row[x]) inside[x * lanes + i] = 1, any = true;
+    }
+    return any;
+}
+
 // Voxels begin .. end - 1 of a row group.
 void descend_part(const SliceFootprints& slice, const RowUpdate& row_update, const RowGroup& group, int begin, int end,
-                  bool backwards, SurrogateImages& data, Scratch& s, float* f) {
+                  bool backwards, const uint8_t* support, SurrogateImages& data, Scratch& s, float* f) {
     const Neighbourhood& n = row_update.neighbours;
+    if (support && !gather_support(n, slice.z, group, begin, end, support, s.part.inside)) return;
     const int count = end - begin;
     float* rows[lanes];
     for (int i = 0; i < group.rows; i++) rows[i] = f + (int64_t(slice.z) * n.ny + group.y[i]) * n.nx + begin;
@@ -124,7 +138,7 @@ struct SlabFootprints {
 
 // One block of rows in all slices of a slab, part by part.
 void descend_block(const SlabFootprints& footprints, const Neighbourhood& n, const Sweep& sweep, int block,
-                   SurrogateImages& data, Scratch& s, float* f) {
+                   const uint8_t* support, SurrogateImages& data, Scratch& s, float* f) {
     const Slab& slab = footprints.slab;
     const int nx = int(n.nx), parts = (nx + voxels_at_once - 1) / voxels_at_once, depth = slab.end - slab.begin;
     for (int i = 0; i < parts * depth * slab.stride; i++) {
@@ -132,8 +146,8 @@ void descend_block(const SlabFootprints& footprints, const Neighbourhood& n, con
         const int begin = at / (depth * slab.stride) * voxels_at_once, end = std::min(nx, begin + voxels_at_once);
         const SliceFootprints& slice = footprints.slices[at / slab.stride % depth];
         const RowGroup group = row_group(block * lanes * slab.stride + at % slab.stride, slab.stride, int(n.ny));
-        const RowUpdate row_update{n, sweep.beta, sweep.relaxation, slice.others};
-        if (group.rows) descend_part(slice, row_update, group, begin, end, sweep.backwards, data, s, f);
+        const RowUpdate row_update{n, sweep.beta, sweep.relaxation, slice.others, support != nullptr};
+        if (group.rows) descend_part(slice, row_update, group, begin, end, sweep.backwards, support, data, s, f);
     }
 }
 
@@ -164,7 +178,7 @@ public:
 
 } // namespace
 
-void descend(const Neighbourhood& n, const Sweep& sweep, SurrogateImages& data, float* f) {
+void descend(const Neighbourhood& n, const Sweep& sweep, SurrogateImages& data, float* f, const uint8_t* support) {
     const ScanGeometry& geometry = data.geometry;
     std::vector<Slab> order = slabs(geometry);
     if (sweep.backwards) std::reverse(order.begin(), order.end());
@@ -181,7 +195,7 @@ void descend(const Neighbourhood& n, const Sweep& sweep, SurrogateImages& data, 
         BlockQueue queue(int((n.ny + rows - 1) / rows), sweep.backwards);
         parallel(threads(), [&](int64_t, int64_t, int thread) {
             for (int block; (block = queue.take()) >= 0; queue.finish(block))
-                descend_block(*now, n, sweep, block, data, scratch[thread], f);
+                descend_block(*now, n, sweep, block, support, data, scratch[thread], f);
             if (!last) next->make();
         });
         std::swap(now, next);

@@ -15,12 +15,14 @@ struct Sweep {
 };
 
 // One sweep of coordinate descent over f (z, y, x) on the paraboloid + β·prior: each voxel along its parabola, clipped
-// at 0, the slopes following at once. Order: slabs of a few slices; in a slab, blocks of 8·stride rows, the even ones
-// and then the odd ones; in a block, parts of voxels_at_once along x; in a part, slices; in a slice, classes of rows y
-// = class, class + stride, ...; in a class, rows; in a row, x. Rows of a class share no pixel and no pair of
-// neighbours, nor do blocks of one parity, so lanes over the rows and threads over the blocks give exactly the
-// sequential answer. In a part the images stay in cache, for all slices of the slab.
-void descend(const Neighbourhood& neighbours, const Sweep& sweep, SurrogateImages& data, float* f);
+// at 0, the slopes following at once. support: (z, y, x), 0 where f is held at 0, or null. Order: slabs of a few
+// slices; in a slab, blocks of 8·stride rows, the even ones and then the odd ones; in a block, parts of voxels_at_once
+// along x; in a part, slices; in a slice, classes of rows y = class, class + stride, ...; in a class, rows; in a row,
+// x. Rows of a class share no pixel and no pair of neighbours, nor do blocks of one parity, so lanes over the rows and
+// threads over the blocks give exactly the sequential answer. In a part the images stay in cache, for all slices of the
+// slab.
+void descend(const Neighbourhood& neighbours, const Sweep& sweep, SurrogateImages& data, float* f,
+             const uint8_t* support = nullptr);
 
 // How many of every/2, every/2 + every, ... lie below n.
 inline int sampled(int n, int every) { return (n - every / 2 + every - 1) / every; }

@@ -60,6 +60,10 @@ PALPATE_INLINE void update_with(const RowUpdate& s, GroupPart& part, int count, 
         updated = old - s.relaxation * slope / curvature;
         choose(updated > zero, updated, zero, updated);
         choose(curvature > zero, updated, old, updated); // else no ray and no neighbour determines it
+        if (s.bounded) {
+            load(u, part.inside.data() + i * lanes);
+            choose(u > zero, updated, zero, updated);
+        }
         store(f, updated);
         updated -= old;
         apply_change(part.columns, x, updated);

@@ -13,6 +13,7 @@ struct GroupPart {
     int begin = 0;
     AlignedBuffer f;                            // (count + 2): with the voxels before and after the part
     AlignedBuffer prior_slope, prior_curvature; // from all neighbours but the voxel updated just before in the row
+    AlignedBuffer inside;                       // 0 where f = 0 is a constraint, else 1; read only if it is bounded
     std::vector<ColumnSums> columns;            // per separable view
     SparseFootprints::Scratch footprints;       // of the other views
 };
@@ -23,6 +24,7 @@ struct RowUpdate {
     const Neighbourhood& neighbours;
     float beta, relaxation;
     const SparseFootprints& footprints; // of the views that are not separable
+    bool bounded = false;               // a support is given
 
     void update(GroupPart& part, int count, bool backwards, const RowGroup& group, SurrogateImages& data) const;
 };

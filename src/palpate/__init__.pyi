@@ -57,6 +57,7 @@ from .reconstruction.self_calibration import image_shift as image_shift
 from .reconstruction.self_calibration import shift_panels as shift_panels
 from .reconstruction.self_calibration import view_gain as view_gain
 from .reconstruction.self_calibration import without_displacement as without_displacement
+from .reconstruction.support import support_hull as support_hull
 from .report.force_error_plot import plot_force_error as plot_force_error
 from .report.score_report import score_report as score_report
 from .scans.analytic_phantoms import Box as Box

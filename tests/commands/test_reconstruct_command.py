@@ -78,6 +78,26 @@ def test_other_likelihoods_priors_and_a_hardening_beam_are_taken(folder, whole):
         assert least <= np.linalg.norm(other - plain) / np.linalg.norm(plain) <= most
 
 
+def test_a_support_by_shadows_or_from_a_file_is_held(folder, whole):
+    """Labels written by the library go in; what is 0 in them is 0 in the volume; the region takes its own hull."""
+    scan = pp.read_scan(folder / "scan.h5")
+    grid = pp.read_volume(folder / "whole.nii.gz").grid
+    inside = np.zeros(grid.shape, np.int32)
+    inside[1:-1, 4:-4, 4:-4] = 1
+    pp.write_labels(folder / "inside.nii.gz", pp.Labels(inside, grid))
+    for given, held in (("hull", pp.support_hull(scan, grid).values), (str(folder / "inside.nii.gz"), inside)):
+        done = run(folder, "--iterations", "4", "--support", given, output="held.nii.gz")
+        assert done.returncode == 0, done.stderr
+        values = pp.read_volume(folder / "held.nii.gz").values
+        assert (values[held == 0] == 0).all()
+        assert values[held > 0].mean() > 0.005
+    done = run(folder, "--region", "-6,6,-5,5,0,30", "--support", "hull", "--iterations", "4", output="region.nii.gz")
+    assert done.returncode == 0, done.stderr
+    done = run(folder, "--region", "-6,6,-5,5,0,30", "--support", "inside.nii.gz", output="region.nii.gz")
+    assert done.returncode == 2
+    assert "--region only none or hull" in done.stderr
+
+
 def test_a_spectrum_file_hardens_by_one_material_or_two(folder):
     """Where all is soft tissue the bones change nothing; where all is bone it is bone's curve that counts."""
     spectrum = folder / "tube.csv"

@@ -228,6 +228,8 @@ class World:
             return rng.integers(0, 3, (4, 3) if rank == 2 else 4).astype(kind)
         if argument in special and special[argument].dtype == kind:
             return special[argument].copy()
+        if argument == "support":
+            return rng.integers(0, 2, GRID).astype(kind)
         if argument == "load":
             return rng.normal(size=(9, 2))
         if argument in ("nodes", "wanted", "vertices", "shown", "free"):

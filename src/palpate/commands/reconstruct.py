@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 Method = StrEnum("Method", "map ml tv sirt sart fbp backprojection")
-StartImage = StrEnum("StartImage", "backprojection uniform")
+StartImage = StrEnum("StartImage", "auto backprojection uniform")
 
 
 class PriorName(StrEnum):
@@ -105,7 +105,9 @@ def reconstruct_command(
     edge: Annotated[float | None, typer.Option(help="Difference that is kept, 1/mm. Default: from the data.")] = None,
     neighbours: Annotated[int, typer.Option(help="6, 18 or 26 voxels around each.")] = 26,
     exponent: Annotated[float, typer.Option(help="Of the generalized prior, 1 to 2: it grows so for jumps.")] = 1.2,
-    start: Annotated[StartImage, typer.Option(help="Of the coarsest level.")] = StartImage.backprojection,
+    start: Annotated[
+        StartImage, typer.Option(help="Of the coarsest level. auto: uniform within a support.")
+    ] = StartImage.auto,
     optimizer: Annotated[
         str, typer.Option(help="Of map and ml: auto, momentum, descent, subsets, or one of your own (--plugin).")
     ] = "auto",
@@ -115,6 +117,10 @@ def reconstruct_command(
     window: Annotated[WindowName, typer.Option(help="Of fbp's ramp.")] = WindowName.hann,
     cutoff: Annotated[float, typer.Option(help="Where fbp's ramp ends, share of the Nyquist frequency.")] = 1.0,
     relaxation: Annotated[float, typer.Option(help="Of sart, between 0 and 2; less for noise.")] = 1.0,
+    support: Annotated[
+        str,
+        typer.Option(help="Where the object may be: none (everywhere), hull (by its shadows), or a file of labels."),
+    ] = "none",
     resume: Annotated[bool, typer.Option("--resume", help="Go on from the checkpoint beside the output.")] = False,
     checkpoint_every: Annotated[int, typer.Option(help="Iterations between checkpoints.")] = 5,
     check: Annotated[bool, typer.Option(help="Look for mistakes before and after, and warn.")] = True,
@@ -129,6 +135,7 @@ def reconstruct_command(
     Ctrl-C keeps the last iterate in a checkpoint beside the output; the
     same command with --resume goes on from it.
     """
+    from palpate.reconstruction.air_level import without_sheet
     from palpate.reconstruction.checkpoint import checkpoint_path, fingerprint, read_checkpoint, with_checkpoints
     from palpate.reconstruction.prior_parameters import explain_prior
     from palpate.reconstruction.reconstruct import OLD_SPELLING, OPTIONS
@@ -147,7 +154,7 @@ def reconstruct_command(
             m.counts, m.incident, m.views, m.background, m.mask, gain=gain, electronic=electronic
         )
     grid = pp.read_volume(like).grid if like else pp.covering_grid(measured.views, thickness, spacing)
-    here = ("prior", "resolution", "optimizer", "optimiser", "iterations", "resume")
+    here = ("prior", "resolution", "optimizer", "optimiser", "iterations", "support", "resume")
     options: dict[str, Any] = {name: ctx.params[name] for name in OPTIONS if name in ctx.params and name not in here}
     width = None if resolution is None else _millimetres("--resolution", resolution)
     kind = prior or (PriorName.lange if width is None else PriorName.quadratic)
@@ -156,12 +163,18 @@ def reconstruct_command(
     if check and not resume:
         warn(pp.check_scan(measured, grid))
     part = pp.region_grid(grid, *corners(region)) if region else None
+    if support not in ("none", "hull") and part is not None:
+        raise DataError("support: with --region only none or hull, since a file's mask is on one grid")
+    if support != "none":
+        measured = without_sheet(measured) if part is not None else measured  # the sheet lies outside the support
+        options["support"] = support if support == "hull" else pp.read_labels(support)
     if hardening is None and bones is not None:
         raise DataError("bones: they need --hardening with a file of weight,soft,bone lines")
     first = pp.read_volume(bones) if bones else None
     spectrum = Path(hardening).read_text() if hardening is not None and Path(hardening).is_file() else hardening
     stages = {"region": part, "halvings": halvings, "hardening": spectrum, "bones": first, "bone range": bone_range}
-    run = fingerprint(measured, {"grid": grid, **options, **stages})
+    named = {"start": "backprojection"} if start is StartImage.auto else {}  # as version 0.1 wrote it
+    run = fingerprint(measured, {"grid": grid, **options, **stages, **named})
     if hardening is not None:
         if part is not None:
             raise DataError(
@@ -171,8 +184,10 @@ def reconstruct_command(
     last = read_checkpoint(beside, run) if resume else None
     try:
         if part is not None:
-            pp.iterates(crop_to_region(measured, part), part, **options)  # what cannot be is refused here, before work
             coarse = {**options, "method": "map" if method in ("fbp", "backprojection") else method.value}
+            if support == "hull":
+                options["support"] = pp.support_hull(measured, part)  # by all of the panel
+            pp.iterates(crop_to_region(measured, part), part, **options)  # what cannot be is refused here, before work
             steps = reconstruct_full_field(measured, grid, halvings=halvings, **coarse, iterations=iterations)
             field = deque(_shown(steps, iterations), maxlen=1)[0]  # and no iterate before it
             measured, grid = pp.local_scan(measured, grid, part, field.volume), part
@@ -185,6 +200,8 @@ def reconstruct_command(
     assert last is not None
     pp.write_volume(output, last.volume)
     beside.unlink(missing_ok=True)
+    if "sheet" in last.volume.notes.get("support", ""):
+        measured = without_sheet(measured)
     if check and hardening is None:
         warn(pp.check_residuals(pp.residuals(measured, last.volume)))
     shape = " x ".join(str(n) for n in grid.shape)

@@ -16,7 +16,7 @@ from palpate.scans.scan import Scan
 from palpate.volumes.grid import Grid
 from palpate.volumes.hdf5_guard import check_heap, read_dataset
 from palpate.volumes.hdf5_output import replacing_hdf5
-from palpate.volumes.volume import Volume
+from palpate.volumes.volume import Labels, Volume
 
 KIND = "palpate checkpoint 2"
 SPELLED = {"optimizer": "optimiser"}  # settings whose name in the file is that of version 0.1
@@ -108,7 +108,7 @@ def with_checkpoints(steps: Iterator[Step], path: str | Path, run: Mapping[str, 
 def _words(value: Any) -> str:
     if isinstance(value, Grid):
         return f"{value.shape} voxels of {value.spacing} mm from {value.origin}"
-    if isinstance(value, Volume):
+    if isinstance(value, Labels | Volume):
         return hashlib.sha256(value.values.tobytes()).hexdigest()[:16]
     text = str(value).replace("'generalized'", "'generalised'")  # as version 0.1 wrote it
     return text.replace(", resolution=None", "")  # which it did not know

@@ -66,6 +66,15 @@ def coarser_grid(grid: Grid) -> Grid:
     return Grid(shape, step * grid.spacing, np.array(grid.origin) + shift, grid.direction)
 
 
+def coarser_support(support: UInt8, grid: Grid) -> UInt8:
+    """On `coarser_grid(grid)`: a coarse voxel is in the support if any of its fine voxels is."""
+    coarse = coarser_grid(grid)
+    for axis in range(3):
+        if coarse.shape[axis] != grid.shape[axis]:
+            support = np.maximum.reduceat(support, np.arange(0, grid.shape[axis], 2), axis=axis)
+    return support
+
+
 def coarser_panel(panel: Panel, downsample: Downsample = "sum") -> Panel:
     """Pixels of 2x2 pixels. Their centres lie half a fine pixel on, except where one pixel stands for four."""
     shape = [(n + 1) // 2 for n in panel.shape]

@@ -3,14 +3,14 @@
 import time
 import warnings
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Literal, get_args
 
 import numpy as np
 
-from palpate.arrays import Float32
+from palpate.arrays import Float32, UInt8
 from palpate.errors import DataError
 from palpate.plugins import BUILT_IN, names, part
 from palpate.reconstruction.baselines.filtered_backprojection import Window, check_window, fbp
@@ -29,7 +29,7 @@ from palpate.reconstruction.models.likelihood import (
     WeightedLeastSquares,
 )
 from palpate.reconstruction.models.mrf_prior import Prior
-from palpate.reconstruction.multiresolution import Downsample, default_levels, pyramid
+from palpate.reconstruction.multiresolution import Downsample, coarser_support, default_levels, pyramid
 from palpate.reconstruction.optimizers.coordinate_descent import coordinate_descent, data_curvature
 from palpate.reconstruction.optimizers.hybrid_descent import hybrid_descent, sweeps_are_cheap
 from palpate.reconstruction.optimizers.memory_gradient import memory_gradient
@@ -38,6 +38,7 @@ from palpate.reconstruction.optimizers.problem import Problem
 from palpate.reconstruction.prior_parameters import choose_prior_parameters, median_curvature
 from palpate.reconstruction.projector import Projector
 from palpate.reconstruction.stopping_rule import StoppingRule
+from palpate.reconstruction.support import Support, chosen_support, rays_leave_support
 from palpate.scans.grid_placement import check_grid
 from palpate.scans.scan import Scan
 from palpate.volumes.grid import Grid
@@ -68,7 +69,7 @@ def iterates(
     prior: Prior | None = None,
     resolution: float | None = None,
     likelihood: LikelihoodOf = "poisson",
-    start: Literal["backprojection", "uniform"] | Volume = "backprojection",
+    start: Literal["auto", "backprojection", "uniform"] | Volume = "auto",
     curvature: Curvature = "precomputed",
     optimizer: str | Sequence[str] = "auto",
     iterations: int | Sequence[int] = 50,
@@ -78,6 +79,7 @@ def iterates(
     window: Window = "hann",
     cutoff: float = 1.0,
     relaxation: float = 1.0,
+    support: Support = "none",
     resume: Step | None = None,
     optimiser: str | Sequence[str] | None = None,
 ) -> Iterator[Step]:
@@ -103,7 +105,8 @@ def iterates(
         "poisson" for counts, "gaussian" for counts with a variance that follows the mean, "least-squares" for intensities,
         or a function from a scan to a likelihood.
     start : str or Volume, optional
-        "backprojection", "uniform" or a volume, on the coarsest level.
+        "backprojection", "uniform" or a volume, on the coarsest level. "auto" is uniform within a support,
+        unless rays bring attenuation from beyond the grid's sides, and else backprojection.
     curvature : str, optional
         As in `Transmission.curvature`.
     optimizer : str or sequence of str, optional
@@ -123,6 +126,11 @@ def iterates(
         Of `fbp`.
     relaxation : float, optional
         Of `sart`.
+    support : str, Labels, Volume or array_like of bool, (z, y, x), optional
+        Of "map" and "ml": where the object may be. Outside f = 0 at every level. "hull" is
+        `support_hull`, which is not held where the object reaches beyond a side of the grid that rays cross. "none" is all of
+        the grid. A mask on the finest grid has 0 outside. A sheet over all of the field, such as a paddle, is taken out of
+        the incident beam, since it lies outside.
     resume : Step, optional
         The step after which to go on, exactly as if the run had never stopped.
     optimiser : str, optional
@@ -156,18 +164,42 @@ def iterates(
     check_window(window, cutoff)
     check_relaxation(relaxation)
     chosen = LIKELIHOODS[likelihood] if isinstance(likelihood, str) else likelihood
+    inside, notes = None, {}
+    if not (isinstance(support, str) and support == "none"):
+        measured = scan
+        inside, scan = chosen_support(support, method, scan, grid)
+        name = support if isinstance(support, str) else "mask"
+        sheet = ", behind a sheet over all of the field" if scan is not measured else ""
+        notes["support"] = f"{name}, {inside.mean():.0%} of the voxels{sheet}"
     scans = pyramid(scan, grid, levels if method in ("map", "ml") else 1, downsample)
     A = Projector(scan.views, grid)  # raises GeometryError before any work
     for finding in check_grid(scan.views, grid):
         warnings.warn(str(finding), stacklevel=2)
     if levels == 1 or not sweeps_are_cheap(A):  # then "auto" has no sweeps: see `hybrid_descent`
         optimizers = ["momentum" if name == "auto" else name for name in optimizers]
+    if isinstance(start, str) and start == "auto":
+        flat = inside is not None and not rays_leave_support(inside, scan.views, grid)
+        start = "uniform" if flat else "backprojection"
     rule = StoppingRule(most, tolerance)
     prior = _resolved(prior, resolution, method)
     local = None if prior.resolution is None else strength_for_resolution(prior, A.views, grid, prior.resolution)
     baseline = _baseline(method, prior, window, cutoff, relaxation)
     return _run(
-        scans, A, method, prior, local, chosen, start, curvature, optimizers, rule, interpolation, resume, baseline
+        scans,
+        A,
+        method,
+        prior,
+        local,
+        chosen,
+        start,
+        curvature,
+        optimizers,
+        rule,
+        interpolation,
+        resume,
+        baseline,
+        inside,
+        notes,
     )
 
 
@@ -185,7 +217,7 @@ def reconstruct(
     prior: Prior | None = None,
     resolution: float | None = None,
     likelihood: LikelihoodOf = "poisson",
-    start: Literal["backprojection", "uniform"] | Volume = "backprojection",
+    start: Literal["auto", "backprojection", "uniform"] | Volume = "auto",
     curvature: Curvature = "precomputed",
     optimizer: str | Sequence[str] = "auto",
     iterations: int | Sequence[int] = 50,
@@ -195,6 +227,7 @@ def reconstruct(
     window: Window = "hann",
     cutoff: float = 1.0,
     relaxation: float = 1.0,
+    support: Support = "none",
     resume: Step | None = None,
     optimiser: str | Sequence[str] | None = None,
 ) -> Volume:
@@ -212,7 +245,7 @@ def reconstruct(
         Voxel size of the default grid in the slice, mm.
     levels, method, prior, resolution, likelihood, start, curvature, optimizer, iterations, tolerance : optional
         As for `iterates`.
-    downsample, interpolation, window, cutoff, relaxation, resume, optimiser : optional
+    downsample, interpolation, window, cutoff, relaxation, support, resume, optimiser : optional
         As for `iterates`.
 
     Returns
@@ -250,16 +283,21 @@ def _run(
     interpolation: Interpolation,
     resume: Step | None,
     baseline: Baseline,
+    inside: UInt8 | None,
+    notes: Mapping[str, str],
 ) -> Iterator[Step]:
     began = time.perf_counter() - (resume.seconds if resume else 0)
     A, data = finest = A, likelihood(scans[0][0])
     prior = Prior("quadratic", 0.0) if method == "ml" else prior
     prior, beta = _prior_with_weight(prior, A, data, local) if method == "map" else (prior, 0.0)
+    supports = [inside]
+    for _, fine in scans[:-1]:
+        supports.append(None if inside is None else (inside := coarser_support(inside, fine)))
     last = resume
     for level in reversed(range(len(scans))):
         if last is not None and (last.level < level or (last.level == level and last.finished)):
             continue
-        level_scan, grid = scans[level]
+        (level_scan, grid), inside = scans[level], supports[level]
         A, data = (Projector(level_scan.views, grid), likelihood(level_scan)) if level else finest
         # The strength doubles with each level, so that an edge has about the same penalty on every grid: a coarser level
         # has a quarter of the pairs across it, each of twice the weight in mm (half and once where slices stay as thick).
@@ -270,8 +308,9 @@ def _run(
             values = (
                 resample(last.volume, grid, interpolation).values
                 if last
-                else _initial_values(start, A, data, interpolation)
+                else _initial_values(start, A, data, interpolation, inside)
             )
+            values = values if inside is None else values * inside
             done, objective, before = 0, None, None
         remembers = method in ("map", "ml") and optimizers[level] != "descent"
         pace, own = None, None
@@ -282,17 +321,18 @@ def _run(
                 else SubsetsState(default_subsets(len(A.views)))
             )
             some = _likelihood_of_views(level_scan, likelihood)
-            solver = ordered_subsets(A, data, prior, weight, values, some, pace, curvature)
+            solver = ordered_subsets(A, data, prior, weight, values, some, pace, curvature, inside)
         elif remembers and optimizers[level] not in BUILT_IN["optimizer"]:
             state = last.state if last is not None and done else {}
-            own = part("optimizer", optimizers[level])(Problem(A, data, prior, weight, curvature), values.copy(), state)
-            solver = iter(own.update, None)
+            problem = Problem(A, data, prior, weight, curvature, inside)
+            own = part("optimizer", optimizers[level])(problem, values.copy(), state)
+            solver = _within_support(own.update, inside, optimizers[level])
         elif remembers and optimizers[level] == "auto":
-            solver = hybrid_descent(A, data, prior, weight, values, curvature, done, before)
+            solver = hybrid_descent(A, data, prior, weight, values, curvature, done, before, inside)
         elif remembers:
-            solver = memory_gradient(A, data, prior, weight, values, curvature, before)
+            solver = memory_gradient(A, data, prior, weight, values, curvature, before, support=inside)
         elif method in ("map", "ml"):
-            solver = coordinate_descent(A, data, prior, weight, values, curvature)
+            solver = coordinate_descent(A, data, prior, weight, values, curvature, support=inside)
         else:
             solver = baseline(A, data, values)
         for iteration, (f, now) in enumerate(solver, done + 1):
@@ -301,7 +341,7 @@ def _run(
             shared = method in ("map", "ml") and pace is None and own is None
             if shared and not finished:
                 f.flags.writeable = False
-            volume = Volume(f if shared else np.array(f), grid)
+            volume = Volume(f if shared else np.array(f), grid, notes=notes)
             previous, numbers = (values, ()) if pace is None else pace.state()
             if finished or not remembers or own:
                 previous, numbers = None, ()
@@ -313,6 +353,17 @@ def _run(
             yield last
             if finished:
                 break
+
+
+def _within_support(
+    update: Callable[[], tuple[Float32, float]], inside: UInt8 | None, name: str
+) -> Iterator[tuple[Float32, float]]:
+    """Every iterate of a registered optimizer. Raises `DataError` for one that leaves the support."""
+    while True:
+        f, objective = update()
+        if inside is not None and f[inside == 0].any():
+            raise DataError(f"optimizer {name!r} leaves the support; it must hold f = 0 where problem.support is 0")
+        yield f, objective
 
 
 def _likelihood_of_views(scan: Scan, likelihood: Callable[[Scan], Likelihood]) -> Callable[[list[int]], Likelihood]:
@@ -347,10 +398,12 @@ def _baseline(method: Method, prior: Prior, window: Window, cutoff: float, relax
     return partial(tv, strength=prior.strength) if method == "tv" else sirt
 
 
-def _initial_values(start: str | Volume, A: Projector, data: Likelihood, interpolation: Interpolation) -> Float32:
+def _initial_values(
+    start: str | Volume, A: Projector, data: Likelihood, interpolation: Interpolation, inside: UInt8 | None
+) -> Float32:
     if isinstance(start, Volume):
         return np.maximum(resample(start, A.grid, interpolation).values, 0)
-    return uniform_volume(A, data) if start == "uniform" else backproject(A, data)
+    return uniform_volume(A, data, inside) if start == "uniform" else backproject(A, data)
 
 
 def _new_spelling(optimizer: str | Sequence[str], optimiser: str | Sequence[str] | None) -> str | Sequence[str]:
@@ -386,7 +439,7 @@ def _check_choices(
         ("method", method, get_args(Method)),
         ("curvature", curvature, CURVATURES),
         ("interpolation", interpolation, INTERPOLATIONS),
-        ("start", start, ("backprojection", "uniform")),
+        ("start", start, ("auto", "backprojection", "uniform")),
         ("likelihood", likelihood, tuple(LIKELIHOODS)),
     ):
         if value not in there and not (isinstance(value, Volume) or callable(value)):

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from palpate.arrays import Float32
+from palpate.arrays import Float32, UInt8
 from palpate.errors import GeometryError
 from palpate.reconstruction.models.likelihood import Likelihood
 from palpate.reconstruction.projector import Projector
@@ -47,12 +47,13 @@ def backproject(A: Projector, likelihood: Likelihood) -> Float32:
     return values
 
 
-def uniform_volume(A: Projector, likelihood: Likelihood) -> Float32:
-    """A volume (z, y, x) of one value, 1/mm, whose line integrals are closest to the measured ones."""
-    length = (A(np.ones(A.domain_shape, np.float32)) * likelihood.measured).astype(np.float64)
+def uniform_volume(A: Projector, likelihood: Likelihood, support: UInt8 | None = None) -> Float32:
+    """A volume (z, y, x) of one value, 1/mm, whose line integrals are closest to the measured ones; 0 outside `support`."""
+    inside = (np.ones(A.domain_shape) if support is None else support).astype(np.float32)
+    length = (A(inside) * likelihood.measured).astype(np.float64)
     check_seen(length)
     value = max(0.0, float((length * likelihood.line_integrals).sum() / (length * length).sum()))
-    return np.full(A.domain_shape, value, np.float32)
+    return inside * np.float32(value)
 
 
 def sirt(A: Projector, likelihood: Likelihood, values: Float32) -> Iterator[tuple[Float32, float]]:

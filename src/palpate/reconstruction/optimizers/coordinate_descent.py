@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from palpate import _core
-from palpate.arrays import Float32
+from palpate.arrays import Float32, UInt8
 from palpate.reconstruction.models.likelihood import Curvature, Likelihood, value_and_slope
 from palpate.reconstruction.models.mrf_prior import Prior
 from palpate.reconstruction.optimizers.problem import Problem
@@ -24,6 +24,7 @@ def coordinate_descent(
     curvature: Curvature = "precomputed",
     relaxation: float = 1.0,
     pool: VolumePool | None = None,
+    support: UInt8 | None = None,
 ) -> Iterator[tuple[Float32, float]]:
     """Minimises Φ(f) = likelihood(A f) + β R(f) over f >= 0, voxel by voxel (Erdogan & Fessler, IEEE TMI 18:801, 1999).
 
@@ -32,7 +33,7 @@ def coordinate_descent(
     the minimum of each voxel's parabola, values up to 2 go beyond it. The iterate is the whole state, so that a run
     resumes from it exactly. No array that is given or yielded is written to, and the caller may not write to them during
     the run. Two volumes exist at a time: the last iterate and the next. pool: the source of the iterates' memory; None
-    makes one.
+    makes one. support: (z, y, x), 0 where f = 0 is a constraint and `values` are 0.
     """
     pool = pool if pool is not None else VolumePool(A.grid.shape)
     values = np.ascontiguousarray(values, np.float32)
@@ -48,7 +49,7 @@ def coordinate_descent(
             if kind != "precomputed" or kind != held:  # the precomputed curvature does not depend on l
                 data.set_curvature(np.ascontiguousarray(likelihood.curvature(l, kind)))
                 held = kind
-            _core.icd.sweep(data, values, *prior.law, beta, relaxation)
+            _core.icd.sweep(data, values, *prior.law, beta, relaxation, support=support)
             _core.projection.project(A.geometry, values, following)
             now = value_and_slope(likelihood, following, slope) + penalty(values)
             if now <= objective or kind == kinds[-1]:

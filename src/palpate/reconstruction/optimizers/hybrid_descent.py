@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from palpate.arrays import Float32
+from palpate.arrays import Float32, UInt8
 from palpate.reconstruction.models.likelihood import Curvature, Likelihood
 from palpate.reconstruction.models.mrf_prior import Prior
 from palpate.reconstruction.optimizers.coordinate_descent import coordinate_descent
@@ -22,6 +22,7 @@ def hybrid_descent(
     curvature: Curvature = "precomputed",
     done: int = 0,
     previous: Float32 | None = None,
+    support: UInt8 | None = None,
 ) -> Iterator[tuple[Float32, float]]:
     """`SWEEPS` sweeps of `coordinate_descent`, then `memory_gradient`, on Φ(f) = likelihood(A f) + β R(f), f >= 0.
 
@@ -31,14 +32,17 @@ def hybrid_descent(
 
     Yields each iterate, (z, y, x) in 1/mm as `values`, and its objective, without end. The objective never rises. done:
     iterations made before; `previous` (read after `SWEEPS` + 1 of them) and `values` are the last two, from which the run
-    resumes exactly. No array that is given or yielded is written to, and the caller may not write to them during the run.
+    resumes exactly. support: as in `coordinate_descent`. No array that is given or yielded is written to, and the caller
+    may not write to them during the run.
     """
     pool = VolumePool(A.grid.shape)
-    run = coordinate_descent(A, likelihood, prior, beta, values, curvature, pool=pool)
+    run = coordinate_descent(A, likelihood, prior, beta, values, curvature, pool=pool, support=support)
     for _ in range(done, SWEEPS):
         values, objective = next(run)
         yield values, objective
-    run = memory_gradient(A, likelihood, prior, beta, values, curvature, previous if done > SWEEPS else None, pool)
+    run = memory_gradient(
+        A, likelihood, prior, beta, values, curvature, previous if done > SWEEPS else None, pool, support
+    )
     del values, previous  # they would keep a volume that is no longer needed
     yield from run
 

@@ -5,10 +5,10 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from palpate import _core
-from palpate.arrays import Float32
+from palpate.arrays import Float32, UInt8
 from palpate.reconstruction.models.likelihood import Curvature, Likelihood, value_and_slope
 from palpate.reconstruction.models.mrf_prior import Prior
-from palpate.reconstruction.optimizers.problem import Problem
+from palpate.reconstruction.optimizers.problem import Problem, hold_outside
 from palpate.reconstruction.projector import Projector
 from palpate.reconstruction.volume_pool import VolumePool
 from palpate.scans.views import Panel, Views
@@ -27,6 +27,7 @@ def memory_gradient(
     curvature: Curvature = "precomputed",
     previous: Float32 | None = None,
     pool: VolumePool | None = None,
+    support: UInt8 | None = None,
 ) -> Iterator[tuple[Float32, float]]:
     """Minimises Φ(f) = likelihood(A f) + β R(f) over f >= 0 by the majorize-minimize memory gradient.
 
@@ -40,10 +41,10 @@ def memory_gradient(
     the "optimal" curvature, then without p, then shorter. previous: the iterate before `values`, None at a start. The two
     iterates are the whole state, so that a run resumes from them exactly. No array that is given or yielded is written
     to, and the caller may not write to them during the run. Three volumes exist at a time: the last two iterates and the
-    gradient. pool: the source of the iterates' memory; None makes one.
+    gradient. pool: the source of the iterates' memory; None makes one. support: as in `coordinate_descent`.
     """
     pool = pool if pool is not None else VolumePool(A.grid.shape)
-    run = _MemoryGradient(Problem(A, likelihood, prior, beta, curvature), pool)
+    run = _MemoryGradient(Problem(A, likelihood, prior, beta, curvature, support), pool)
     f, before = np.ascontiguousarray(values, np.float32), previous
     del values, previous  # the generator's arguments would keep a volume that is no longer needed
     objective = run.look(f, before)
@@ -69,7 +70,7 @@ class _MemoryGradient:
         self.majoriser, self.cell = majoriser(A, self.bend, STEP)
         if curvature != "precomputed":
             self.bend = self.l  # never read
-        self.law = problem.law
+        self.law, self.support = problem.law, problem.support
 
     def look(self, f: Float32, before: Float32 | None) -> float:
         """The objective at f, from which `step` goes on."""
@@ -108,6 +109,7 @@ class _MemoryGradient:
         """
         spacing = self.A.grid.spacing
         _core.projection.backproject(self.A.geometry, self.slope, u)
+        hold_outside(u, self.support)
         slopes = _core.subspace.search_direction(f, before, u, self.majoriser, self.cell, self.beta, spacing, *self.law)
         _core.projection.project(self.A.geometry, u, self.slope)
         if self.kind == "precomputed" and attempt > 0:

@@ -7,12 +7,12 @@ from typing import Self
 import numpy as np
 
 from palpate import _core
-from palpate.arrays import Float32
+from palpate.arrays import Float32, UInt8
 from palpate.reconstruction.baselines.sart import spread_order
 from palpate.reconstruction.models.likelihood import Curvature, Likelihood
 from palpate.reconstruction.models.mrf_prior import Prior
 from palpate.reconstruction.optimizers.memory_gradient import majoriser
-from palpate.reconstruction.optimizers.problem import Problem
+from palpate.reconstruction.optimizers.problem import Problem, hold_outside
 from palpate.reconstruction.projector import Projector
 
 VIEWS = 3  # views in a subset by default: with fewer, a subset's gradient is too far from the full one
@@ -54,6 +54,7 @@ def ordered_subsets(
     part: Callable[[list[int]], Likelihood],
     pace: SubsetsState | None = None,
     curvature: Curvature = "precomputed",
+    support: UInt8 | None = None,
 ) -> Iterator[tuple[Float32, float]]:
     """Separable surrogates of Φ(f) = likelihood(A f) + β R(f), f >= 0, by ordered subsets of views and with momentum.
 
@@ -67,10 +68,11 @@ def ordered_subsets(
     with half the subsets; with one subset, with steps half as long. So the objective never rises, and the end is the
     minimum. Yields the iterate after each pass and its objective, without end. part: the likelihood of some of the views.
     pace: with how many subsets to begin, or where to go on; by default a third of the views. It changes as the run goes
-    on. The yielded volume and `pace.previous` are working arrays: copy them to keep them.
+    on. support: as in `coordinate_descent`. The yielded volume and `pace.previous` are working arrays: copy them to keep
+    them.
     """
     pace = pace if pace is not None else SubsetsState(default_subsets(len(A.views)))
-    problem = Problem(A, likelihood, prior, beta, curvature)
+    problem = Problem(A, likelihood, prior, beta, curvature, support)
     run = _Subsets(problem, part)
     x = np.array(values, np.float32)
     previous = np.array(values if pace.previous is None else pace.previous, np.float32)
@@ -110,7 +112,7 @@ class _Subsets:
         self.kind: Curvature = "precomputed" if problem.curvature == "precomputed" else "maximum"
         self.groups: list[tuple[Projector, Likelihood]] = []
         self.bound, self.z = (np.zeros(self.A.domain_shape, np.float32) for _ in range(2))
-        self.law = problem.law
+        self.law, self.support = problem.law, problem.support
 
     def passed(self, x: Float32, previous: Float32, pace: SubsetsState) -> tuple[Float32, Float32, float]:
         """The iterate after each subset had its step, the one before it, and t. Both arrays are written to."""
@@ -121,6 +123,7 @@ class _Subsets:
             following = (1 + np.sqrt(1 + 4 * t * t)) / 2 if pace.accelerated else 1.0
             _core.subspace.subspace_step(x, previous, (0.0, (t - 1) / following), self.z)
             _core.projection.backproject(A.geometry, np.ascontiguousarray(likelihood.slope(A(self.z))), previous)
+            hold_outside(previous, self.support)
             _core.subspace.search_direction(
                 self.z, self.z, previous, self.bound, 1, beta, self.A.grid.spacing, *self.law
             )

@@ -4,11 +4,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
+
 from palpate import _core
-from palpate.arrays import AnyArray, Float32
+from palpate.arrays import AnyArray, Float32, UInt8
 from palpate.reconstruction.models.likelihood import Curvature, Likelihood
 from palpate.reconstruction.models.mrf_prior import Prior
 from palpate.reconstruction.projector import Projector
+
+RISING = 1e30  # any gradient so steep that the prior does not outweigh it
 
 
 @dataclass(frozen=True, eq=False)
@@ -16,6 +20,7 @@ class Problem:
     """Φ(f) = likelihood(A f) + β R(f), to be minimised over f >= 0, (z, y, x) 1/mm.
 
     beta: strength of the prior on this level, 0 for maximum likelihood. curvature: the kind that the user asked for.
+    support: (z, y, x), 0 where f = 0 is a constraint, else 1; None where there is none.
     """
 
     A: Projector
@@ -23,6 +28,7 @@ class Problem:
     prior: Prior
     beta: float
     curvature: Curvature
+    support: UInt8 | None = None
 
     def objective(self, f: Float32) -> float:
         """Φ(f)."""
@@ -41,6 +47,12 @@ class Problem:
         """∇Φ(f), (z, y, x)."""
         slope = self.A.T(self.likelihood.slope(self.A(f)))
         return slope + self.beta * self.prior.surrogate(f, self.A.grid)[0] if self.beta > 0 else slope
+
+
+def hold_outside(gradient: Float32, support: UInt8 | None) -> None:
+    """Makes the gradient positive outside the support, in place: there f is 0, and a step of f >= 0 leaves it so."""
+    if support is not None:
+        np.copyto(gradient, np.float32(RISING), where=support == 0)
 
 
 class Optimizer(Protocol):
