@@ -26,6 +26,8 @@ class Volume:
         Where the voxels lie.
     unit : str, optional
         Unit of the values. The default "1/mm" is that of attenuation.
+    notes : mapping of str to str, optional
+        What was assumed to make it, such as {"scatter": "estimate"}. Files keep it.
 
     Raises
     ------
@@ -42,6 +44,7 @@ class Volume:
     values: Float32
     grid: Grid
     unit: str = "1/mm"
+    notes: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", float32("volume", self.values, self.grid.shape))

@@ -1,0 +1,134 @@
+"""The table of scatter kernels: how much a slab scatters to each place around a pencil of X-rays."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from palpate.arrays import Float64
+from palpate.errors import DataError
+from palpate.scans.scatter.cross_sections import TABLES, attenuation
+from palpate.scans.scatter.monte_carlo import GRIDS
+
+MATERIAL = "breast"  # of the slabs: equal masses of adipose and glandular tissue
+
+
+@dataclass(frozen=True, eq=False)
+class ScatterKernels:
+    """Scatter of slabs under one beam: what `scatter_kernels` reads from the table.
+
+    Parameters
+    ----------
+    thickness : ndarray, (n,)
+        Of the slabs, mm, from 0, rising.
+    transmission : ndarray, (n,)
+        Primary signal behind each slab over that of the open beam.
+    gap : ndarray, (gaps,)
+        Distances from the slab to the panel, mm, rising.
+    radius : ndarray, (rings + 1,)
+        Edges of the rings around the pencil, mm.
+    scatter : ndarray, (n, gaps, rings)
+        Signal scattered to each ring over that of the pencil in the open beam.
+    assumed : mapping of str to str
+        What the kernels are for: kV, beam, grid, material.
+
+    Examples
+    --------
+    >>> kernels = pp.scatter_kernels(kv=30, beam="W/Rh")
+    >>> bool((np.diff(kernels.transmission) < 0).all())
+    True
+    """
+
+    thickness: Float64
+    transmission: Float64
+    gap: Float64
+    radius: Float64
+    scatter: Float64
+    assumed: Mapping[str, str]
+
+    def at_gap(self, gap: float) -> Float64:
+        """(n, rings): the kernels for one air gap, mm, linear between those of the table."""
+        g = float(np.clip(gap, self.gap[0], self.gap[-1]))
+        i = min(int(np.searchsorted(self.gap, g, "right")) - 1, len(self.gap) - 2)
+        part = (g - self.gap[i]) / (self.gap[i + 1] - self.gap[i])
+        return np.asarray((1 - part) * self.scatter[:, i] + part * self.scatter[:, i + 1])
+
+
+def scatter_kernels(kv: float, beam: str = "W/Rh", grid: str = "none") -> ScatterKernels:
+    """Return the kernels of slabs of breast tissue for a beam, from the table that palpate ships.
+
+    The table was made by palpate's own Monte Carlo, for a panel that detects all energy.
+
+    Parameters
+    ----------
+    kv : float
+        Tube voltage, kV: 22 to 50.
+    beam : str, optional
+        Anode and filter: "W/Rh" (0.05 mm), "W/Ag" (0.05 mm), "W/Al" (0.7 mm), "Mo/Mo" (0.03 mm) or "Rh/Rh" (0.025 mm).
+    grid : str, optional
+        Anti-scatter grid: "none", or "linear" with ratio 5 and 31 lines a cm.
+
+    Returns
+    -------
+    ScatterKernels
+        For any air gap of 0 to 80 mm and thickness of 0 to 120 mm.
+
+    Raises
+    ------
+    DataError
+        If the table has no such beam.
+
+    References
+    ----------
+    Boone & Cooper, Med. Phys. 27:1818, 2000.
+
+    Examples
+    --------
+    >>> pp.scatter_kernels(kv=29, grid="linear").assumed["anti-scatter grid"]
+    'linear'
+    """
+    lines, photons = tube_spectrum(kv, beam)
+    table = _table()
+    names = [str(name) for name in table["grid"]]
+    if grid not in names:
+        raise DataError(f"grid: there is no {grid!r}; choose from {', '.join(names)}")
+    k = names.index(grid)
+    thickness = np.concatenate([[0.0], table["thickness"]])
+    signal = photons * lines * GRIDS[grid].transmission(lines)
+    passed = np.exp(-np.outer(thickness, attenuation(MATERIAL, lines)))  # (n, lines)
+    at = np.clip(np.interp(lines, table["keV"], np.arange(len(table["keV"]))), 0, len(table["keV"]) - 1 - 1e-9)
+    low, part = at.astype(int), (at % 1)[:, None, None, None]
+    ratio = (1 - part) * table["scatter"][low, :, :, k] + part * table["scatter"][low + 1, :, :, k]
+    sent = photons * lines  # the table's ratios are of what meets the panel without a grid
+    found = np.einsum("l,nl,lngr->ngr", sent, passed[1:], ratio) / signal.sum()
+    return ScatterKernels(
+        thickness,
+        passed @ signal / signal.sum(),
+        table["gap"],
+        table["radius"],
+        np.concatenate([np.zeros((1, *found.shape[1:])), found]),
+        {"kV": f"{kv:g}", "beam": beam, "anti-scatter grid": grid, "material": f"{MATERIAL}, adipose and glandular 1:1"},
+    )
+
+
+def tube_spectrum(kv: float, beam: str) -> tuple[Float64, Float64]:
+    """Photons of each line, keV, of a tube; between two voltages of the table, their mean. Raises `DataError`."""
+    with np.load(TABLES / "spectra.npz") as file:
+        names, known = [str(name) for name in file["beam"]], file["kv"].astype(np.float64)
+        if beam not in names:
+            raise DataError(f"beam: there is no {beam!r}; choose from {', '.join(names)}")
+        if not known[0] <= kv <= known[-1]:
+            raise DataError(f"kv: the table has {known[0]:g} to {known[-1]:g} kV, got {kv!r}")
+        at = min(float(np.interp(kv, known, np.arange(len(known)))), len(known) - 1 - 1e-9)
+        one, next_ = file["photons"][names.index(beam)][int(at) : int(at) + 2].astype(np.float64)
+        photons = one * (1 - at % 1) + next_ * (at % 1)
+        seen = photons > 0
+        return file["keV"][seen].astype(np.float64), photons[seen]
+
+
+@cache
+def _table() -> dict[str, Any]:
+    with np.load(TABLES / "kernels.npz") as file:
+        return {name: file[name] for name in file.files}
