@@ -81,8 +81,18 @@ def pmma_slabs(photons: int) -> Iterator[str]:
         gap, low, high = 20.0, (-150, 0), (150, 240)
         body = [Part("PMMA", (*low, gap), (*high, gap + thickness))]
         found = scatter_image(
-            body, (0, 0, 650), (*low, *high), (12, 15), 20.0, (-150.0, 0.0), keV, lines, photons, SEED + thickness,
-            GRIDS[grid], ("selenium", 0.2),
+            body,
+            (0, 0, 650),
+            (*low, *high),
+            (12, 15),
+            20.0,
+            (-150.0, 0.0),
+            keV,
+            lines,
+            photons,
+            SEED + thickness,
+            GRIDS[grid],
+            ("selenium", 0.2),
         )
         ratio = found.scatter[2:4, 6:9].sum() / found.primary[2:4, 6:9].sum()  # 60 mm from the chest wall
         yield f"{grid} | {thickness} | {published} | {ratio:.3f} | {ratio / published - 1:+.0%}"
@@ -112,6 +122,11 @@ def body_parts(name: str) -> list[Part]:
     return parts
 
 
+def blocks(image: np.ndarray) -> np.ndarray:
+    rows, columns = image.shape
+    return image.reshape(rows // AVERAGED, AVERAGED, columns // AVERAGED, AVERAGED).mean(axis=(1, 3))
+
+
 def judged(photons: int, tilts: tuple[int, ...] = TILTS) -> Iterator[str]:
     """Beam and body go on 60 mm beyond the chest wall's edge of the panel."""
     for number, (name, (_, _, high, (across, out), kv, beam, gap, grid)) in enumerate(BODIES.items()):
@@ -125,8 +140,17 @@ def judged(photons: int, tilts: tuple[int, ...] = TILTS) -> Iterator[str]:
             corner = (shift - columns * PITCH / 2, 0.0)
             field = (corner[0], -60.0, corner[0] + columns * PITCH, rows * PITCH)
             found = scatter_image(
-                body_parts(name), source, field, (rows, columns), PITCH, corner, keV, lines, photons,
-                SEED + 100 * number + tilt, GRIDS[grid],
+                body_parts(name),
+                source,
+                field,
+                (rows, columns),
+                PITCH,
+                corner,
+                keV,
+                lines,
+                photons,
+                SEED + 100 * number + tilt,
+                GRIDS[grid],
             )
             area = (field[2] - field[0]) * (field[3] - field[1])
             photon = lines @ keV / lines.sum()  # its mean energy
@@ -138,9 +162,6 @@ def judged(photons: int, tilts: tuple[int, ...] = TILTS) -> Iterator[str]:
             estimate = pp.estimate_scatter(scan, kernels, gap)[0]
             clean = pp.Scan(primary[None], incident, scan.views)
             false = pp.estimate_scatter(clean, kernels, gap)[0]
-
-            def blocks(image):
-                return image.reshape(rows // AVERAGED, AVERAGED, columns // AVERAGED, AVERAGED).mean(axis=(1, 3))
 
             t, p, e = blocks(true), blocks(primary), blocks(estimate)
             shadow = p < 0.97 * incident

@@ -31,7 +31,8 @@ ENERGIES = np.array([10, 12, 14, 16, 18, 20, 22, 25, 28, 32, 36, 40, 45, 50.0])
 THICKNESS = np.array([2, 5, 10, 20, 30, 40, 50, 60, 70, 80, 100, 120.0])
 GAPS = np.array([0, 10, 20, 40, 80.0])
 RADII = np.concatenate([[0], np.geomspace(1, 300, 36)])
-PHOTONS, SEED = 1_000_000, 20
+PHOTONS, SEED = 2_000_000, 20
+TILT = np.radians(25.0)  # of the oblique pencil
 
 
 def make_cross_sections() -> dict[str, np.ndarray]:
@@ -59,7 +60,7 @@ def make_spectra() -> dict[str, np.ndarray]:
     found = np.zeros((len(BEAMS), len(KV), len(LINES)), np.float32)
     for b, (anode, filtered, thickness) in enumerate(BEAMS.values()):
         for k, kv in enumerate(KV):
-            model = spekpy.Spek(kvp=float(kv), targ=anode, th=12, dk=0.1, physics="kqp" if anode != "W" else "kqp")
+            model = spekpy.Spek(kvp=float(kv), targ=anode, th=12, dk=0.1, physics="kqp")
             model.filter("Be", 0.8).filter(filtered, thickness).filter("Air", 600)
             energy, photons = model.get_spectrum(edges=False)
             edges = np.append(LINES - 0.5, LINES[-1] + 0.5)
@@ -69,18 +70,41 @@ def make_spectra() -> dict[str, np.ndarray]:
 
 
 def make_kernels(photons: int = PHOTONS) -> dict[str, np.ndarray]:
-    """Energy scattered to each ring over the energy of the primary, both of a pencil beam, float32."""
+    """Energy scattered to each ring over the energy of the primary, both of a pencil beam, float32.
+
+    oblique: the same within `REACH`, and its moment in mm, for a pencil at 25 degrees to the normal; thickness and gap
+    are along the pencil.
+    """
     grids = list(monte_carlo.GRIDS.values())
     found = np.zeros((len(ENERGIES), len(THICKNESS), len(GAPS), len(grids), len(RADII) - 1), np.float32)
+    oblique = np.zeros((*found.shape[:-1], 2), np.float32)
+    rings = RADII[: np.searchsorted(RADII, kernels.REACH, "right")]
     for e, keV in enumerate(ENERGIES):
         mu = cross_sections.attenuation(kernels.MATERIAL, keV)
         for t, thickness in enumerate(THICKNESS):
-            energy = monte_carlo.pencil_kernels(
-                kernels.MATERIAL, thickness, keV, GAPS, RADII, grids, photons, SEED + 1000 * e + t
+            seed, primary = SEED + 1000 * e + t, photons * keV * np.exp(-mu * thickness)
+            energy = monte_carlo.pencil_kernels(kernels.MATERIAL, thickness, keV, GAPS, RADII, grids, photons, seed)
+            found[e, t] = energy[..., :-1] / primary
+            slanted = monte_carlo.pencil_kernels(
+                kernels.MATERIAL,
+                thickness * np.cos(TILT),
+                keV,
+                GAPS * np.cos(TILT),
+                rings,
+                grids,
+                photons,
+                seed + 500,
+                np.tan(TILT),
             )
-            found[e, t] = energy / (photons * keV * np.exp(-mu * thickness))
-    axes = {"keV": ENERGIES, "thickness": THICKNESS, "gap": GAPS, "grid": np.array(list(monte_carlo.GRIDS)), "radius": RADII}
-    return {**axes, "scatter": found}
+            oblique[e, t] = np.stack([slanted[..., :-1].sum(axis=-1), slanted[..., -1]], axis=-1) / primary
+    axes = {
+        "keV": ENERGIES,
+        "thickness": THICKNESS,
+        "gap": GAPS,
+        "grid": np.array(list(monte_carlo.GRIDS)),
+        "radius": RADII,
+    }
+    return {**axes, "scatter": found, "tangent": np.tan(TILT), "oblique": oblique}
 
 
 MADE = {"cross-sections": make_cross_sections, "spectra": make_spectra, "kernels": make_kernels}

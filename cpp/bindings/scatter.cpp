@@ -79,11 +79,11 @@ nb::tuple image(double log_first, double log_step, In<double, 3> attenuation, In
 }
 
 auto kernels(double log_first, double log_step, In<double, 3> attenuation, In<double, 1> momentum,
-             In<double, 2> form_integral, In<double, 2> incoherent_share, double thickness, double keV,
+             In<double, 2> form_integral, In<double, 2> incoherent_share, double thickness, double tangent, double keV,
              In<double, 1> gap, In<double, 1> radius, In<double, 2> grids, In<double, 3> grid_attenuation,
              int64_t photons, uint64_t seed) {
     const Materials m = materials_of(log_first, log_step, attenuation, momentum, form_integral, incoherent_share);
-    expect(thickness > 0 && keV > 0 && photons >= 0, "thickness, energy: above 0");
+    expect(thickness > 0 && keV > 0 && photons >= 0 && std::isfinite(tangent), "thickness, energy: above 0");
     expect(radius.size() >= 2 && std::is_sorted(radius.data(), radius.data() + radius.size()), "radius: rises");
     expect(grids.shape(1) == 3 && grid_attenuation.shape(0) == grids.shape(0) && grid_attenuation.shape(1) == 2 &&
                grid_attenuation.shape(2) == size_t(m.energies),
@@ -91,10 +91,10 @@ auto kernels(double log_first, double log_step, In<double, 3> attenuation, In<do
     std::vector<AntiscatterGrid> septa;
     for (size_t k = 0; k < grids.shape(0); k++)
         septa.push_back(grid_of(grids.data() + 3 * k, grid_attenuation.data() + 2 * k * m.energies, m.energies));
-    auto out = zeros<int64_t>(gap.size(), septa.size(), radius.size() - 1);
+    auto out = zeros<int64_t>(gap.size(), septa.size(), radius.size());
     const PencilPanels panels{gap.data(),   radius.data(),        int64_t(gap.size()), int64_t(radius.size() - 1),
                               septa.data(), int64_t(septa.size())};
-    unlocked([&] { return pencil_kernels(m, thickness, keV, panels, photons, seed, out.data()), 0; });
+    unlocked([&] { return pencil_kernels(m, Pencil{thickness, tangent, keV}, panels, photons, seed, out.data()), 0; });
     return out;
 }
 
@@ -123,9 +123,16 @@ void bind_scatter(nb::module_& m) {
           "grid_attenuation"_as_is, "photons"_a, "seed"_a,
           "Energy by order of scattering on a flat panel; then emitted, deposited and escaped energy.");
     m.def("pencil_kernels", &kernels, "log_first"_a, "log_step"_a, "attenuation"_as_is, "momentum"_as_is,
-          "form_integral"_as_is, "incoherent_share"_as_is, "thickness"_a, "keV"_a, "gap"_as_is, "radius"_as_is,
-          "grids"_as_is, "grid_attenuation"_as_is, "photons"_a, "seed"_a,
-          "Energy scattered to rings around a pencil beam through a slab: (gaps, grids, rings).");
+          "form_integral"_as_is, "incoherent_share"_as_is, "thickness"_a, "tangent"_a, "keV"_a, "gap"_as_is,
+          "radius"_as_is, "grids"_as_is, "grid_attenuation"_as_is, "photons"_a, "seed"_a,
+          "Energy scattered to rings around a pencil beam through a slab: (gaps, grids, rings), then its moment.");
+    m.def(
+        "grid_transmission",
+        [](Three grid, double septum_mu, double interspace_mu, double tangent, double slant) {
+            const AntiscatterGrid septa{grid[0], grid[1], grid[2], nullptr, nullptr};
+            return grid_transmission(septa, septum_mu, interspace_mu, tangent, slant);
+        },
+        "grid"_a, "septum_mu"_a, "interspace_mu"_a, "tangent"_a, "slant"_a, "Mean transmission of septa.");
     m.def("samples", &samples, "log_first"_a, "log_step"_a, "attenuation"_as_is, "momentum"_as_is,
           "form_integral"_as_is, "incoherent_share"_as_is, "compton"_a, "keV"_a, "count"_a, "seed"_a,
           "Cosine and energy of photons scattered once, (count, 2).");

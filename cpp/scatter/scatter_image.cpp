@@ -70,9 +70,8 @@ Budget scatter_image(const Materials& m, const Body& body, const Beam& beam, con
             double deposited = 0, signal = 0;
             const bool left = follow(m, body, largest, photon, random, deposited);
             own.emitted += before;
-            const int64_t kept = left ? units(deposited) : before;
-            own.deposited += kept;
-            own.escaped += before - kept;
+            own.deposited += units(deposited);
+            own.escaped += left ? units(photon.keV) : 0;
             if (!left) continue;
             const int64_t pixel = meet(photon, beam, panel, grid, m, signal);
             if (pixel >= 0) image[size_t(photon.order * pixels + pixel)] += units(signal);
@@ -84,34 +83,38 @@ Budget scatter_image(const Materials& m, const Body& body, const Beam& beam, con
     return budget;
 }
 
-void pencil_kernels(const Materials& m, double thickness, double keV, const PencilPanels& panels, int64_t photons,
+void pencil_kernels(const Materials& m, const Pencil& pencil, const PencilPanels& panels, int64_t photons,
                     uint64_t seed, int64_t* out) {
     constexpr double wide = 1e5;
     const int64_t material = 0;
+    const double thickness = pencil.thickness, tangent = pencil.tangent, cosine = 1 / std::hypot(1, tangent);
     const double solid[Body::numbers] = {0, 0, 0, 1e9, 1e9, 1e9, -wide, -wide, 0, wide, wide, thickness};
     const Body body{&material, solid, 1, {-wide, -wide, 0}, {wide, wide, thickness}};
     const std::vector<double> largest = largest_attenuation(m);
-    const int64_t size = panels.gaps * panels.grids * panels.radii, parts = int64_t(threads());
+    const double* rings = panels.radius;
+    const int64_t columns = panels.radii + 1, size = panels.gaps * panels.grids * columns, parts = int64_t(threads());
     std::mutex lock;
     std::fill_n(out, size, 0);
     parallel_tasks(parts, [&](int64_t part, int) {
         std::vector<int64_t> own(size_t(size), 0);
         for (int64_t n = photons * part / parts; n < photons * (part + 1) / parts; n++) {
             RandomStream random(seed, uint64_t(n));
-            Photon p{{0, 0, thickness}, {0, 0, -1}, keV, 0};
+            Photon p{{0, 0, thickness}, {-tangent * cosine, 0, -cosine}, pencil.keV, 0};
             double deposited = 0;
             if (!follow(m, body, largest, p, random, deposited) || p.order == 0 || p.direction[2] >= 0) continue;
-            // the flight may have ended below the slab: the line is the same
-            for (int64_t g = 0; g < panels.gaps; g++) {
+            const double slope = p.direction[0] / p.direction[2];
+            for (int64_t g = 0; g < panels.gaps; g++) { // its last flight may have ended below: the line is the same
                 const double way = -(p.position[2] + panels.gap[g]) / p.direction[2];
-                const double r = std::hypot(p.position[0] + way * p.direction[0], p.position[1] + way * p.direction[1]);
-                const int64_t ring =
-                    std::upper_bound(panels.radius, panels.radius + panels.radii + 1, r) - panels.radius - 1;
+                const double x = p.position[0] + way * p.direction[0] + tangent * (thickness + panels.gap[g]);
+                const double y = p.position[1] + way * p.direction[1];
+                const int64_t ring = std::upper_bound(rings, rings + columns, std::hypot(x, y)) - rings - 1;
                 if (ring < 0 || ring >= panels.radii) continue;
-                for (int64_t k = 0; k < panels.grids; k++)
-                    own[size_t((g * panels.grids + k) * panels.radii + ring)] +=
-                        units(p.keV * behind_grid(panels.grid[k], m, p.keV, p.direction[0] / p.direction[2],
-                                                  -1 / p.direction[2]));
+                for (int64_t k = 0; k < panels.grids; k++) {
+                    const double passed = behind_grid(panels.grid[k], m, p.keV, slope - tangent, -1 / p.direction[2]);
+                    int64_t* row = own.data() + (g * panels.grids + k) * columns;
+                    row[ring] += units(p.keV * passed);
+                    row[panels.radii] += units(p.keV * passed * x);
+                }
             }
         }
         const std::lock_guard<std::mutex> held(lock);

@@ -28,16 +28,24 @@ struct Budget {
 Budget scatter_image(const Materials& materials, const Body& body, const Beam& beam, const FlatPanel& panel,
                      const AntiscatterGrid& grid, int64_t photons, uint64_t seed, int64_t* out);
 
-// A pencil beam of one energy straight down (-z) through a slab of material 0 from z = 0 to `thickness`, without end
-// sideways. out (gaps, grids, radii): energy scattered to each ring around the beam on panels `gaps` below the slab,
-// behind each of the grids, in Budget::unit. radius: (radii + 1), rising, mm. Septa along y.
+// A pencil beam of one energy through a slab of material 0 from z = 0 to `thickness`, without end sideways; it comes
+// down at an angle of that tangent to the normal, towards -x.
+struct Pencil {
+    double thickness, tangent, keV;
+};
+
+// Panels `gap` below the slab, each behind each of the grids, whose septa stand along y and in line with the pencil. A
+// ring lies around the place where the pencil meets the panel; radius: (radii + 1), rising, mm.
 struct PencilPanels {
     const double *gap, *radius;
     int64_t gaps, radii;
     const AntiscatterGrid* grid;
     int64_t grids;
 };
-void pencil_kernels(const Materials& materials, double thickness, double keV, const PencilPanels& panels,
-                    int64_t photons, uint64_t seed, int64_t* out);
+
+// out (gaps, grids, radii + 1), in Budget::unit: energy scattered to each ring; last, the sum over all rings of energy
+// times its distance along x, mm.
+void pencil_kernels(const Materials& materials, const Pencil& pencil, const PencilPanels& panels, int64_t photons,
+                    uint64_t seed, int64_t* out);
 
 } // namespace palpate

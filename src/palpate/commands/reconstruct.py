@@ -91,7 +91,8 @@ def reconstruct_command(
         str, typer.Option(help="Soft tissue up to here, bone from there, 1/mm; a mixture between.")
     ] = "0.03,0.08",
     scatter: Annotated[
-        str, typer.Option(help="none, estimate (needs --kv), or a file of photons a pixel (.npy); adds to the background.")
+        str,
+        typer.Option(help="none, estimate (needs --kv), or a file of photons a pixel (.npy); adds to the background."),
     ] = "none",
     kv: Annotated[float | None, typer.Option(help="Tube voltage for --scatter estimate, kV.")] = None,
     beam: Annotated[str, typer.Option(help="Its anode and filter: W/Rh, W/Ag, W/Al, Mo/Mo, Rh/Rh.")] = "W/Rh",

@@ -18,7 +18,20 @@ from palpate.scans.views import Panel, Views
 
 UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 0.001}
 AXES = ("view", "row", "column")
-TOP = ("units", "values", "incident", "background", "contrast", "unmeasured", "dead", "stack", "panel", "views", "scatter", "beam")
+TOP = (
+    "units",
+    "values",
+    "incident",
+    "background",
+    "contrast",
+    "unmeasured",
+    "dead",
+    "stack",
+    "panel",
+    "views",
+    "scatter",
+    "beam",
+)
 # Of each motion: its function, the keys it cannot do without, those it can; LENGTHS are scaled by the file's units.
 SWEEP = ("count", "centre", "fulcrum")
 MOTIONS: dict[str, tuple[Callable[..., Views], tuple[str, ...], tuple[str, ...]]] = {

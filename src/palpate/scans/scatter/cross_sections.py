@@ -34,9 +34,7 @@ MATERIALS = {
     "adipose": Material(0.93, _FAT),
     "glandular": Material(1.04, _GLAND),
     "breast": Material(2 / (1 / 0.93 + 1 / 1.04), {z: (_FAT[z] + _GLAND[z]) / 2 for z in _FAT}),  # equal masses
-    "adipose ICRU-44": Material(
-        0.95, {1: 0.114, 6: 0.598, 7: 0.007, 8: 0.278, 11: 0.001, 16: 0.001, 17: 0.001}
-    ),
+    "adipose ICRU-44": Material(0.95, {1: 0.114, 6: 0.598, 7: 0.007, 8: 0.278, 11: 0.001, 16: 0.001, 17: 0.001}),
     "breast ICRU-44": Material(
         1.02, {1: 0.106, 6: 0.332, 7: 0.03, 8: 0.527, 11: 0.001, 15: 0.001, 16: 0.002, 17: 0.001}
     ),

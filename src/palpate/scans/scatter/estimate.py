@@ -8,12 +8,13 @@ from scipy import fft, ndimage
 from palpate.arrays import ArrayLike, Bool, Float32, Float64, float64
 from palpate.errors import DataError
 from palpate.scans.scan import Scan
-from palpate.scans.scatter.kernels import ScatterKernels
+from palpate.scans.scatter.kernels import REACH, ScatterKernels
 from palpate.scans.views import Panel
 
 ROUNDS = 5
+TINY = 1e-6  # photons
 CELL = 2.5  # mm; scatter is smooth over several
-MARGIN = 100.0  # mm beyond the panel's edges; kernels of 80 mm of tissue have 1 % of their energy farther out
+THICKEST = 0.98  # quantile of the thickness that stands for the thickest
 
 
 def estimate_scatter(
@@ -21,7 +22,7 @@ def estimate_scatter(
     kernels: ScatterKernels,
     gap: float = 15.0,
     thickness: ArrayLike | None = None,
-    beyond: float = MARGIN,
+    beyond: float = REACH,
     rounds: int = ROUNDS,
 ) -> Float32:
     """Estimate the expected scatter of a scan, by kernels of slabs on the estimated primary.
@@ -99,6 +100,7 @@ class _Cells:
         middle = panel.points([(np.array(panel.shape) - 1) / 2])[0]
         ray = middle - source
         self.cosine = abs(float(ray @ panel.normal)) / float(np.linalg.norm(ray))
+        self.tangent = float(np.sqrt(max(1 / self.cosine**2 - 1, 0)))
         lean = np.array([ray @ panel.row_axis, ray @ panel.column_axis])
         length = float(np.linalg.norm(lean))
         self.lean = lean / length if length > 0 else np.array([1.0, 0.0])  # towards which rays lean, (row, column)
@@ -140,23 +142,24 @@ def _scatter_of_view(
     rounds: int,
 ) -> Float64:
     """Expected scatter of each cell, photons a pixel."""
-    margin = [int(np.ceil(min(beyond, MARGIN) / pitch)) for pitch in cells.pitch]
+    margin = [int(np.ceil(min(beyond, REACH) / pitch)) for pitch in cells.pitch]
     size = [n + 2 * m for n, m in zip(counts.shape, margin, strict=True)]
     reach = [
-        fft.next_fast_len(n + int(np.ceil(MARGIN / cells.cosine / p)), real=True)
+        fft.next_fast_len(n + int(np.ceil(REACH / cells.cosine / p)), real=True)
         for n, p in zip(size, cells.pitch, strict=True)
     ]
-    responses = [
-        fft.rfft2(_on_cells(row, kernels.radius, cells, reach)) for row in kernels.at_gap(gap / cells.cosine)[1:]
-    ]
     depth = -np.log(kernels.transmission)
-    scatter = np.zeros_like(counts)
+    primary, scatter = counts, np.zeros_like(counts)
     for _ in range(1 if known is not None else rounds):
-        # What is counted, times the primary's share in the last estimate: it stays above 0, and converges for scatter
-        # above the primary, where subtraction would swing.
-        primary = counts if not scatter.any() else counts * primary / (primary + scatter)
-        share = np.clip(primary / incident, np.exp(-depth[-1]), 1)
+        share = np.clip(primary / np.maximum(incident, TINY), np.exp(-depth[-1]), 1)
         thickness = np.interp(-np.log(share), depth, kernels.thickness) if known is None else known
+        # Round edges: the middle of a thin part is as high as that of the thickest.
+        most = float(np.quantile(thickness, THICKEST))
+        gaps = gap / cells.cosine + np.maximum(most - kernels.thickness, 0) / 2
+        responses = [
+            fft.rfft2(_on_cells(*kernels.kernel(k, gaps[k], cells.tangent), kernels.radius, cells, reach))
+            for k in range(1, len(kernels.thickness))
+        ]
         at = np.interp(thickness, kernels.thickness, np.arange(len(kernels.thickness)))
         at, lit = (np.pad(a, [(m, m) for m in margin], mode="edge") for a in (at, incident))
         total = sum(
@@ -165,21 +168,24 @@ def _scatter_of_view(
         )
         whole = fft.irfft2(total, reach)
         scatter = np.maximum(whole[margin[0] :, margin[1] :][: counts.shape[0], : counts.shape[1]], 0)
+        # What is counted, times the primary's share in the last estimate: it stays above 0, and converges for scatter
+        # above the primary, where subtraction would swing.
+        primary = counts * primary / np.maximum(primary + scatter, TINY)
     return scatter
 
 
-def _on_cells(energy: Float64, radius: Float64, cells: _Cells, size: Sequence[int]) -> Float64:
-    """The kernel on the panel's cells, its middle at (0, 0), periodic: energy of rings over their areas, drawn out where
-    rays lean so that its energy stays."""
-    area = np.pi * np.diff(radius**2)
+def _on_cells(energy: Float64, shift: float, radius: Float64, cells: _Cells, size: Sequence[int]) -> Float64:
+    """The kernel on the panel's cells, periodic, its pencil at (0, 0): energy of rings over their areas, moved against the
+    lean of the rays, and drawn out along it so that the energy stays."""
+    density = energy / (np.pi * np.diff(radius**2))
     middles = np.sqrt((radius[1:] ** 2 + radius[:-1] ** 2) / 2)
-    density = energy / area
     y, x = (fft.fftfreq(n, 1 / (n * p)) for n, p in zip(size, cells.pitch, strict=True))
-    along = y[:, None] * cells.lean[0] + x * cells.lean[1]
+    along = y[:, None] * cells.lean[0] + x * cells.lean[1] + shift
     across = y[:, None] * cells.lean[1] - x * cells.lean[0]
     r = np.hypot(along * cells.cosine, across)
-    found = np.interp(r, middles, density) * (r < MARGIN) * cells.pitch[0] * cells.pitch[1] * cells.cosine
-    found[0, 0] = 0
-    whole = float(np.interp(MARGIN, radius, np.concatenate([[0], np.cumsum(energy)])))
-    found[0, 0] = max(whole - found.sum(), 0)  # the steep middle, by its energy
-    return found
+    found = np.interp(r, middles, density) * (r < REACH) * cells.pitch[0] * cells.pitch[1] * cells.cosine
+    middle = np.unravel_index(np.argmin(r), r.shape)
+    found[middle] = 0
+    whole = float(np.interp(REACH, radius, np.concatenate([[0], np.cumsum(energy)])))
+    found[middle] = max(whole - found.sum(), 0)  # the steep middle, by its energy
+    return np.asarray(found)

@@ -12,6 +12,7 @@ from palpate.errors import DataError
 from palpate.scans.scatter.cross_sections import TABLES, attenuation
 from palpate.scans.scatter.monte_carlo import GRIDS
 
+REACH = 100.0  # mm around a pencil within which its scatter is superposed
 MATERIAL = "breast"  # of the slabs: equal masses of adipose and glandular tissue
 
 
@@ -31,6 +32,11 @@ class ScatterKernels:
         Edges of the rings around the pencil, mm.
     scatter : ndarray, (n, gaps, rings)
         Signal scattered to each ring over that of the pencil in the open beam.
+    gain, shift : ndarray, (n, gaps)
+        Of a pencil at an angle of `tangent` to the normal, of the same thickness and gap along it: its scatter over that of
+        an upright one, less 1, and how far it lies off the pencil towards the normal, mm.
+    tangent : float
+        Of that angle.
     assumed : mapping of str to str
         What the kernels are for: kV, beam, grid, material.
 
@@ -46,14 +52,22 @@ class ScatterKernels:
     gap: Float64
     radius: Float64
     scatter: Float64
+    gain: Float64
+    shift: Float64
+    tangent: float
     assumed: Mapping[str, str]
 
-    def at_gap(self, gap: float) -> Float64:
-        """(n, rings): the kernels for one air gap, mm, linear between those of the table."""
-        g = float(np.clip(gap, self.gap[0], self.gap[-1]))
-        i = min(int(np.searchsorted(self.gap, g, "right")) - 1, len(self.gap) - 2)
-        part = (g - self.gap[i]) / (self.gap[i + 1] - self.gap[i])
-        return np.asarray((1 - part) * self.scatter[:, i] + part * self.scatter[:, i + 1])
+    def kernel(self, k: int, gap: float, tangent: float = 0.0) -> tuple[Float64, float]:
+        """Rings of the slab `k` for an air gap along the ray, mm, and the shift, mm, at the tangent of an angle.
+
+        Linear between the gaps of the table. The shift grows with the tangent, the gain with its square.
+        """
+        at = min(float(np.interp(gap, self.gap, np.arange(len(self.gap)))), len(self.gap) - 1 - 1e-9)
+        low, part, oblique = int(at), at % 1, tangent / self.tangent
+        rings, gain, shift = (
+            (1 - part) * each[k, low] + part * each[k, low + 1] for each in (self.scatter, self.gain, self.shift)
+        )
+        return rings * (1 + gain * oblique**2), float(shift) * oblique
 
 
 def scatter_kernels(kv: float, beam: str = "W/Rh", grid: str = "none") -> ScatterKernels:
@@ -99,17 +113,36 @@ def scatter_kernels(kv: float, beam: str = "W/Rh", grid: str = "none") -> Scatte
     signal = photons * lines * GRIDS[grid].transmission(lines)
     passed = np.exp(-np.outer(thickness, attenuation(MATERIAL, lines)))  # (n, lines)
     at = np.clip(np.interp(lines, table["keV"], np.arange(len(table["keV"]))), 0, len(table["keV"]) - 1 - 1e-9)
-    low, part = at.astype(int), (at % 1)[:, None, None, None]
-    ratio = (1 - part) * table["scatter"][low, :, :, k] + part * table["scatter"][low + 1, :, :, k]
-    sent = photons * lines  # the table's ratios are of what meets the panel without a grid
-    found = np.einsum("l,nl,lngr->ngr", sent, passed[1:], ratio) / signal.sum()
+    low, part = at.astype(int), at % 1
+    sent = photons * lines / signal.sum()  # the table's ratios are to the primary without a grid
+
+    def summed(name: str) -> Float64:
+        """A ratio of the table, (energies, thickness, gap, grid, ...), over all lines; 0 for no thickness."""
+        ratios = np.moveaxis(table[name][:, :, :, k].astype(np.float64), 0, -1)
+        whole = ((1 - part) * ratios[..., low] + part * ratios[..., low + 1]) @ np.diag(sent)
+        found = np.einsum("nl,n...l->n...", passed[1:], whole)
+        return np.concatenate([np.zeros((1, *found.shape[1:])), found])
+
+    scatter, oblique = summed("scatter"), summed("oblique")
+    within = scatter[..., : np.searchsorted(table["radius"], REACH, "right") - 1].sum(axis=-1)
+    scatters = within > 0
+    gain = np.where(scatters, oblique[..., 0] / np.where(scatters, within, 1) - 1, 0)
+    shift = np.where(scatters, oblique[..., 1] / np.where(scatters, oblique[..., 0], 1), 0)
     return ScatterKernels(
         thickness,
         passed @ signal / signal.sum(),
         table["gap"],
         table["radius"],
-        np.concatenate([np.zeros((1, *found.shape[1:])), found]),
-        {"kV": f"{kv:g}", "beam": beam, "anti-scatter grid": grid, "material": f"{MATERIAL}, adipose and glandular 1:1"},
+        scatter,
+        gain,
+        shift,
+        float(table["tangent"]),
+        {
+            "kV": f"{kv:g}",
+            "beam": beam,
+            "anti-scatter grid": grid,
+            "material": f"{MATERIAL}, adipose and glandular 1:1",
+        },
     )
 
 

@@ -36,9 +36,9 @@ class AntiscatterGrid:
         )
         return (self.septum * lead + self.interspace * open_) / (self.septum + self.interspace)
 
-    def _attenuation(self) -> Float64:
-        keV = np.clip(elements()["keV"], elements()["keV"][0], elements()["keV"][-1])
-        return np.stack([attenuation(m, keV) for m in (self.septum_material, self.interspace_material)])
+    def attenuation_table(self) -> Float64:
+        """Of septa and of what is between them, (2, energies of the table), 1/mm."""
+        return np.stack([attenuation(m, elements()["keV"]) for m in (self.septum_material, self.interspace_material)])
 
 
 NO_GRID = AntiscatterGrid(0.0, 0.0, 0.0)
@@ -121,7 +121,7 @@ def scatter_image(
         shape[1],
         thickness,
         (grid.height, grid.septum, grid.interspace),
-        grid._attenuation(),
+        grid.attenuation_table(),
         photons,
         seed,
     )
@@ -137,16 +137,22 @@ def pencil_kernels(
     grids: Sequence[AntiscatterGrid],
     photons: int,
     seed: int,
+    tangent: float = 0.0,
 ) -> Float64:
-    """(gaps, grids, rings): keV scattered to each ring around a pencil beam down through a slab without end."""
+    """(gaps, grids, rings + 1): keV scattered to each ring around a pencil beam through a slab without end.
+
+    tangent: of its angle to the normal; it travels towards -x. Last, the sum over the rings of keV times x - that of the
+    pencil, mm.
+    """
     energy = _core.scatter.pencil_kernels(
         *monte_carlo_tables([material]),
         thickness,
+        tangent,
         keV,
         np.asarray(gaps, np.float64),
         np.asarray(radii, np.float64),
         np.array([[g.height, g.septum, g.interspace] for g in grids], np.float64),
-        np.array([g._attenuation() for g in grids]),
+        np.array([g.attenuation_table() for g in grids]),
         photons,
         seed,
     )
