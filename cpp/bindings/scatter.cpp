@@ -3,6 +3,7 @@
 #include <array>
 #include <functional>
 #include <nanobind/stl/array.h>
+#include <nanobind/stl/tuple.h>
 
 using namespace nb::literals;
 using namespace palpate;
@@ -47,11 +48,12 @@ AntiscatterGrid grid_of(const double* size, const double* attenuation, int64_t e
 
 using Three = std::array<double, 3>;
 
-nb::tuple image(double log_first, double log_step, In<double, 3> attenuation, In<double, 1> momentum,
-                In<double, 2> form_integral, In<double, 2> incoherent_share, In<int64_t, 1> material,
-                In<double, 2> solid, std::array<Three, 2> bounds, Three source, std::array<double, 4> field,
-                In<double, 1> keV, In<double, 1> cumulative, std::array<double, 4> panel, int64_t rows, int64_t columns,
-                In<double, 1> thickness, Three grid, In<double, 2> grid_attenuation, int64_t photons, uint64_t seed) {
+std::tuple<Owned<int64_t, 3>, int64_t, int64_t, int64_t>
+image(double log_first, double log_step, In<double, 3> attenuation, In<double, 1> momentum, In<double, 2> form_integral,
+      In<double, 2> incoherent_share, In<int64_t, 1> material, In<double, 2> solid, std::array<Three, 2> bounds,
+      Three source, std::array<double, 4> field, In<double, 1> keV, In<double, 1> cumulative,
+      std::array<double, 4> panel, int64_t rows, int64_t columns, In<double, 1> thickness, Three grid,
+      In<double, 2> grid_attenuation, int64_t photons, uint64_t seed) {
     const Materials m = materials_of(log_first, log_step, attenuation, momentum, form_integral, incoherent_share);
     expect(solid.shape(0) == material.size() && solid.shape(1) == size_t(Body::numbers), "solid: (parts, 12)");
     expect_numbers(material, size_t(m.count), "material: the number of one of the materials");
@@ -75,7 +77,7 @@ nb::tuple image(double log_first, double log_step, In<double, 3> attenuation, In
     auto out = zeros<int64_t>(4, rows, columns);
     const AntiscatterGrid septa = grid_of(grid.data(), grid_attenuation.data(), m.energies);
     const Budget b = unlocked([&] { return scatter_image(m, body, beam, flat, septa, photons, seed, out.data()); });
-    return nb::make_tuple(out, b.emitted, b.deposited, b.escaped);
+    return {out, b.emitted, b.deposited, b.escaped};
 }
 
 auto kernels(double log_first, double log_step, In<double, 3> attenuation, In<double, 1> momentum,

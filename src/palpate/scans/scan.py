@@ -86,8 +86,8 @@ class Scan:
     def __getitem__(self, views: int | slice | list[int]) -> "Scan":
         """The same scan with some of its views."""
         k = np.atleast_1d(np.arange(len(self.views))[views])
-        views, r = self.views[list(map(int, k))], self.background[k]
-        return Scan(self.counts[k], self.incident[k], views, r, self.mask[k], self.notes)
+        some, r = self.views[list(map(int, k))], self.background[k]
+        return Scan(self.counts[k], self.incident[k], some, r, self.mask[k], self.notes)
 
     @property
     def shape(self) -> tuple[int, int, int]:

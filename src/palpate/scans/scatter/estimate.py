@@ -162,11 +162,10 @@ def _scatter_of_view(
         ]
         at = np.interp(thickness, kernels.thickness, np.arange(len(kernels.thickness)))
         at, lit = (np.pad(a, [(m, m) for m in margin], mode="edge") for a in (at, incident))
-        total = sum(
-            fft.rfft2(lit * np.maximum(1 - np.abs(at - k), 0), reach) * response
-            for k, response in enumerate(responses, 1)
-        )
-        whole = fft.irfft2(total, reach)
+        spectrum = np.zeros((reach[0], reach[1] // 2 + 1), np.complex128)
+        for k, response in enumerate(responses, 1):
+            spectrum += fft.rfft2(lit * np.maximum(1 - np.abs(at - k), 0), reach) * response
+        whole = fft.irfft2(spectrum, reach)
         scatter = np.maximum(whole[margin[0] :, margin[1] :][: counts.shape[0], : counts.shape[1]], 0)
         # What is counted, times the primary's share in the last estimate: it stays above 0, and converges for scatter
         # above the primary, where subtraction would swing.
@@ -188,4 +187,4 @@ def _on_cells(energy: Float64, shift: float, radius: Float64, cells: _Cells, siz
     found[middle] = 0
     whole = float(np.interp(REACH, radius, np.concatenate([[0], np.cumsum(energy)])))
     found[middle] = max(whole - found.sum(), 0)  # the steep middle, by its energy
-    return np.asarray(found)
+    return np.asarray(found * (whole / max(found.sum(), TINY)))
