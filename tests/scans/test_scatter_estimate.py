@@ -55,9 +55,9 @@ def test_the_scatter_of_a_slab_is_found_again(thickness):
     ratio = ratio_of_slab(list(KERNELS.thickness).index(thickness), 20.0)
     scan = slab_scan(thickness, ratio)
     truth = scan.counts.mean() * ratio / (1 + ratio)
-    found = pp.estimate_scatter(scan, KERNELS, gap=20.0)
+    found = pp.estimate_scatter(scan, KERNELS, air_gap=20.0)
     np.testing.assert_allclose(found, truth, rtol=0.01)
-    once = pp.estimate_scatter(scan, KERNELS, gap=20.0, rounds=1)
+    once = pp.estimate_scatter(scan, KERNELS, air_gap=20.0, rounds=1)
     assert abs(once.mean() - truth) > 3 * abs(found.mean() - truth)
 
 
@@ -134,8 +134,8 @@ def test_the_scatter_of_a_monte_carlo_is_found_within_a_fifth(tilt):
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        (dict(gap=-1), "gap"),
-        (dict(gap=float("nan")), "gap"),
+        (dict(air_gap=-1), "air_gap"),
+        (dict(air_gap=float("nan")), "air_gap"),
         (dict(beyond=-5), "beyond"),
         (dict(rounds=0), "rounds"),
         (dict(thickness=np.zeros((1, 2, 3))), "thickness"),
@@ -148,7 +148,11 @@ def test_wrong_arguments_are_refused(wrong, message):
 
 @pytest.mark.parametrize(
     ("wrong", "message"),
-    [(dict(kv=80), "22 to 50"), (dict(kv=30, beam="W/Cu"), "no 'W/Cu'"), (dict(kv=30, grid="fine"), "no 'fine'")],
+    [
+        (dict(kv=80), "22 to 50"),
+        (dict(kv=30, beam="W/Cu"), "no 'W/Cu'"),
+        (dict(kv=30, antiscatter_grid="fine"), "no 'fine'"),
+    ],
 )
 def test_beams_that_the_table_lacks_are_refused(wrong, message):
     with pytest.raises(DataError, match=message):

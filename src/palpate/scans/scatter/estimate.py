@@ -20,7 +20,7 @@ THICKEST = 0.98  # quantile of the thickness that stands for the thickest
 def estimate_scatter(
     scan: Scan,
     kernels: ScatterKernels,
-    gap: float = 15.0,
+    air_gap: float = 15.0,
     thickness: ArrayLike | None = None,
     beyond: float = REACH,
     rounds: int = ROUNDS,
@@ -38,7 +38,7 @@ def estimate_scatter(
         The projections. Their `background` is what they have beside scatter.
     kernels : ScatterKernels
         Of the beam, see `scatter_kernels`.
-    gap : float, optional
+    air_gap : float, optional
         From the object down to the panel, mm.
     thickness : array_like, (views, rows, columns), optional
         Tissue along each ray, mm, if it is known. By default it comes from the counts.
@@ -68,8 +68,8 @@ def estimate_scatter(
     >>> background.shape == scan.shape
     True
     """
-    if not 0 <= gap <= 500:
-        raise DataError(f"gap: expected 0 to 500 mm from the object to the panel, got {gap!r}")
+    if not 0 <= air_gap <= 500:
+        raise DataError(f"air_gap: expected 0 to 500 mm from the object to the panel, got {air_gap!r}")
     if not beyond >= 0:
         raise DataError(f"beyond: expected 0 mm or more, got {beyond!r}")
     if rounds < 1 or int(rounds) != rounds:
@@ -83,7 +83,7 @@ def estimate_scatter(
         counts = cells.mean(net, measured)
         incident = cells.mean(scan.incident[view].astype(np.float64), measured)
         known = None if given is None else cells.mean(given[view], measured)
-        scatter = _scatter_of_view(counts, incident, known, kernels, gap, beyond, cells, rounds)
+        scatter = _scatter_of_view(counts, incident, known, kernels, air_gap, beyond, cells, rounds)
         found[view] = scan.background[view] + np.maximum(cells.refined(scatter), 0)
     return found
 
@@ -136,7 +136,7 @@ def _scatter_of_view(
     incident: Float64,
     known: Float64 | None,
     kernels: ScatterKernels,
-    gap: float,
+    air_gap: float,
     beyond: float,
     cells: _Cells,
     rounds: int,
@@ -155,7 +155,7 @@ def _scatter_of_view(
         thickness = np.interp(-np.log(share), depth, kernels.thickness) if known is None else known
         # Round edges: the middle of a thin part is as high as that of the thickest.
         most = float(np.quantile(thickness, THICKEST))
-        gaps = gap / cells.cosine + np.maximum(most - kernels.thickness, 0) / 2
+        gaps = air_gap / cells.cosine + np.maximum(most - kernels.thickness, 0) / 2
         responses = [
             fft.rfft2(_on_cells(*kernels.kernel(k, gaps[k], cells.tangent), kernels.radius, cells, reach))
             for k in range(1, len(kernels.thickness))

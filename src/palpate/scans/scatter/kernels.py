@@ -58,9 +58,23 @@ class ScatterKernels:
     assumed: Mapping[str, str]
 
     def kernel(self, k: int, gap: float, tangent: float = 0.0) -> tuple[Float64, float]:
-        """Rings of the slab `k` for an air gap along the ray, mm, and the shift, mm, at the tangent of an angle.
+        """Return the kernel of a slab, linear between the gaps of the table.
 
-        Linear between the gaps of the table. The shift grows with the tangent, the gain with its square.
+        Parameters
+        ----------
+        k : int
+            Which thickness.
+        gap : float
+            From the slab to the panel along the ray, mm.
+        tangent : float, optional
+            Of the ray's angle to the panel's normal. The shift grows with it, the gain with its square.
+
+        Returns
+        -------
+        rings : ndarray, (rings,)
+            Signal scattered to each ring over that of the ray in the open beam.
+        shift : float
+            How far the rings lie off the ray towards the normal, mm.
         """
         at = min(float(np.interp(gap, self.gap, np.arange(len(self.gap)))), len(self.gap) - 1 - 1e-9)
         low, part, oblique = int(at), at % 1, tangent / self.tangent
@@ -70,7 +84,7 @@ class ScatterKernels:
         return rings * (1 + gain * oblique**2), float(shift) * oblique
 
 
-def scatter_kernels(kv: float, beam: str = "W/Rh", grid: str = "none") -> ScatterKernels:
+def scatter_kernels(kv: float, beam: str = "W/Rh", antiscatter_grid: str = "none") -> ScatterKernels:
     """Return the kernels of slabs of breast tissue for a beam, from the table that palpate ships.
 
     The table was made by palpate's own Monte Carlo, for a panel that detects all energy.
@@ -81,8 +95,8 @@ def scatter_kernels(kv: float, beam: str = "W/Rh", grid: str = "none") -> Scatte
         Tube voltage, kV: 22 to 50.
     beam : str, optional
         Anode and filter: "W/Rh" (0.05 mm), "W/Ag" (0.05 mm), "W/Al" (0.7 mm), "Mo/Mo" (0.03 mm) or "Rh/Rh" (0.025 mm).
-    grid : str, optional
-        Anti-scatter grid: "none", or "linear" with ratio 5 and 31 lines a cm.
+    antiscatter_grid : str, optional
+        "none", or "linear" with ratio 5 and 31 lines a cm.
 
     Returns
     -------
@@ -100,17 +114,17 @@ def scatter_kernels(kv: float, beam: str = "W/Rh", grid: str = "none") -> Scatte
 
     Examples
     --------
-    >>> pp.scatter_kernels(kv=29, grid="linear").assumed["anti-scatter grid"]
+    >>> pp.scatter_kernels(kv=29, antiscatter_grid="linear").assumed["anti-scatter grid"]
     'linear'
     """
     lines, photons = tube_spectrum(kv, beam)
     table = _table()
     names = [str(name) for name in table["grid"]]
-    if grid not in names:
-        raise DataError(f"grid: there is no {grid!r}; choose from {', '.join(names)}")
-    k = names.index(grid)
+    if antiscatter_grid not in names:
+        raise DataError(f"antiscatter_grid: there is no {antiscatter_grid!r}; choose from {', '.join(names)}")
+    k = names.index(antiscatter_grid)
     thickness = np.concatenate([[0.0], table["thickness"]])
-    signal = photons * lines * GRIDS[grid].transmission(lines)
+    signal = photons * lines * GRIDS[antiscatter_grid].transmission(lines)
     passed = np.exp(-np.outer(thickness, attenuation(MATERIAL, lines)))  # (n, lines)
     at = np.clip(np.interp(lines, table["keV"], np.arange(len(table["keV"]))), 0, len(table["keV"]) - 1 - 1e-9)
     low, part = at.astype(int), at % 1
@@ -140,7 +154,7 @@ def scatter_kernels(kv: float, beam: str = "W/Rh", grid: str = "none") -> Scatte
         {
             "kV": f"{kv:g}",
             "beam": beam,
-            "anti-scatter grid": grid,
+            "anti-scatter grid": antiscatter_grid,
             "material": f"{MATERIAL}, adipose and glandular 1:1",
         },
     )
