@@ -43,10 +43,19 @@ def test_scatter_of_the_geometry_file_joins_the_background(tmp_path):
     plain = pp.import_scan(tmp_path / "s.npy", geometry(tmp_path, "background: 3\n"))
     read = pp.import_scan(tmp_path / "s.npy", geometry(tmp_path, "background: 3\nscatter: more.npy\n"))
     np.testing.assert_allclose(read.background, plain.background + 7)
-    g = geometry(tmp_path, "background: 3\nscatter: estimate\nbeam: {kv: 31, target: W/Ag, gap: 2}\nunits: cm\n")
+    g = geometry(
+        tmp_path, "background: 3\nscatter: estimate\nbeam: {kv: 31, target: W/Ag, gap: 2, thickness: 4}\nunits: cm\n"
+    )
     found = pp.import_scan(tmp_path / "s.npy", g)
-    assert (found.notes["kV"], found.notes["beam"], found.notes["air gap"]) == ("31", "W/Ag", "20 mm")
-    expected = pp.estimate_scatter(pp.Scan(COUNTS, 20000, found.views, 3), pp.scatter_kernels(31, "W/Ag"), air_gap=20)
+    assert (found.notes["kV"], found.notes["beam"], found.notes["air gap"], found.notes["thickness"]) == (
+        "31",
+        "W/Ag",
+        "20 mm",
+        "40 mm",
+    )
+    expected = pp.estimate_scatter(
+        pp.Scan(COUNTS, 20000, found.views, 3), pp.scatter_kernels(31, "W/Ag"), 20, thickness=40
+    )
     np.testing.assert_allclose(found.background, expected, rtol=1e-6)
     assert (found.background > 3).all()
     with pytest.raises(DataError, match="voltage"):

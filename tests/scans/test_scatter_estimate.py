@@ -61,11 +61,12 @@ def test_the_scatter_of_a_slab_is_found_again(thickness):
     assert abs(once.mean() - truth) > 3 * abs(found.mean() - truth)
 
 
-def test_known_thickness_gives_the_scatter_of_that_slab():
-    k = list(KERNELS.thickness).index(30)
-    ratio = ratio_of_slab(k, 20.0)
-    found = pp.estimate_scatter(slab_scan(10.0), KERNELS, 20.0, thickness=np.full(views().shape, 30.0))
-    np.testing.assert_allclose(found, INCIDENT * KERNELS.transmission[k] * ratio, rtol=0.01)
+@pytest.mark.parametrize("thickness", [30.0, np.full((1, 120, 150), 30.0)])
+def test_known_thickness_gives_the_ratio_of_that_slab(thickness):
+    """Tissue that lets through as much as 10 mm of the table's, and scatters as 30 mm: no more can be known of it."""
+    ratio = ratio_of_slab(list(KERNELS.thickness).index(30), 20.0)
+    found = pp.estimate_scatter(slab_scan(10.0, ratio), KERNELS, 20.0, thickness=thickness)
+    np.testing.assert_allclose(found, slab_scan(10.0).counts * ratio, rtol=0.01)
 
 
 def test_estimates_are_proportional_to_the_beam():
@@ -139,6 +140,8 @@ def test_the_scatter_of_a_monte_carlo_is_found_within_a_fifth(tilt):
         (dict(beyond=-5), "beyond"),
         (dict(rounds=0), "rounds"),
         (dict(thickness=np.zeros((1, 2, 3))), "thickness"),
+        (dict(thickness=0), "thickness"),
+        (dict(thickness=float("nan")), "thickness"),
     ],
 )
 def test_wrong_arguments_are_refused(wrong, message):

@@ -97,6 +97,9 @@ def reconstruct_command(
     kv: Annotated[float | None, typer.Option(help="Tube voltage for --scatter estimate, kV.")] = None,
     beam: Annotated[str, typer.Option(help="Its anode and filter: W/Rh, W/Ag, W/Al, Mo/Mo, Rh/Rh.")] = "W/Rh",
     air_gap: Annotated[float, typer.Option(help="From the object down to the panel, mm.")] = 15.0,
+    compressed: Annotated[
+        float | None, typer.Option(help="Thickness of the breast, mm, for --scatter estimate.")
+    ] = None,
     antiscatter_grid: Annotated[str, typer.Option(help="none, or linear (ratio 5, 31 lines a cm).")] = "none",
     prior: Annotated[PriorName, typer.Option(help="How neighbours are held together.")] = PriorName.lange,
     strength: Annotated[
@@ -146,7 +149,7 @@ def reconstruct_command(
         measured = pp.Scan(
             measured.counts, measured.incident, m.views, measured.background, measured.mask, notes=m.notes
         )
-    measured = add_scatter(measured, scatter, kv, beam, air_gap, antiscatter_grid)
+    measured = add_scatter(measured, scatter, kv, beam, air_gap, antiscatter_grid, compressed)
     grid = pp.read_volume(like).grid if like else pp.covering_grid(measured.views, thickness, spacing)
     here = ("prior", "optimizer", "optimiser", "iterations", "resume")
     options: dict[str, Any] = {name: ctx.params[name] for name in OPTIONS if name in ctx.params and name not in here}

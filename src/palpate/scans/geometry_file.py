@@ -61,12 +61,16 @@ class Stack:
 
 @dataclass(frozen=True)
 class Beam:
-    """What estimated scatter needs to know: kV, anode/filter, mm from the object to the panel, anti-scatter grid."""
+    """What estimated scatter needs to know: kV, anode/filter, mm from the object to the panel, anti-scatter grid.
+
+    thickness: of the object at its thickest, mm, if it is known.
+    """
 
     kv: float | None = None
     target: str = "W/Rh"
     gap: float = 15.0
     grid: str = "none"
+    thickness: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,12 +169,13 @@ def _scatter(path: Path, given: str) -> str:
 
 
 def _beam(given: Any, length: float) -> Beam:
-    b = _mapping("beam", given, (), ("kv", "target", "gap", "grid"))
+    b = _mapping("beam", given, (), ("kv", "target", "gap", "grid", "thickness"))
     return Beam(
         None if b.get("kv") is None else _number("beam.kv", b["kv"]),
         str(b.get("target", Beam.target)),
         _number("beam.gap", b["gap"]) * length if "gap" in b else Beam.gap,
         str(b.get("grid", Beam.grid)),
+        None if b.get("thickness") is None else _number("beam.thickness", b["thickness"]) * length,
     )
 
 

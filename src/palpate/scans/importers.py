@@ -107,7 +107,7 @@ def _scan(values: AnyArray, g: Geometry, measured: Bool | None = None) -> Scan:
     if g.contrast == "equal":
         counts = equal_contrast(counts, incident, mask)
     scan = Scan(counts, incident, g.views, g.background, mask)
-    return add_scatter(scan, g.scatter, g.beam.kv, g.beam.target, g.beam.gap, g.beam.grid)
+    return add_scatter(scan, g.scatter, g.beam.kv, g.beam.target, g.beam.gap, g.beam.grid, g.beam.thickness)
 
 
 def _files(where: Path, stack: Stack | None = None) -> list[Path]:

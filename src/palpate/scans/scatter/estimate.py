@@ -21,14 +21,14 @@ def estimate_scatter(
     scan: Scan,
     kernels: ScatterKernels,
     air_gap: float = 15.0,
-    thickness: ArrayLike | None = None,
+    thickness: float | ArrayLike | None = None,
     beyond: float = REACH,
     rounds: int = ROUNDS,
 ) -> Float32:
     """Estimate the expected scatter of a scan, by kernels of slabs on the estimated primary.
 
     In each round the primary is what was counted less its share of scatter, the thickness follows from the primary, and
-    every pixel scatters as a slab of its thickness: S = Σ incident · K(thickness, distance). Oblique rays go through more
+    every pixel scatters as a slab of its thickness: S = Σ primary · K(thickness, distance). Oblique rays go through more
     tissue and a longer gap, and their kernels are drawn out on the panel. The amplitude is the table's: the counts cannot
     give it.
 
@@ -40,8 +40,9 @@ def estimate_scatter(
         Of the beam, see `scatter_kernels`.
     air_gap : float, optional
         From the object down to the panel, mm.
-    thickness : array_like, (views, rows, columns), optional
-        Tissue along each ray, mm, if it is known. By default it comes from the counts.
+    thickness : float or array_like, (views, rows, columns), optional
+        Of the object at its thickest, as the compression plate tells it, mm; or of the tissue along each ray. By default it
+        is that of the table's tissue, half adipose, which takes dense tissue for thicker than it is.
     beyond : float, optional
         How far object and beam go on beyond the panel's edges, mm, as at the chest wall; there the values of the edge are
         repeated. 0 for a beam and an object that end with the panel.
@@ -74,7 +75,10 @@ def estimate_scatter(
         raise DataError(f"beyond: expected 0 mm or more, got {beyond!r}")
     if rounds < 1 or int(rounds) != rounds:
         raise DataError(f"rounds: expected a whole number of at least 1, got {rounds!r}")
-    given = None if thickness is None else float64("thickness", thickness, scan.shape)
+    told = np.ndim(thickness) == 0 and thickness is not None
+    if told and not 1 <= float(thickness) <= 500:  # type: ignore[arg-type]
+        raise DataError(f"thickness: expected 1 to 500 mm, got {thickness!r}")
+    given = None if thickness is None or told else float64("thickness", thickness, scan.shape)
     found = np.empty(scan.shape, np.float32)
     for view, (source, panel) in enumerate(zip(scan.views.source, scan.views.panels, strict=True)):
         cells = _Cells(panel, source)
@@ -82,7 +86,7 @@ def estimate_scatter(
         measured = scan.mask[view]
         counts = cells.mean(net, measured)
         incident = cells.mean(scan.incident[view].astype(np.float64), measured)
-        known = None if given is None else cells.mean(given[view], measured)
+        known = thickness if given is None else cells.mean(given[view], measured)
         scatter = _scatter_of_view(counts, incident, known, kernels, air_gap, beyond, cells, rounds)
         found[view] = scan.background[view] + np.maximum(cells.refined(scatter), 0)
     return found
@@ -134,7 +138,7 @@ class _Cells:
 def _scatter_of_view(
     counts: Float64,
     incident: Float64,
-    known: Float64 | None,
+    known: float | Float64 | None,
     kernels: ScatterKernels,
     air_gap: float,
     beyond: float,
@@ -150,21 +154,26 @@ def _scatter_of_view(
     ]
     depth = -np.log(kernels.transmission)
     primary, scatter = counts, np.zeros_like(counts)
-    for _ in range(1 if known is not None else rounds):
+    for _ in range(rounds):
         share = np.clip(primary / np.maximum(incident, TINY), np.exp(-depth[-1]), 1)
-        thickness = np.interp(-np.log(share), depth, kernels.thickness) if known is None else known
-        # Round edges: the middle of a thin part is as high as that of the thickest.
+        thickness = np.interp(-np.log(share), depth, kernels.thickness)
         most = float(np.quantile(thickness, THICKEST))
+        if isinstance(known, np.ndarray):
+            thickness, most = known, float(np.quantile(known, THICKEST))
+        elif known is not None and most > 0:
+            thickness, most = thickness * (known / cells.cosine / most), known / cells.cosine
+        # Round edges: the middle of a thin part is as high as that of the thickest.
         gaps = air_gap / cells.cosine + np.maximum(most - kernels.thickness, 0) / 2
         responses = [
             fft.rfft2(_on_cells(*kernels.kernel(k, gaps[k], cells.tangent), kernels.radius, cells, reach))
+            / kernels.transmission[k]
             for k in range(1, len(kernels.thickness))
         ]
         at = np.interp(thickness, kernels.thickness, np.arange(len(kernels.thickness)))
-        at, lit = (np.pad(a, [(m, m) for m in margin], mode="edge") for a in (at, incident))
+        at, sent = (np.pad(a, [(m, m) for m in margin], mode="edge") for a in (at, incident * share))
         spectrum = np.zeros((reach[0], reach[1] // 2 + 1), np.complex128)
         for k, response in enumerate(responses, 1):
-            spectrum += fft.rfft2(lit * np.maximum(1 - np.abs(at - k), 0), reach) * response
+            spectrum += fft.rfft2(sent * np.maximum(1 - np.abs(at - k), 0), reach) * response
         whole = fft.irfft2(spectrum, reach)
         scatter = np.maximum(whole[margin[0] :, margin[1] :][: counts.shape[0], : counts.shape[1]], 0)
         # What is counted, times the primary's share in the last estimate: it stays above 0, and converges for scatter

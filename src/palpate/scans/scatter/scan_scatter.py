@@ -11,7 +11,9 @@ from palpate.scans.scatter.estimate import estimate_scatter
 from palpate.scans.scatter.kernels import scatter_kernels
 
 
-def add_scatter(scan: Scan, scatter: str, kv: float | None, beam: str, gap: float, grid: str) -> Scan:
+def add_scatter(
+    scan: Scan, scatter: str, kv: float | None, beam: str, gap: float, grid: str, thickness: float | None = None
+) -> Scan:
     """The scan with scatter "none", "estimate" (for a beam) or that of a .npy file; its notes say what was assumed.
 
     Raises `DataError`, `FileError`.
@@ -22,8 +24,9 @@ def add_scatter(scan: Scan, scatter: str, kv: float | None, beam: str, gap: floa
         if kv is None:
             raise DataError("scatter: estimate needs the tube voltage (--kv, or kv under beam in the geometry file)")
         kernels = scatter_kernels(kv, beam, grid)
-        background = estimate_scatter(scan, kernels, gap)
-        notes = {"scatter": "estimate", **kernels.assumed, "air gap": f"{gap:g} mm"}
+        background = estimate_scatter(scan, kernels, gap, thickness)
+        told = "from the counts" if thickness is None else f"{thickness:g} mm"
+        notes = {"scatter": "estimate", **kernels.assumed, "air gap": f"{gap:g} mm", "thickness": told}
     else:
         background = scan.background + _read(Path(scatter), scan.shape)
         notes = {"scatter": f"file {Path(scatter).name}"}
