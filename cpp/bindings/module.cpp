@@ -17,6 +17,7 @@ NB_MODULE(_core, m) {
         {"base", "Threads, instruction sets, checks of arrays.", bind_base},
         {"volume", "Resampling of voxel grids.", bind_volume},
         {"phantom", "Exact transmission through convex solids.", bind_phantom},
+        {"scatter", "Monte Carlo of X-rays in tissue.", bind_scatter},
         {"projection", "The system matrix A: scan geometry, forward and back projection.", bind_projection},
         {"statistics", "Log-likelihood of the counts and Markov random field prior.", bind_statistics},
         {"icd", "Iterative coordinate descent.", bind_icd},

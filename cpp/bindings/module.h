@@ -13,6 +13,7 @@ namespace nb = nanobind;
 void bind_base(nb::module_& m);
 void bind_volume(nb::module_& m);
 void bind_phantom(nb::module_& m);
+void bind_scatter(nb::module_& m);
 void bind_projection(nb::module_& m);
 void bind_statistics(nb::module_& m);
 void bind_icd(nb::module_& m);

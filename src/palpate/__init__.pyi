@@ -79,6 +79,9 @@ from .scans.io import read_scan as read_scan
 from .scans.io import write_scan as write_scan
 from .scans.scan import Scan as Scan
 from .scans.scan_plots import plot_scan as plot_scan
+from .scans.scatter.estimate import estimate_scatter as estimate_scatter
+from .scans.scatter.kernels import ScatterKernels as ScatterKernels
+from .scans.scatter.kernels import scatter_kernels as scatter_kernels
 from .scans.simulate import simulate_scan as simulate_scan
 from .scans.trajectories import arc_views as arc_views
 from .scans.trajectories import circular_views as circular_views

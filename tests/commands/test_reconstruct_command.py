@@ -98,6 +98,29 @@ def test_a_support_by_shadows_or_from_a_file_is_held(folder, whole):
     assert "--region only none or hull" in done.stderr
 
 
+def test_scatter_is_estimated_or_read_and_told(folder):
+    """Scatter in the mean leaves less of the counts to the primary, so the object is denser; in every method alike."""
+    few = ["--iterations", "8", "--levels", "1"]
+    assert run(folder, *few, output="bare.nii.gz").returncode == 0
+    bare = pp.read_volume(folder / "bare.nii.gz")
+    assert bare.notes == {}
+    done = run(folder, *few, "--scatter", "estimate", "--kv", "29", "--air-gap", "5", output="less.nii.gz")
+    assert done.returncode == 0, done.stderr
+    less = pp.read_volume(folder / "less.nii.gz")
+    assert (less.notes["scatter"], less.notes["kV"], less.notes["air gap"]) == ("estimate", "29", "5 mm")
+    scan = pp.read_scan(folder / "scan.h5")
+    np.save(folder / "s.npy", pp.estimate_scatter(scan, pp.scatter_kernels(29), air_gap=5) - scan.background)
+    assert run(folder, *few, "--scatter", str(folder / "s.npy"), output="file.nii.gz").returncode == 0
+    read = pp.read_volume(folder / "file.nii.gz")
+    assert read.notes == {"scatter": "file s.npy"}
+    np.testing.assert_allclose(read.values, less.values, atol=1e-4 * less.values.max())
+    dense = bare.values > 0.5 * bare.values.max()
+    assert less.values[dense].mean() > 1.02 * bare.values[dense].mean()
+    done = run(folder, "--scatter", "estimate", "--kv", "90")
+    assert done.returncode == 2
+    assert "--kv: the table has 22 to 50 kV" in done.stderr
+
+
 def test_a_spectrum_file_hardens_by_one_material_or_two(folder):
     """Where all is soft tissue the bones change nothing; where all is bone it is bone's curve that counts."""
     spectrum = folder / "tube.csv"

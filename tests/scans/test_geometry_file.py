@@ -60,6 +60,7 @@ def test_commented_lines_of_a_template_work_when_uncommented(tmp_path, motion):
     assert g.dead == tmp_path / "dead.txt"
     assert g.stack.shape == g.views.shape
     assert (g.stack.dtype, g.stack.variable, g.stack.format) == ("uint16", "projections", "raw")
+    assert (g.scatter, g.beam.kv, g.beam.target, g.beam.gap) == ("none", 30, "W/Rh", 15)
 
 
 @pytest.mark.parametrize(("unit", "mm"), [("cm", 10), ("m", 1000), ("um", 0.001)])
@@ -125,6 +126,8 @@ REFUSED = {
     "count": (ARC.replace("count: 15", "count: 1"), ["views.angles.count", "at least 2", "1"]),
     "free without source": (FREE.replace("- source: [0", "- sauce: [0"), ["'sauce'", "views[1]", "'source'"]),
     "free panel key": (FREE.replace("      centre:", "      pitch: [1, 1]\n      centre:"), ["'pitch'", "views[2]"]),
+    "beam": (ARC + "beam: {kv: 30, anode: W}\n", ["'anode'", "beam", "known keys"]),
+    "beam voltage": (ARC + "beam: {kv: high}\n", ["beam.kv", "number", "'high'"]),
     "no views": (FREE.split("views:")[0] + "views: []\n", ["views", "empty"]),
 }  # fmt: skip
 

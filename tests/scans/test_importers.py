@@ -37,6 +37,31 @@ def test_a_raw_stack_with_header_and_byte_order(tmp_path, dtype, order):
     assert np.array_equal(pp.import_scan(tmp_path / "s.raw", g).counts, COUNTS)
 
 
+def test_scatter_of_the_geometry_file_joins_the_background(tmp_path):
+    np.save(tmp_path / "s.npy", COUNTS)
+    np.save(tmp_path / "more.npy", np.full(COUNTS.shape, 7.0))
+    plain = pp.import_scan(tmp_path / "s.npy", geometry(tmp_path, "background: 3\n"))
+    read = pp.import_scan(tmp_path / "s.npy", geometry(tmp_path, "background: 3\nscatter: more.npy\n"))
+    np.testing.assert_allclose(read.background, plain.background + 7)
+    g = geometry(
+        tmp_path, "background: 3\nscatter: estimate\nbeam: {kv: 31, target: W/Ag, gap: 2, thickness: 4}\nunits: cm\n"
+    )
+    found = pp.import_scan(tmp_path / "s.npy", g)
+    assert (found.notes["kV"], found.notes["beam"], found.notes["air gap"], found.notes["thickness"]) == (
+        "31",
+        "W/Ag",
+        "20 mm",
+        "40 mm",
+    )
+    expected = pp.estimate_scatter(
+        pp.Scan(COUNTS, 20000, found.views, 3), pp.scatter_kernels(31, "W/Ag"), 20, thickness=40
+    )
+    np.testing.assert_allclose(found.background, expected, rtol=1e-6)
+    assert (found.background > 3).all()
+    with pytest.raises(DataError, match="voltage"):
+        pp.import_scan(tmp_path / "s.npy", geometry(tmp_path, "scatter: estimate\n"))
+
+
 def test_raw_files_one_a_view_follow_in_the_order_of_their_numbers(tmp_path):
     for k, name in enumerate(("v2", "v10", "v11")):
         (tmp_path / f"{name}.bin").write_bytes(COUNTS[k].tobytes())

@@ -34,6 +34,17 @@ def test_a_volume_comes_back_with_its_place_and_unit(tmp_path, suffix):
     assert [p.name for p in tmp_path.iterdir()] == [path.name]
 
 
+@pytest.mark.parametrize("suffix", [*WRITTEN, ".tif"])
+def test_what_was_assumed_comes_back_with_a_volume(tmp_path, suffix):
+    notes = {"scatter": "estimate", "beam": 'W/Rh = 29 kV; "µ"'}
+    grid = GRID if suffix != ".tif" else pp.Grid((4, 5, 6), (1.5, 0.7, 0.4))
+    pp.write_volume(tmp_path / f"v{suffix}", pp.Volume(marked().values, grid, notes=notes))
+    back = pp.read_volume(tmp_path / f"v{suffix}")
+    assert (back.notes, back.unit, back.grid) == (notes, "1/mm", grid)
+    pp.write_volume(tmp_path / f"v{suffix}", pp.Volume(marked().values, grid))
+    assert pp.read_volume(tmp_path / f"v{suffix}").notes == {}
+
+
 @pytest.mark.parametrize("suffix", WRITTEN)
 def test_labels_come_back_with_their_names(tmp_path, suffix):
     labels = pp.Labels(np.arange(120).reshape(4, 5, 6) * 3, GRID, {3: "left kidney", 300: "tumour"})

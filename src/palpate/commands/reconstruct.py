@@ -1,6 +1,7 @@
 """`palpate reconstruct`: from a scan to a volume."""
 
 from collections import deque
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -89,6 +90,17 @@ def reconstruct_command(
     bone_range: Annotated[
         str, typer.Option(help="Soft tissue up to here, bone from there, 1/mm; a mixture between.")
     ] = "0.03,0.08",
+    scatter: Annotated[
+        str,
+        typer.Option(help="none, estimate (needs --kv), or a file of photons a pixel (.npy); adds to the background."),
+    ] = "none",
+    kv: Annotated[float | None, typer.Option(help="Tube voltage for --scatter estimate, kV.")] = None,
+    beam: Annotated[str, typer.Option(help="Its anode and filter: W/Rh, W/Ag, W/Al, Mo/Mo, Rh/Rh.")] = "W/Rh",
+    air_gap: Annotated[float, typer.Option(help="From the object down to the panel, mm.")] = 15.0,
+    compressed: Annotated[
+        float | None, typer.Option(help="Thickness of the breast, mm, for --scatter estimate.")
+    ] = None,
+    antiscatter_grid: Annotated[str, typer.Option(help="none, or linear (ratio 5, 31 lines a cm).")] = "none",
     prior: Annotated[
         PriorName | None,
         typer.Option(
@@ -140,6 +152,7 @@ def reconstruct_command(
     from palpate.reconstruction.prior_parameters import explain_prior
     from palpate.reconstruction.reconstruct import OLD_SPELLING, OPTIONS
     from palpate.reconstruction.region_of_interest import crop_to_region, reconstruct_full_field
+    from palpate.scans.scatter.scan_scatter import add_scatter
     from palpate.volumes.io import writable_volume
 
     writable_volume(output)
@@ -153,6 +166,10 @@ def reconstruct_command(
         measured = pp.integrating_scan(
             m.counts, m.incident, m.views, m.background, m.mask, gain=gain, electronic=electronic
         )
+        measured = pp.Scan(
+            measured.counts, measured.incident, m.views, measured.background, measured.mask, notes=m.notes
+        )
+    measured = add_scatter(measured, scatter, kv, beam, air_gap, antiscatter_grid, compressed)
     grid = pp.read_volume(like).grid if like else pp.covering_grid(measured.views, thickness, spacing)
     here = ("prior", "resolution", "optimizer", "optimiser", "iterations", "support", "resume")
     options: dict[str, Any] = {name: ctx.params[name] for name in OPTIONS if name in ctx.params and name not in here}
@@ -174,6 +191,7 @@ def reconstruct_command(
     spectrum = Path(hardening).read_text() if hardening is not None and Path(hardening).is_file() else hardening
     stages = {"region": part, "halvings": halvings, "hardening": spectrum, "bones": first, "bone range": bone_range}
     named = {"start": "backprojection"} if start is StartImage.auto else {}  # as version 0.1 wrote it
+    notes = measured.notes
     run = fingerprint(measured, {"grid": grid, **options, **stages, **named})
     if hardening is not None:
         if part is not None:
@@ -198,7 +216,7 @@ def reconstruct_command(
         kept = f"{beside} holds the last iterate: the same command with --resume goes on"
         raise KeyboardInterrupt(kept if beside.exists() else "before the first iterate") from None
     assert last is not None
-    pp.write_volume(output, last.volume)
+    pp.write_volume(output, replace(last.volume, notes={**notes, **last.volume.notes}))
     beside.unlink(missing_ok=True)
     if "sheet" in last.volume.notes.get("support", ""):
         measured = without_sheet(measured)

@@ -18,7 +18,20 @@ from palpate.scans.views import Panel, Views
 
 UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 0.001}
 AXES = ("view", "row", "column")
-TOP = ("units", "values", "incident", "background", "contrast", "unmeasured", "dead", "stack", "panel", "views")
+TOP = (
+    "units",
+    "values",
+    "incident",
+    "background",
+    "contrast",
+    "unmeasured",
+    "dead",
+    "stack",
+    "panel",
+    "views",
+    "scatter",
+    "beam",
+)
 # Of each motion: its function, the keys it cannot do without, those it can; LENGTHS are scaled by the file's units.
 SWEEP = ("count", "centre", "fulcrum")
 MOTIONS: dict[str, tuple[Callable[..., Views], tuple[str, ...], tuple[str, ...]]] = {
@@ -46,12 +59,26 @@ class Stack:
     variable: str | None = None
 
 
+@dataclass(frozen=True)
+class Beam:
+    """What estimated scatter needs to know: kV, anode/filter, mm from the object to the panel, anti-scatter grid.
+
+    thickness: of the object at its thickest, mm, if it is known.
+    """
+
+    kv: float | None = None
+    target: str = "W/Rh"
+    gap: float = 15.0
+    grid: str = "none"
+    thickness: float | None = None
+
+
 @dataclass(frozen=True, eq=False)
 class Geometry:
     """What a geometry file says. incident: photons a pixel: one number, (views,), or "estimate"; background likewise.
 
     values: "photons" or "intensity". contrast: "as stored" or "equal" (intensities only). unmeasured:
-    value that marks pixels that saw nothing. dead: list of dead pixels.
+    value that marks pixels that saw nothing. dead: list of dead pixels. scatter: none, estimate, or a file.
     """
 
     path: Path
@@ -63,6 +90,8 @@ class Geometry:
     contrast: str = "as stored"
     unmeasured: float | None = None
     dead: Path | None = None
+    scatter: str = "none"
+    beam: Beam = Beam()
 
 
 def read_geometry(path: str | Path) -> Geometry:
@@ -129,6 +158,24 @@ def _geometry(path: Path, content: Any) -> Geometry:
         contrast,
         None if unmeasured is None else _number("unmeasured", unmeasured, finite=False),
         None if dead is None else path.parent / str(dead),
+        _scatter(path, str(top.get("scatter", "none"))),
+        _beam(top.get("beam") or {}, UNITS[units]),
+    )
+
+
+def _scatter(path: Path, given: str) -> str:
+    """none, estimate, or the path of a file beside the geometry file."""
+    return given if given in ("none", "estimate") else str(path.parent / given)
+
+
+def _beam(given: Any, length: float) -> Beam:
+    b = _mapping("beam", given, (), ("kv", "target", "gap", "grid", "thickness"))
+    return Beam(
+        None if b.get("kv") is None else _number("beam.kv", b["kv"]),
+        str(b.get("target", Beam.target)),
+        _number("beam.gap", b["gap"]) * length if "gap" in b else Beam.gap,
+        str(b.get("grid", Beam.grid)),
+        None if b.get("thickness") is None else _number("beam.thickness", b["thickness"]) * length,
     )
 
 

@@ -22,6 +22,8 @@ incident: 20000          # what a pixel reads with nothing in the beam: one numb
 background: 0            # what a pixel reads behind a perfect absorber: scatter and dark signal. One number or a list.
 # contrast: as stored    # equal (intensities only): undo a display scale that gave each view its own.
 # unmeasured: 0          # a value that marks pixels that measured nothing (outside the field); they are masked.
+# scatter: none          # estimate: from the table, for the beam below; or a file (.npy) of photons a pixel, as the views
+# beam: {kv: 30, target: W/Rh, gap: 15, grid: none}   # for estimate: anode/filter, object to panel, anti-scatter grid
 # dead: dead.txt         # a text file beside this one, one "row column" a line: pixels to mask in every view.
 
 stack:

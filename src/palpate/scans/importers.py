@@ -16,6 +16,7 @@ from palpate.scans.dicom_projections import dicom_projections, dicom_scan, is_di
 from palpate.scans.geometry_file import AXES, Geometry, Stack, read_geometry
 from palpate.scans.intensity_correction import equal_contrast, open_beam
 from palpate.scans.scan import Scan
+from palpate.scans.scatter.scan_scatter import add_scatter
 from palpate.volumes.suppress_output import suppress_output
 from palpate.volumes.tiff import whole_series
 
@@ -105,7 +106,8 @@ def _scan(values: AnyArray, g: Geometry, measured: Bool | None = None) -> Scan:
         raise DataError("background: cannot be estimated; give a number, or one a view")
     if g.contrast == "equal":
         counts = equal_contrast(counts, incident, mask)
-    return Scan(counts, incident, g.views, g.background, mask)
+    scan = Scan(counts, incident, g.views, g.background, mask)
+    return add_scatter(scan, g.scatter, g.beam.kv, g.beam.target, g.beam.gap, g.beam.grid, g.beam.thickness)
 
 
 def _files(where: Path, stack: Stack | None = None) -> list[Path]:

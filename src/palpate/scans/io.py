@@ -1,5 +1,6 @@
 """Reads and writes scans as HDF5 files; docs/formats.md documents their layout."""
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -8,7 +9,7 @@ import h5py
 import numpy as np
 
 from palpate.arrays import AnyArray
-from palpate.bounded_read import existing_file
+from palpate.bounded_read import existing_file, parse_json
 from palpate.errors import DataError, FileError, GeometryError
 from palpate.plugins import read_by_plugin
 from palpate.scans.dicom_projections import holds_projections, is_dicom_stack
@@ -44,6 +45,8 @@ def write_scan(path: str | Path, scan: Scan) -> None:
     """
     with replacing_hdf5(path) as file:
         file.attrs.update({"format": FORMAT, "version": VERSION})
+        if scan.notes:
+            file.attrs["notes"] = json.dumps(dict(scan.notes))
         _dataset(file, "counts", scan.counts, "photons")
         _dataset(file, "incident", drop_constant_axes(scan.incident), "photons")
         _dataset(file, "background", drop_constant_axes(scan.background), "photons")
@@ -168,7 +171,9 @@ def _scan(path: Path, file: Any) -> Scan:
     ]
     direction = read("views/direction") if "views/direction" in file else None
     views = Views(source, panels[0] if moving == 1 else panels, direction)
-    return Scan(counts, read("incident"), views, read("background"), read("mask").astype(bool))
+    said = parse_json(str(file.attrs.get("notes", "{}")))
+    notes = {str(k): str(v) for k, v in said.items()} if isinstance(said, dict) else {}
+    return Scan(counts, read("incident"), views, read("background"), read("mask").astype(bool), notes)
 
 
 def _dataset(file: Any, name: str, values: AnyArray, unit: str, meaning: str = "") -> None:

@@ -1,5 +1,6 @@
 """The scan: counts of the panel, open beam, background and geometry."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +29,8 @@ class Scan:
     mask : array_like of bool, optional
         True where a pixel was measured, of a shape that broadcasts to `counts`. Other pixels are not
         used and may be NaN.
+    notes : mapping of str to str, optional
+        What was assumed to make it, such as the beam of estimated scatter. Files keep it.
 
     Raises
     ------
@@ -47,6 +50,7 @@ class Scan:
     views: Views
     background: Float32
     mask: Bool
+    notes: Mapping[str, str]
 
     def __init__(
         self,
@@ -55,6 +59,7 @@ class Scan:
         views: Views,
         background: ArrayLike = 0,
         mask: ArrayLike | None = None,
+        notes: Mapping[str, str] | None = None,
     ) -> None:
         measured = np.ones(views.shape, dtype=bool) if mask is None else np.asarray(mask)
         if measured.dtype != bool:
@@ -76,11 +81,13 @@ class Scan:
             value.flags.writeable = False
             object.__setattr__(self, name, value)
         object.__setattr__(self, "views", views)
+        object.__setattr__(self, "notes", dict(notes or {}))
 
     def __getitem__(self, views: int | slice | list[int]) -> "Scan":
         """The same scan with some of its views."""
         k = np.atleast_1d(np.arange(len(self.views))[views])
-        return Scan(self.counts[k], self.incident[k], self.views[list(map(int, k))], self.background[k], self.mask[k])
+        some, r = self.views[list(map(int, k))], self.background[k]
+        return Scan(self.counts[k], self.incident[k], some, r, self.mask[k], self.notes)
 
     @property
     def shape(self) -> tuple[int, int, int]:

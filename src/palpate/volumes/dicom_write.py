@@ -151,6 +151,8 @@ def _common(sop_class: str, modality: str, volume: Volume, tags: Mapping[str, st
             **dict.fromkeys(("StudyDate", "StudyTime", "ReferringPhysicianName"), ""),
         },
     )
+    if volume.notes:
+        dataset.ImageComments = "; ".join(f"{key}: {value}" for key, value in volume.notes.items())[:10_000]
     for keyword, value in tags.items():
         if keyword in ("FrameLaterality", "ViewPosition"):
             continue  # they have places of their own

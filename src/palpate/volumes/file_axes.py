@@ -19,13 +19,14 @@ UPRIGHT = np.diag([-1.0, -1.0, 1.0, 1.0])  # RAS to LPS and back: right and ante
 class StoredImage:
     """values: (k, j, i), the file's fastest index last. affine: (4, 4), indices (i, j, k, 1) to LPS mm.
 
-    unit: of the values, if the file says. names: label value to name, if the file says.
+    unit: of the values, if the file says. names: label value to name, if the file says. notes: of a `Volume`.
     """
 
     values: AnyArray
     affine: Float64
     unit: str | None = None
     names: Mapping[int, str] = field(default_factory=dict)
+    notes: Mapping[str, str] = field(default_factory=dict)
 
 
 def affine_of(grid: Grid) -> Float64:

@@ -1,6 +1,7 @@
-"""A grid and a unit as a JSON text, for file formats that store a spacing but no direction."""
+"""A grid, a unit and notes as a JSON text, for file formats that store a spacing but no direction."""
 
 import json
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -13,7 +14,16 @@ AGREE = 1e-4  # relative; a spacing that was edited since makes the text stale
 
 def metadata_text(stored: StoredImage) -> str:
     """The text: affine (voxel indices x, y, z to LPS mm, the upper 3 lines) and unit."""
-    return json.dumps({"palpate": {"affine": stored.affine[:3].tolist(), "unit": stored.unit}})
+    notes = {"notes": dict(stored.notes)} if stored.notes else {}
+    return json.dumps({"palpate": {"affine": stored.affine[:3].tolist(), "unit": stored.unit, **notes}})
+
+
+def read_notes(text: str) -> Mapping[str, str]:
+    """The notes of a volume in such a text; none if it is another text."""
+    try:
+        return {str(k): str(v) for k, v in parse_json(text)["palpate"].get("notes", {}).items()}
+    except (ValueError, KeyError, TypeError, AttributeError):
+        return {}
 
 
 def read_metadata_text(text: str, spacing: Float64, origin: Float64 | None = None) -> tuple[Float64, str | None]:

@@ -74,7 +74,7 @@ def read_volume(path: str | Path, unit: str | None = None) -> Volume:
     except (DataError, GeometryError) as problem:
         raise type(problem)(f"{path}: {problem}") from None
     guess = "HU" if volume.values.min() < -100 else "1/mm"
-    return Volume(volume.values, grid, unit or stored.unit or guess)
+    return Volume(volume.values, grid, unit or stored.unit or guess, stored.notes)
 
 
 def write_volume(path: str | Path, volume: Volume, tags: Mapping[str, str] | None = None) -> None:
@@ -110,7 +110,7 @@ def write_volume(path: str | Path, volume: Volume, tags: Mapping[str, str] | Non
         return
     path, form = _form(path, writing=True)
     with replacing_folder(path) if form is ome_zarr else replacing(path) as temporary:
-        form.write(temporary, StoredImage(volume.values, affine_of(volume.grid), unit=volume.unit))
+        form.write(temporary, StoredImage(volume.values, affine_of(volume.grid), volume.unit, notes=volume.notes))
 
 
 def read_labels(path: str | Path, names: Mapping[int, str] | None = None) -> Labels:

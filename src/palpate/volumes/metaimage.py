@@ -8,6 +8,7 @@ import numpy as np
 from palpate.arrays import Float64
 from palpate.errors import FileError
 from palpate.volumes.file_axes import StoredImage
+from palpate.volumes.grid_metadata import metadata_text, read_notes
 from palpate.volumes.voxel_data import HEADER, read_header, read_voxels, voxels_beside
 
 TYPES = {
@@ -57,7 +58,8 @@ def read(path: Path) -> StoredImage:
     affine[:3, :3], affine[:3, 3] = axes.T * spacing, origin
     packed = 15 if fields.get("CompressedData", "False").lower() == "true" else None
     values = read_voxels(path, home, end + 1 if local else 0, kind, sizes, packed)
-    return StoredImage(values, affine, fields.get("palpate_unit"), names)
+    said = read_notes(fields.get("palpate_notes", ""))
+    return StoredImage(values, affine, fields.get("palpate_unit"), names, said)
 
 
 def write(path: Path, stored: StoredImage) -> None:
@@ -78,6 +80,7 @@ def write(path: Path, stored: StoredImage) -> None:
         "ElementSpacing": _words(spacing),
         "DimSize": " ".join(str(n) for n in stored.values.shape[::-1]),
         **({"palpate_unit": stored.unit} if stored.unit else {}),
+        **({"palpate_notes": metadata_text(stored)} if stored.notes else {}),
         **{f"Label_{value}": name for value, name in stored.names.items()},
         "ElementType": {v: k for k, v in TYPES.items()}[stored.values.dtype.str[1:]],
         "ElementDataFile": "LOCAL",

@@ -15,6 +15,7 @@ from nibabel.spatialimages import HeaderDataError
 from palpate.bounded_read import check_claim, parse_json
 from palpate.errors import FileError
 from palpate.volumes.file_axes import UPRIGHT, StoredImage
+from palpate.volumes.grid_metadata import metadata_text, read_notes
 from palpate.volumes.suppress_output import suppress_output
 
 TO_MM = {"meter": 1000.0, "mm": 1.0, "micron": 0.001, "unknown": 1.0}
@@ -47,7 +48,9 @@ def read(path: Path) -> StoredImage:
         values = values[..., 0]
     words = bytes(image.header["descrip"].tobytes()).split(b"\0")[0].decode("latin-1")
     unit = words.removeprefix(NOTE) if words.startswith(NOTE) else None
-    return StoredImage(values.T, affine, unit, _names(image.header.extensions))
+    said = [read_notes(_text(each).decode("utf-8", "replace")) for each in image.header.extensions]
+    notes = next((each for each in said if each), {})
+    return StoredImage(values.T, affine, unit, _names(image.header.extensions), notes)
 
 
 def write(path: Path, stored: StoredImage) -> None:
@@ -61,6 +64,8 @@ def write(path: Path, stored: StoredImage) -> None:
     if stored.names:
         table = json.dumps({"label_names": {str(k): v for k, v in stored.names.items()}})
         image.header.extensions.append(nibabel.nifti1.Nifti1Extension(COMMENT, table.encode()))
+    if stored.notes:
+        image.header.extensions.append(nibabel.nifti1.Nifti1Extension(COMMENT, metadata_text(stored).encode()))
     nibabel.save(image, path)
 
 
@@ -86,11 +91,15 @@ def _check_extensions(path: Path) -> None:
             at = file.seek(at + length)
 
 
+def _text(extension: nibabel.nifti1.Nifti1Extension) -> bytes:
+    content = extension.get_content()
+    words = content if isinstance(content, bytes) else str(content).encode()
+    return words.rstrip(b"\0 ")
+
+
 def _names(extensions: list[nibabel.nifti1.Nifti1Extension]) -> Mapping[int, str]:
     for extension in extensions:
-        content = extension.get_content()
-        words = content if isinstance(content, bytes) else str(content).encode()
-        words = words.rstrip(b"\0 ")
+        words = _text(extension)
         try:
             if words.startswith(b"{"):
                 return {int(k): str(v) for k, v in parse_json(words)["label_names"].items()}

@@ -9,6 +9,7 @@ import numpy as np
 from palpate.arrays import Float64
 from palpate.errors import FileError
 from palpate.volumes.file_axes import StoredImage
+from palpate.volumes.grid_metadata import metadata_text, read_notes
 from palpate.volumes.voxel_data import HEADER, read_header, read_voxels, voxels_beside
 
 TYPES = {
@@ -61,7 +62,8 @@ def read(path: Path) -> StoredImage:
     start = 0 if beside else end.end() if end else len(content)
     home = voxels_beside(path, beside) if beside else path
     values = read_voxels(path, home, start, kind, sizes, PACKED[encoding])
-    return StoredImage(values, _affine(path, fields), notes.get("palpate_unit"), names)
+    said = read_notes(notes.get("palpate_notes", ""))
+    return StoredImage(values, _affine(path, fields), notes.get("palpate_unit"), names, said)
 
 
 def write(path: Path, stored: StoredImage) -> None:
@@ -82,6 +84,8 @@ def write(path: Path, stored: StoredImage) -> None:
     ]
     if stored.unit:
         lines.append(f"palpate_unit:={stored.unit}")
+    if stored.notes:
+        lines.append(f"palpate_notes:={metadata_text(stored)}")
     for i, (value, name) in enumerate(stored.names.items()):
         s = f"Segment{i}_"
         lines += [f"{s}ID:={s[:-1]}", f"{s}Name:={name}", f"{s}LabelValue:={value}", f"{s}Layer:=0"]

@@ -11,7 +11,7 @@ from palpate.arrays import AnyArray
 from palpate.bounded_read import check_claim
 from palpate.errors import FileError
 from palpate.volumes.file_axes import StoredImage, voxel_size
-from palpate.volumes.grid_metadata import metadata_text, read_metadata_text
+from palpate.volumes.grid_metadata import metadata_text, read_metadata_text, read_notes
 
 TO_MM = {"meter": 1000.0, "centimeter": 10.0, "millimeter": 1.0, "micrometer": 0.001, "nanometer": 1e-6}
 EMPTY = 2**20  # bytes that a folder counts for at least: chunks of zeros need not be there
@@ -54,8 +54,9 @@ def read(path: Path) -> StoredImage:
         words = f"{type(problem).__name__}: {problem}"
         raise FileError(f"{path}: not a whole OME-Zarr image ({words}); export it again") from None
     spacing, origin = steps["scale"] * length, steps.get("translation", np.zeros(3)) * length
-    affine, unit = read_metadata_text(str(attributes.get(NOTE, "")), spacing[::-1], origin[::-1])
-    return StoredImage(values, affine, unit)
+    text = str(attributes.get(NOTE, ""))
+    affine, unit = read_metadata_text(text, spacing[::-1], origin[::-1])
+    return StoredImage(values, affine, unit, notes=read_notes(text))
 
 
 def write(path: Path, stored: StoredImage) -> None:

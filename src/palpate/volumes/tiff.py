@@ -17,7 +17,7 @@ from palpate.arrays import AnyArray, Float64
 from palpate.bounded_read import check_claim
 from palpate.errors import FileError
 from palpate.volumes.file_axes import StoredImage, voxel_size
-from palpate.volumes.grid_metadata import metadata_text, read_metadata_text
+from palpate.volumes.grid_metadata import metadata_text, read_metadata_text, read_notes
 from palpate.volumes.suppress_output import suppress_output
 
 TO_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "µm": 0.001, "um": 0.001, "\\u00B5m": 0.001, "micron": 0.001, "nm": 1e-6}
@@ -42,7 +42,7 @@ def read(path: Path) -> StoredImage:
             f"{path}: says no voxel size in a unit of length; set it in ImageJ (Image, Properties) or as OME"
         )
     affine, unit = read_metadata_text(text, spacing, origin)
-    return StoredImage(values, affine, unit)
+    return StoredImage(values, affine, unit, notes=read_notes(text))
 
 
 @contextmanager

@@ -27,7 +27,7 @@ class Volume:
     unit : str, optional
         Unit of the values. The default "1/mm" is that of attenuation.
     notes : mapping of str to str, optional
-        What was assumed to make it, such as {"support": "hull, 41 % of the voxels"}.
+        What was assumed to make it, such as {"support": "hull, 41 % of the voxels"}. Files keep it.
 
     Raises
     ------

@@ -1,0 +1,1 @@
+"""Scattered X-rays: cross sections, Monte Carlo, kernels, and the estimate of a scan's scatter."""
