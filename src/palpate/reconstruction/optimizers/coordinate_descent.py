@@ -10,6 +10,7 @@ from palpate.reconstruction.models.likelihood import Curvature, Likelihood, valu
 from palpate.reconstruction.models.mrf_prior import Prior
 from palpate.reconstruction.optimizers.problem import Problem
 from palpate.reconstruction.projector import Projector
+from palpate.reconstruction.slicing import ORDER
 from palpate.reconstruction.volume_pool import VolumePool
 
 SLICES, ROWS = 8, 64  # sampled for the median curvature
@@ -49,7 +50,7 @@ def coordinate_descent(
                 data.set_curvature(np.ascontiguousarray(likelihood.curvature(l, kind)))
                 held = kind
             _core.icd.sweep(data, values, *prior.law, beta, relaxation)
-            _core.projection.project(A.geometry, values, following)
+            A.project(values, following)
             now = value_and_slope(likelihood, following, slope) + penalty(values)
             if now <= objective or kind == kinds[-1]:
                 break
@@ -65,6 +66,20 @@ def data_curvature(A: Projector, likelihood: Likelihood) -> Float32:
     Of `SLICES` slices and `ROWS` rows evenly spread, (slices, rows, x): enough for the median, which is all that is asked.
     """
     nothing = np.zeros(A.range_shape, np.float32)
-    every, every_row = (max(1, n // most) for n, most in zip(A.grid.shape, (SLICES, ROWS), strict=False))
+    every = [*(max(1, n // most) for n, most in zip(A.grid.shape, (SLICES, ROWS), strict=False)), 1]
     curvature = np.ascontiguousarray(likelihood.curvature(nothing, "precomputed"))
-    return _core.icd.diagonal(A.geometry, curvature, every, every_row)
+    total: Float32 | None = None
+    for s in A.slicings:
+        # Where the samples along the first axis would not be those of the other slicings, all are made and some taken.
+        first, second = (every[axis] for axis in ORDER[s.axis][:2])
+        first = 1 if s.below else first
+        some = s.restored(_core.icd.diagonal(s.geometry, np.ascontiguousarray(curvature[s.views]), first, second))
+        some = some[
+            tuple(
+                np.s_[e // 2 :: e] if n == m else np.s_[:]
+                for e, n, m in zip(every, some.shape, A.grid.shape, strict=True)
+            )
+        ]
+        total = some if total is None else total + some
+    assert total is not None
+    return np.ascontiguousarray(total)
