@@ -64,7 +64,8 @@ class Projector(LinearMap):
     tolerance : float, optional
         Largest relative L2 error of a view against exact line integrals, for voxels that are independent and uniform in
         [0, 1]. Smooth volumes err far less. A smaller tolerance takes more time. It holds for panels that are parallel to
-        the slices or turned about x or y alone; any other panel is averaged from a parallel one of half its pitch.
+        the slices or turned about one axis alone. Any other panel is averaged from a parallel one of half its pitch (errors
+        of about 1 %), or of a quarter (0.5 %) if the tolerance is below 3e-3 or the view does not look from above.
 
     Attributes
     ----------
@@ -143,7 +144,7 @@ class Projector(LinearMap):
             some = p if len(s.views) == len(self.views) else np.ascontiguousarray(p[s.views])
             sliced = np.empty([self.domain_shape[axis] for axis in ORDER[s.axis]], np.float32)
             _core.projection.backproject(s.geometry, some, sliced)
-            np.add(out, s.restored(sliced), out=out) if k else np.copyto(out, s.restored(sliced))
+            s.put(sliced, out, add=k > 0)
 
 
 class Transpose(LinearMap):

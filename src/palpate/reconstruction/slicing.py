@@ -12,6 +12,10 @@ from palpate.scans.views import Views
 from palpate.volumes.grid import Grid
 
 STEEP = 0.5  # least |cosine| between z and a ray that is sliced along z; up to there such slices serve, and are faster
+# Fine pixels along a measured one that is neither parallel to the slices nor turned about one axis: errors of about 1 % and
+# 0.3 % for independent voxels. Two serve views from above, as they always did.
+COARSE, FINE, FINER_BELOW = 2, 4, 3e-3
+BLOCK = 32  # voxels along x
 # The volume's axes (z, y, x) as axes of the slicing: the first is the one along which it is sliced.
 ORDER = {0: (2, 0, 1), 1: (1, 0, 2), 2: (0, 1, 2)}  # by the world's axis, x, y or z
 
@@ -36,11 +40,28 @@ class Slicing:
 
     def sliced(self, values: Float32) -> Float32:
         """The volume (z, y, x) with its axes exchanged."""
-        turned = values.transpose(ORDER[self.axis])
-        return np.ascontiguousarray(turned[::-1] if self.below else turned)
+        out = np.empty([values.shape[axis] for axis in ORDER[self.axis]], np.float32)
+        there = self.restored(out)
+        for part in self._parts(values.shape):
+            there[part] = values[part]
+        return out
+
+    def put(self, sliced: Float32, out: Float32, add: bool) -> None:
+        """The volume with its axes as they were, written to `out` or added to it."""
+        there = self.restored(sliced)
+        for part in self._parts(out.shape):
+            out[part] = out[part] + there[part] if add else there[part]
+
+    def _parts(self, shape: tuple[int, ...]) -> Iterator[tuple[slice | int, ...]]:
+        """All of the volume, in parts whose axes are exchanged within the cache."""
+        for z in range(shape[0]):
+            for x in range(0, shape[2], BLOCK) if self.axis == 0 else ():
+                yield z, slice(None), slice(x, x + BLOCK)
+            if self.axis:
+                yield (z,)
 
     def restored(self, values: Float32) -> Float32:
-        """The inverse of `sliced`, a view of the same memory."""
+        """A sliced volume as (z, y, x), in the same memory."""
         turned = values[::-1] if self.below else values
         return turned.transpose(np.argsort(ORDER[self.axis]))
 
@@ -105,4 +126,5 @@ def geometry(
         spacing=np.array(grid.spacing)[order],
         grid_origin=first,
         tolerance=tolerance,
+        oversampling=COARSE if (axis, below) == (2, False) and tolerance >= FINER_BELOW else FINE,
     )

@@ -72,7 +72,15 @@ def _candidates(levels: Sequence[tuple[Scan, Grid]]) -> Iterator[tuple[str, Floa
 def _geometry(itk: Any, rtk: Any, scan: Scan) -> Any:
     geometry = rtk.ThreeDCircularProjectionGeometry.New()
     point, vector = itk.Point[itk.D, 3], itk.Vector[itk.D, 3]
-    for source, panel in zip(scan.views.source, scan.views.panels, strict=True):
+    for source, panel, parallel in zip(scan.views.source, scan.views.panels, scan.views.parallel, strict=True):
+        if parallel:  # RTK's own parallel geometry turns about y; a distance of 0 to the panel says so
+            if abs(panel.row_axis[1] - 1) > 1e-6:
+                raise ValueError("RTK's parallel beams turn about y, with the panel's rows along y")
+            turn = float(np.degrees(np.arctan2(source[0], source[2])))
+            geometry.AddProjection(
+                1000.0, 0.0, turn, float(panel.origin @ panel.column_axis), float(panel.origin @ panel.row_axis)
+            )
+            continue
         geometry.AddProjection(
             point(source.tolist()),
             point(panel.origin.tolist()),
