@@ -1,9 +1,9 @@
 """Views from anywhere around a volume: cone and parallel beams, panels tilted, spun and off-centre."""
 
 import numpy as np
-from support.projector_scenes import centred
 
 import palpate as pp
+from support.projector_scenes import centred
 
 
 def random_pose(seed):
@@ -36,6 +36,30 @@ def boxes(grid, seed):
         high = np.maximum(high, low + 4)
         values[tuple(map(slice, low, high))] += rng.uniform(0.01, 0.05)
     return values
+
+
+def box(grid, seed):
+    """(z, y, x): one box of voxels, half to nine tenths as wide as the grid."""
+    rng, n = np.random.default_rng(seed), np.array(grid.shape)
+    size = np.round(rng.uniform(0.5, 0.9, 3) * n).astype(int)
+    low = rng.integers(0, n - size + 1)
+    values = np.zeros(grid.shape, np.float32)
+    values[tuple(map(slice, low, low + size))] = 0.02
+    return values
+
+
+def ellipsoid(grid, seed):
+    """(z, y, x): the share of each voxel inside an ellipsoid nearly as wide as the grid, by 3³ points a voxel."""
+    radii = np.random.default_rng(seed).uniform(0.6, 0.95, 3)
+    axes = [((np.arange(3 * n) + 0.5) / (3 * n) * 2 - 1) / r for n, r in zip(grid.shape, radii, strict=True)]
+    z, y, x = np.meshgrid(*axes, indexing="ij", sparse=True)
+    inside = (z * z + y * y + x * x < 1).reshape([n for m in grid.shape for n in (m, 3)])
+    return (0.02 * inside.mean(axis=(1, 3, 5))).astype(np.float32)
+
+
+def random_voxels(grid, seed):
+    """(z, y, x): uniform in [0, 1)."""
+    return np.random.default_rng(seed + 1_000_000).random(grid.shape, np.float32)
 
 
 def _unit(v):

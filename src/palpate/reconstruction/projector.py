@@ -65,7 +65,7 @@ class Projector(LinearMap):
         Largest relative L2 error of a view against exact line integrals, for voxels that are independent and uniform in
         [0, 1]. Smooth volumes err far less. A smaller tolerance takes more time. It holds for panels that are parallel to
         the slices or turned about one axis alone. Any other panel is averaged from a parallel one of half its pitch (errors
-        of about 1 %), or of a quarter (0.5 %) if the tolerance is below 3e-3 or the view does not look from above.
+        of about 1 %), or of a fifth (0.3 %) if the tolerance is below 3e-3 or the view does not look from above.
 
     Attributes
     ----------

@@ -12,9 +12,9 @@ from palpate.scans.views import Views
 from palpate.volumes.grid import Grid
 
 STEEP = 0.5  # least |cosine| between z and a ray that is sliced along z; up to there such slices serve, and are faster
-# Fine pixels along a measured one that is neither parallel to the slices nor turned about one axis: errors of about 1 % and
-# 0.3 % for independent voxels. Two serve views from above, as they always did.
-COARSE, FINE, FINER_BELOW = 2, 4, 3e-3
+# Fine pixels along a measured one, on a panel that is neither parallel to the slices nor turned about one axis. Errors of
+# independent voxels are about 1 % and 0.2 %. Two serve views from above, as they always did.
+COARSE, FINE, FINER_BELOW = 2, 5, 3e-3
 BLOCK = 32  # voxels along x
 # The volume's axes (z, y, x) as axes of the slicing: the first is the one along which it is sliced.
 ORDER = {0: (2, 0, 1), 1: (1, 0, 2), 2: (0, 1, 2)}  # by the world's axis, x, y or z

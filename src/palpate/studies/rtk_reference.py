@@ -26,9 +26,12 @@ def installed() -> bool:
         return False
 
 
-def rtk_sart(scan: Scan, grid: Grid, passes: int, values: Float32, relaxation: float = 1.0) -> Float32:
+def rtk_sart(
+    scan: Scan, grid: Grid, passes: int, values: Float32, relaxation: float = 1.0, matched: bool = False
+) -> Float32:
     """SART by RTK with its own Joseph projectors, from `values` on, (z, y, x) 1/mm.
 
+    matched: whether it projects back by the transpose, as RTK does not unless told to.
     It knows no mask: unmeasured pixels take the value of the nearest measured one.
     """
     import itk
@@ -48,6 +51,8 @@ def rtk_sart(scan: Scan, grid: Grid, passes: int, values: Float32, relaxation: f
     solver.SetGeometry(_geometry(itk, RTK, scan))
     solver.SetNumberOfIterations(passes)
     solver.SetLambda(relaxation)
+    if matched:
+        solver.SetBackProjectionFilter(solver.BackProjectionType_BP_JOSEPH)
     solver.SetEnforcePositivity(True)
     solver.SetDisableDisplacedDetectorFilter(True)
     solver.Update()

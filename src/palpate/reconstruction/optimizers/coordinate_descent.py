@@ -14,6 +14,7 @@ from palpate.reconstruction.slicing import ORDER
 from palpate.reconstruction.volume_pool import VolumePool
 
 SLICES, ROWS = 8, 64  # sampled for the median curvature
+VIEWS = 24  # the same, of views that are not all from above: each costs more
 
 
 def coordinate_descent(
@@ -64,22 +65,25 @@ def data_curvature(A: Projector, likelihood: Likelihood) -> Float32:
     """d_j = Σ_i a_ij² c_i with the precomputed curvature: how well the data alone know a voxel, mm².
 
     Of `SLICES` slices and `ROWS` rows evenly spread, (slices, rows, x): enough for the median, which is all that is asked.
+    Of views that are not all from above `VIEWS` stand for the rest.
     """
     nothing = np.zeros(A.range_shape, np.float32)
     every = [*(max(1, n // most) for n, most in zip(A.grid.shape, (SLICES, ROWS), strict=False)), 1]
     curvature = np.ascontiguousarray(likelihood.curvature(nothing, "precomputed"))
+    if not A.upright and len(A.views) > VIEWS:
+        some = np.unique(np.linspace(0, len(A.views) - 1, VIEWS).astype(int))
+        curvature = np.ascontiguousarray(curvature[some]) * np.float32(len(A.views) / len(some))
+        A = Projector(A.views[some.tolist()], A.grid, A.tolerance)
     total: Float32 | None = None
     for s in A.slicings:
         # Where the samples along the first axis would not be those of the other slicings, all are made and some taken.
         first, second = (every[axis] for axis in ORDER[s.axis][:2])
         first = 1 if s.below else first
-        some = s.restored(_core.icd.diagonal(s.geometry, np.ascontiguousarray(curvature[s.views]), first, second))
-        some = some[
-            tuple(
-                np.s_[e // 2 :: e] if n == m else np.s_[:]
-                for e, n, m in zip(every, some.shape, A.grid.shape, strict=True)
-            )
+        part = s.restored(_core.icd.diagonal(s.geometry, np.ascontiguousarray(curvature[s.views]), first, second))
+        taken = [
+            np.s_[e // 2 :: e] if n == m else np.s_[:] for e, n, m in zip(every, part.shape, A.grid.shape, strict=True)
         ]
-        total = some if total is None else total + some
+        part = part[tuple(taken)]
+        total = part if total is None else total + part
     assert total is not None
     return np.ascontiguousarray(total)
