@@ -19,10 +19,10 @@ sys.path.append(str(Path(__file__).parents[1] / "tests"))
 from support.random_poses import box, boxes, ellipsoid, random_pose, random_voxels
 from support.reference_projector import projections
 
-PIXELS = 40  # of each pose, in the shadow
-TOLERANCES = (3e-3, 1e-3)  # the default, and one at which views from above get fine pixels too
+PIXELS = 24  # of each pose, in the shadow
+DEFAULT = 3e-3  # tolerance of a projector; at half of it views from above get fine pixels too
 BODIES = {"box": box, "ellipsoid": ellipsoid, "boxes": boxes, "random voxels": random_voxels}
-SETTLED = 5e-4  # relative change of the oracle when its rays are made twice as dense
+SETTLED = 1e-3  # relative change of the oracle when its rays are made twice as dense
 SIDE, VOXEL = 96, 1.5  # of the volume, voxels and mm
 VIEWS, PASSES = 200, (1, 2, 3)
 RELAXATIONS = (0.3, 1.0)  # RTK's default, and ours
@@ -39,32 +39,39 @@ def random_poses(first: int, poses: int) -> Iterator[str]:
     """Adjoint and line integrals of poses around the whole sphere."""
     yield f"{poses} random poses (seeds from {first}), a third of them parallel beams, panels tilted by some 15°, spun and "
     yield f"off-centre. NRMSE of {PIXELS} pixels in the shadow against exact line integrals averaged over each pixel "
-    yield "(float64, independent code): a box of voxels, an ellipsoid of voxels, several boxes, and voxels uniform in [0, 1). "
+    yield "(float64, independent code): a box of voxels, an ellipsoid of voxels, several boxes, voxels uniform in [0, 1). "
     yield "Adjoint: |<Ax, y> - <x, A'y>| over the norms of Ax and y. From above: those views that version 0.1 took.\n"
     yield header("views", "tolerance", "number", "", *("adjoint", *(f"{name}, %" for name in BODIES)))
-    for tolerance in TOLERANCES:
-        found = np.array([_judged(seed, tolerance) for seed in range(first, first + poses)])
-        for name, above in (("from above", 1), ("from elsewhere", 0)):
-            some = found[found[:, 0] == above, 1:] * ([1] + [100] * len(BODIES))
-            for quantile, share in (("worst", 1), ("99 %", 0.99), ("median", 0.5)):
-                yield row(name, tolerance, len(some), quantile, *np.quantile(some, share, axis=0).tolist())
-    yield ""
+    seeds = {"from above": [], "from elsewhere": []}
+    for seed in range(first, first + poses):
+        seeds["from above" if pp.Projector(*random_pose(seed)).upright else "from elsewhere"].append(seed)
+    unsettled = 0
+    for name, tolerance in (("from elsewhere", DEFAULT), ("from above", DEFAULT), ("from above", DEFAULT / 2)):
+        found = np.array([_judged(seed, tolerance) for seed in seeds[name]])
+        unsettled += int(np.isnan(found[:, 1]).sum())
+        for quantile, share in (("worst", 1), ("99 %", 0.99), ("median", 0.5)):
+            adjoint, *errors = np.nanquantile(found, share, axis=0).tolist()
+            yield row(name, tolerance, len(found), quantile, adjoint, *(100 * e for e in errors))
+    yield f"\nIn {unsettled} of these the exact integrals did not settle within {SETTLED:g}: there only the adjoint counts.\n"
 
 
 def _judged(seed: int, tolerance: float) -> tuple[float, ...]:
-    """Of one pose: whether it is from above, the adjoint's gap, the error of each body."""
+    """Of one pose: the adjoint's gap and the error of each body; NaN where the oracle does not settle."""
     views, grid = random_pose(seed)
     rng = np.random.default_rng(seed + 1_000_000)
     A, y = pp.Projector(views, grid, tolerance), rng.standard_normal(views.shape).astype(np.float32)
     volumes = np.stack([make(grid, seed) for make in BODIES.values()], axis=-1)
     p = np.stack([A(np.ascontiguousarray(volumes[..., k]))[0] for k in range(len(BODIES))], axis=-1)
+    x, Ax, Aty = (a.astype(np.float64) for a in (volumes[..., -1], p[None, ..., -1], A.T(y)))
+    gap = float(abs(np.vdot(Ax, y) - np.vdot(x, Aty)) / (np.linalg.norm(Ax) * np.linalg.norm(y)))
     shadow = np.argwhere(p[..., -1] > 0.05 * p[..., -1].max())
     pixels = shadow[rng.integers(0, len(shadow), PIXELS)]
-    exact = projections(volumes, views, grid, 0, pixels, SETTLED)
+    try:
+        exact = projections(volumes, views, grid, 0, pixels, SETTLED)
+    except AssertionError:
+        return gap, *[np.nan] * len(BODIES)
     error = np.linalg.norm(p[tuple(pixels.T)] - exact, axis=0) / np.linalg.norm(exact, axis=0)
-    x, Ax, Aty = (a.astype(np.float64) for a in (volumes[..., -1], p[None, ..., -1], A.T(y)))
-    gap = abs(np.vdot(Ax, y) - np.vdot(x, Aty)) / (np.linalg.norm(Ax) * np.linalg.norm(y))
-    return float(A.upright), float(gap), *error.tolist()
+    return gap, *error.tolist()
 
 
 def body() -> pp.Phantom:
