@@ -78,7 +78,7 @@ void bind_projection(nb::module_& m) {
             "__init__",
             [](ScanGeometry* self, In<double, 2> source, In<double, 2> origin, In<double, 2> row_axis,
                In<double, 2> column_axis, In<double, 2> pitch, int rows, int columns, In<double, 1> shape,
-               In<double, 1> spacing, In<double, 1> grid_origin, double tolerance) {
+               In<double, 1> spacing, In<double, 1> grid_origin, double tolerance, int oversampling) {
                 const size_t views = source.shape(0);
                 for (const auto* each : {&source, &origin, &row_axis, &column_axis})
                     expect(each->shape(0) == views && each->shape(1) == 3 && finite(*each),
@@ -90,14 +90,16 @@ void bind_projection(nb::module_& m) {
                            double(rows) * columns * double(views) < double(most_values),
                        "rows, columns: 1 to 1000000, and not too many in all");
                 expect(within(tolerance, 1e-9, 1e9), "tolerance: more than 0");
+                expect(within(oversampling, 1, 16), "oversampling: 1 to 16");
                 ScanGeometry made(grid_of(shape, spacing, grid_origin), int(views), rows, columns, source.data(),
-                                  origin.data(), row_axis.data(), column_axis.data(), pitch.data(), tolerance);
+                                  origin.data(), row_axis.data(), column_axis.data(), pitch.data(), tolerance,
+                                  oversampling);
                 check_field_of_view(made);
                 choose_subslices(made);
                 new (self) ScanGeometry(std::move(made));
             },
             "source"_a, "origin"_a, "row_axis"_a, "column_axis"_a, "pitch"_a, "rows"_a, "columns"_a, "shape"_a,
-            "spacing"_a, "grid_origin"_a, "tolerance"_a, nb::call_guard<nb::gil_scoped_release>())
+            "spacing"_a, "grid_origin"_a, "tolerance"_a, "oversampling"_a = 2, nb::call_guard<nb::gil_scoped_release>())
         .def(
             "products",
             [](const ScanGeometry& g, int view, int row) {

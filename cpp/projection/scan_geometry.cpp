@@ -8,7 +8,6 @@ namespace palpate {
 namespace {
 
 constexpr double parallel_enough = 1e-9; // of a unit axis out of x or y
-constexpr int oversampling = 2;          // fine pixels along a measured one, on oblique panels
 constexpr double most_fine_pixels = 1e6; // along one axis
 
 double dot(const Vec3& u, const Vec3& v) { return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]; }
@@ -107,8 +106,9 @@ std::array<int, 2> middle_pixel(const Grid& g, const View& v) {
 }
 
 // Replaces an oblique panel by a parallel one at the height of its middle pixel, no larger than the grid's
-// projection. Measured pixels are projected onto it from the focal spot, by a homography that is exact for the rays.
-void project_onto_parallel_panel(const Grid& g, View& v) {
+// projection, with `oversampling` fine pixels along a measured one. Measured pixels are projected onto it from the
+// focal spot, by a homography that is exact for the rays.
+void project_onto_parallel_panel(const Grid& g, int oversampling, View& v) {
     const Panel& p = v.panel;
     v.orientation = PanelOrientation::oblique;
     v.start = v.step_a = v.step_b = 0;
@@ -190,7 +190,7 @@ void RayPath::operator()(int64_t pixel, int64_t step, int count, float* out) con
 
 ScanGeometry::ScanGeometry(const Grid& grid, int count, int rows, int columns, const double* source,
                            const double* origin, const double* rows_along, const double* columns_along,
-                           const double* pitch, double tolerance)
+                           const double* pitch, double tolerance, int oversampling)
     : grid(grid), rows(rows), columns(columns), tolerance(tolerance), views(count) {
     for (int k = 0; k < count; k++) {
         View& v = views[k];
@@ -208,7 +208,7 @@ ScanGeometry::ScanGeometry(const Grid& grid, int count, int rows, int columns, c
         v.swapped = false;
         if (!is_rotated_about_y(p)) swap_xy(v);
         if (!is_rotated_about_y(p))
-            swap_xy(v), project_onto_parallel_panel(grid, v);
+            swap_xy(v), project_onto_parallel_panel(grid, oversampling, v);
         else
             use_panel_pixels(v);
         set_ray_path(grid, v);

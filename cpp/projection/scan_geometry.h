@@ -98,8 +98,10 @@ struct ScanGeometry {
     }
 
     // source, origin, rows_along, columns_along: (views, 3); pitch: (views, 2) as (dv, du).
+    // oversampling: see project_onto_parallel_panel.
     ScanGeometry(const Grid& grid, int views, int rows, int columns, const double* source, const double* origin,
-                 const double* rows_along, const double* columns_along, const double* pitch, double tolerance);
+                 const double* rows_along, const double* columns_along, const double* pitch, double tolerance,
+                 int oversampling = 2);
 };
 
 } // namespace palpate

@@ -77,6 +77,8 @@ from .scans.intensity_correction import open_beam as open_beam
 from .scans.io import is_scan as is_scan
 from .scans.io import read_scan as read_scan
 from .scans.io import write_scan as write_scan
+from .scans.orbits import orbit_views as orbit_views
+from .scans.orbits import parallel_views as parallel_views
 from .scans.scan import Scan as Scan
 from .scans.scan_plots import plot_scan as plot_scan
 from .scans.scatter.estimate import estimate_scatter as estimate_scatter

@@ -49,7 +49,11 @@ def test_geometries_that_cannot_be_are_refused():
     away, _ = small(origin=(900, 900, 0))
     refused(away, grid, "geometry misses the volume", "rows", "columns", "check the grid's origin")
     above = pp.Grid(grid.shape, grid.spacing, (-3, -2, 78))
-    refused(views, above, "source of view 0 is at z = 80 mm", "lower the grid")
+    refused(views, above, "behind the focal spot of view 0", "between source and panel")
+    touching = pp.Grid((3, 30, 30), grid.spacing, (-10, -10, 74))
+    refused(
+        views, touching, "source of view 0 at (9, 7, 80) mm lies inside the grid or within a voxel", "move the grid"
+    )
     below = pp.Grid(grid.shape, grid.spacing, (-3, -2, -40))
     refused(views, below, "geometry misses the volume", "behind the panel of view 0", "move the grid's origin")
     overhead, _ = small(origin=(-8, -8, 200))

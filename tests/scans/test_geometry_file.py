@@ -36,6 +36,8 @@ def test_each_template_says_what_its_constructor_does(tmp_path):
         "hypocycloid": pp.hypocycloid_views(PANEL, count=24, radius=250, height=1000),
         "arc": pp.arc_views(PANEL, np.linspace(-25, 25, 15), radius=650, pivot=(0, 0, 40)),
         "rotating": pp.rotating_views(arm, np.arange(-20, 21, 4), source=(0, 0, 1000)),
+        "orbit": pp.orbit_views((512, 512), (0.8, 0.8), source_to_centre=600, source_to_panel=1000, count=200),
+        "parallel": pp.parallel_views((512, 512), (0.8, 0.8), centre_to_panel=400, count=180),
         "free": pp.Views([(-200, 0, 1000), (0, 0, 1000), (200, 0, 1000)], [PANEL, PANEL, moved]),
     }
     assert set(meant) == set(VIEWS)
@@ -72,6 +74,7 @@ def test_every_length_follows_the_units_and_no_angle_does(tmp_path, motion, unit
 
     content = yaml.safe_load(text)
     lengths = {"pitch", "centre", "origin", "radius", "height", "length", "source", "pivot", "fulcrum"}
+    lengths |= {"source_to_centre", "source_to_panel", "centre_to_panel"}
 
     def rewrite(node):
         if isinstance(node, dict):
@@ -81,6 +84,18 @@ def test_every_length_follows_the_units_and_no_angle_does(tmp_path, motion, unit
     assert mm * small == pytest.approx(1)
     there = pp.read_geometry(written(tmp_path / "a.yaml", yaml.safe_dump(rewrite(content)))).views
     assert same(there, pp.read_geometry(written(tmp_path / "b.yaml", template(motion))).views)
+
+
+def test_a_parallel_beam_of_one_view_is_given_by_its_direction(tmp_path):
+    text = template("free").replace("source: [0, 0, 1000]", "beam: [0, 0, -2]")
+    views = pp.read_geometry(written(tmp_path / "g.yaml", text)).views
+    assert views.parallel.tolist() == [False, True, False]
+    low, high = views.project([(3, 4, 10)])[1], views.project([(3, 4, 90)])[1]
+    np.testing.assert_allclose(low, high, atol=1e-3)
+    for wrong in ("beam: [0, 0, 0]", "source: [0, 0, 9], beam: [0, 0, -1]"):
+        bad = template("free").replace("- source: [0, 0, 1000]", "- {" + wrong + "}  ")
+        with pytest.raises(GeometryError, match=r"views\[1\].*beam"):
+            pp.read_geometry(written(tmp_path / "g.yaml", bad))
 
 
 def test_angles_as_a_list_or_as_a_run_are_the_same(tmp_path):

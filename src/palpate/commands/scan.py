@@ -19,7 +19,7 @@ scan_app = typer.Typer(
 )
 
 
-Motion = StrEnum("Motion", "arc rotating circular linear hypocycloid free")
+Motion = StrEnum("Motion", "arc rotating circular linear hypocycloid orbit parallel free")
 PhantomName = StrEnum("PhantomName", "slab breast")
 
 

@@ -45,7 +45,7 @@ def alternatives(scan: Scan) -> Iterator[Alternative]:
     views = scan.views
     order = "the views run the other way: check the sign of the angles and the order of the files"
     yield Alternative("view order", order, with_views(scan[::-1], views))
-    for axis in ("column_axis", "row_axis"):
+    for axis in ("column_axis", "row_axis") if one_sided(views) else ():
         yield Alternative("view order", order, with_views(scan, mirrored_sweep(views, axis)))
     for cause, ways in IMAGES.items():
         for words, exchange, rows, columns in ways:
@@ -78,6 +78,11 @@ def _of_line_integrals(scan: Scan, top: np.float32) -> Float32:
 def with_views(scan: Scan, views: Views) -> Scan:
     """The same data with another geometry."""
     return Scan(scan.counts, scan.incident, views, scan.background, scan.mask)
+
+
+def one_sided(views: Views) -> bool:
+    """Whether the panels face about one way, so that there is a mean axis to mirror a sweep across."""
+    return bool(np.linalg.norm(np.mean([p.normal for p in views.panels], axis=0)) > 0.5)
 
 
 def mirrored_sweep(views: Views, axis: str) -> Views:

@@ -17,12 +17,14 @@ def covering_grid(views: Views, thickness: float | None, spacing: float | None =
     Above a horizontal panel the box begins at the panel. Otherwise it surrounds the point nearest to all central rays.
     The slice thickness is such that the parallax of a voxel over half of the sources' range is one voxel.
 
+    Where the views look from several sides, the box reaches as far around that point as all of them see, with cubic voxels.
+
     Parameters
     ----------
     views : Views
         The geometry.
-    thickness : float
-        Depth of the box, mm. No geometry knows how thick the object is.
+    thickness : float, optional
+        Depth of the box, mm. Views from above cannot do without it: they do not know how thick the object is.
     spacing : float, optional
         Voxel size in the slice, mm. The default is the pixel pitch at mid-depth.
 
@@ -41,17 +43,19 @@ def covering_grid(views: Views, thickness: float | None, spacing: float | None =
     >>> pp.covering_grid(views, thickness=40, spacing=4).spacing[1:]
     (4.0, 4.0)
     """
+    if spacing is not None and not (np.isfinite(spacing) and spacing > 0):
+        raise GeometryError(
+            f"spacing: expected a positive length in mm, got {spacing!r}; leave it out for the pixel's own"
+        )
+    if (thickness is None or thickness > 0) and not views.from_above(central_point(views)).all():
+        return _surrounding_grid(views, thickness, spacing)
     if thickness is None or not thickness > 0:
         raise GeometryError(
             f"thickness: how deep the object is cannot be known from the geometry, got {thickness!r}; give thickness=... "
             f"in mm (palpate reconstruct --thickness), or a Grid"
         )
-    if spacing is not None and not (np.isfinite(spacing) and spacing > 0):
-        raise GeometryError(
-            f"spacing: expected a positive length in mm, got {spacing!r}; leave it out for the pixel's own"
-        )
     level = [abs(abs(p.normal[2]) - 1) < 1e-6 for p in views.panels]
-    centre = _isocentre(views)
+    centre = central_point(views)
     low_z = max(float(p.origin[2]) for p in views.panels) if all(level) else float(centre[2]) - thickness / 2
     middle = low_z + thickness / 2
     if views.source[:, 2].min() <= low_z + thickness:
@@ -68,14 +72,39 @@ def covering_grid(views: Views, thickness: float | None, spacing: float | None =
     width = spacing if spacing is not None else _pixel_at(views, middle)
     depth = _slice(views, np.array([*(low + high) / 2, middle]), width)
     shape = np.maximum(np.floor([thickness / depth, *((high - low) / width)[::-1]]), 1)
+    _check_size(shape, width)
+    step = np.array([thickness / shape[0], width, width])
+    corner = np.array([*((low + high) / 2 - shape[:0:-1] * width / 2), low_z])
+    return Grid(shape, step, corner + step[::-1] / 2, views.direction)
+
+
+def _surrounding_grid(views: Views, thickness: float | None, spacing: float | None) -> Grid:
+    """The box around the central point that all views see, each axis by itself; cubic voxels of the pixels' size there."""
+    centre = central_point(views)
+    half, pitch = np.full(3, np.inf), []
+    for source, panel in zip(views.source, views.panels, strict=True):
+        middle = panel.points([(n - 1) / 2 for n in panel.shape])[0]
+        shrunk = np.linalg.norm(centre - source) / np.linalg.norm(middle - source)
+        pitch.append(min(panel.pitch) * shrunk)
+        for axis, n, d in zip((panel.row_axis, panel.column_axis), panel.shape, panel.pitch, strict=True):
+            along = np.abs(axis)
+            half = np.minimum(half, np.where(along > 0.5, n * d * shrunk / 2 / np.maximum(along, 0.5), np.inf))
+    if thickness is not None:
+        half[2] = thickness / 2
+    half = np.where(np.isfinite(half), half, np.max(half, where=np.isfinite(half), initial=0))
+    width = spacing if spacing is not None else float(np.mean(pitch))
+    shape = np.maximum(np.floor(2 * half[::-1] / width), 1)
+    _check_size(shape, width)
+    return Grid(shape, (width,) * 3, centre - (shape[::-1] - 1) / 2 * width, views.direction)
+
+
+def _check_size(shape: Float64, width: float) -> None:
+    """Raises `GeometryError` for more voxels than are taken."""
     if shape.prod() > MOST_VOXELS:
         raise GeometryError(
             f"spacing: {width:g} mm makes {shape.prod() / 1e9:.3g} thousand million voxels, at most {MOST_VOXELS / 1e9:.3g} "
             f"are taken; give a larger one (palpate reconstruct --spacing)"
         )
-    step = np.array([thickness / shape[0], width, width])
-    corner = np.array([*((low + high) / 2 - shape[:0:-1] * width / 2), low_z])
-    return Grid(shape, step, corner + step[::-1] / 2, views.direction)
 
 
 def _field(source: Float64, panel: Panel, z: float) -> Float64:
@@ -87,7 +116,7 @@ def _field(source: Float64, panel: Panel, z: float) -> Float64:
     return np.stack([at[:, :2].min(axis=0), at[:, :2].max(axis=0)])
 
 
-def _isocentre(views: Views) -> Float64:
+def central_point(views: Views) -> Float64:
     """The point nearest to all central rays."""
     normal, offset = np.zeros((3, 3)), np.zeros(3)
     for source, panel in zip(views.source, views.panels, strict=True):

@@ -64,6 +64,7 @@ def strength_for_resolution(prior: Prior, views: Views, grid: Grid, resolution: 
     """
     part = _window(grid)
     A = Projector(_views_of(views, part), part)
+    A.check_upright("resolution")
     unit = replace(prior, strength=1.0, resolution=None)
     circulant = CirculantResponse(unit, A.views, part)
     curvature = unit.surrogate(np.zeros((3, 3, 3), np.float32), Grid((3, 3, 3), part.spacing))[1][1, 1, 1]

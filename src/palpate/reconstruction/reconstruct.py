@@ -112,6 +112,7 @@ def iterates(
     optimizer : str or sequence of str, optional
         Of "map" and "ml", one or one for each level, finest first: "momentum", "descent", "subsets", or "auto", which is
         momentum, after three sweeps of coordinate descent on each of several levels if the panel is parallel to the slices.
+        "descent" needs focal spots above the slices; so does the method "fbp".
         Names of `register_optimizer` serve too.
     iterations : int or sequence of int, optional
         Most iterations on the finest level (twice as many one level down), or a number for each level, finest first.
@@ -173,6 +174,8 @@ def iterates(
         notes["support"] = f"{name}, {inside.mean():.0%} of the voxels{sheet}"
     scans = pyramid(scan, grid, levels if method in ("map", "ml") else 1, downsample)
     A = Projector(scan.views, grid)  # raises GeometryError before any work
+    if method == "fbp" or (method in ("map", "ml") and "descent" in optimizers):
+        A.check_upright("fbp" if method == "fbp" else "the optimizer descent")
     for finding in check_grid(scan.views, grid):
         warnings.warn(str(finding), stacklevel=2)
     if levels == 1 or not sweeps_are_cheap(A):  # then "auto" has no sweeps: see `hybrid_descent`

@@ -6,7 +6,7 @@ from palpate.arrays import Float32, Float64
 from palpate.errors import GeometryError
 from palpate.reconstruction.alternatives import alternatives, other_values
 from palpate.reconstruction.coarse_fit import ITERATIONS, OFFSET, Fit, fit_object
-from palpate.reconstruction.default_grid import covering_grid
+from palpate.reconstruction.default_grid import central_point, covering_grid
 from palpate.reconstruction.depth_check import check_depth
 from palpate.reconstruction.multiresolution import coarser_scan
 from palpate.reconstruction.open_beam_check import check_open_beam
@@ -107,7 +107,7 @@ def check_scan(
             found.append(Finding("unknown", words))
     if not found:
         found += check_open_beam(coarse, fit.grid)
-    if grid is not None:
+    if grid is not None and scan.views.from_above(grid.bounds.mean(axis=0)).all():
         found += _check_placement(medium, l, centre, grid)
     found += _check_attenuation(fit, attenuation) + check_distance(scan.views) + _left_handed(scan.views)
     causes = [finding.cause for finding in found]
@@ -240,8 +240,12 @@ def _field(views: Views, grid: Grid | None) -> Grid:
     depth = DEPTH * float(np.median(np.linalg.norm(views.source - middles, axis=1)))
     if grid is not None:
         depth = float(np.ptp(grid.bounds[:, 2]))
-    seen = covering_grid(views, depth)
+    seen = covering_grid(views, depth if views.from_above(central_point(views)).all() else None)
     low, high = seen.bounds
+    if grid is not None and not views.from_above(grid.bounds.mean(axis=0)).all():
+        low, high = grid.bounds - MARGIN * np.outer((1, -1), np.ptp(grid.bounds, axis=0))
+        shape = np.clip(np.ceil((high - low) / seen.spacing[::-1]), 1, MOST_VOXELS[:1] * 3).astype(int)
+        return Grid(shape[::-1], ((high - low) / shape)[::-1], origin=low + (high - low) / shape / 2)
     if grid is not None:
         level = all(abs(abs(p.normal[2]) - 1) < 1e-6 for p in views.panels)
         low[2] = low[2] if level else grid.bounds[0, 2] - MARGIN * depth

@@ -12,7 +12,7 @@ import yaml
 from palpate.arrays import Float64
 from palpate.bounded_read import read_text
 from palpate.errors import FileError, GeometryError
-from palpate.scans import trajectories
+from palpate.scans import orbits, trajectories
 from palpate.scans.bounded_yaml import parse_yaml
 from palpate.scans.views import Panel, Views
 
@@ -32,6 +32,7 @@ TOP = (
     "scatter",
     "beam",
 )
+ORBIT = ("count", "arc", "start", "elevation", "axis", "centre")
 # Of each motion: its function, the keys it cannot do without, those it can; LENGTHS are scaled by the file's units.
 SWEEP = ("count", "centre", "fulcrum")
 MOTIONS: dict[str, tuple[Callable[..., Views], tuple[str, ...], tuple[str, ...]]] = {
@@ -40,8 +41,21 @@ MOTIONS: dict[str, tuple[Callable[..., Views], tuple[str, ...], tuple[str, ...]]
     "hypocycloid": (trajectories.hypocycloid_views, ("radius", "height"), (*SWEEP, "cusps", "start")),
     "arc": (trajectories.arc_views, ("angles", "radius"), ("pivot",)),
     "rotating": (trajectories.rotating_views, ("angles", "source"), ("pivot", "axis")),
+    "orbit": (orbits.orbit_views, ("source_to_centre", "source_to_panel"), ORBIT),
+    "parallel": (orbits.parallel_views, ("centre_to_panel",), ORBIT),
 }
-LENGTHS = ("radius", "height", "length", "centre", "fulcrum", "pivot", "source")
+LENGTHS = (
+    "radius",
+    "height",
+    "length",
+    "centre",
+    "fulcrum",
+    "pivot",
+    "source",
+    "source_to_centre",
+    "source_to_panel",
+    "centre_to_panel",
+)
 FORMATS = ("raw", "tiff", "mat", "npy")
 
 
@@ -192,6 +206,10 @@ def _views(top: Mapping[str, Any], length: float) -> Views:
         if key in required or given.get(key) is not None
     }
     scaled = {key: value * length if key in LENGTHS else value for key, value in values.items()}
+    if name in ("orbit", "parallel"):  # they place the panel themselves
+        common = _mapping("panel", common, ("shape", "pitch"), ())
+        shape, pitch = _numbers("panel.shape", common["shape"], 2), _numbers("panel.pitch", common["pitch"], 2) * length
+        return make(shape, pitch, **scaled)
     return make(_panel("panel", common, length), **scaled)
 
 
@@ -202,14 +220,30 @@ def _free(common: Mapping[str, Any], entries: Sequence[Any], length: float) -> V
     sources, panels = [], []
     for k, entry in enumerate(entries):
         where = f"views[{k}]"
-        view = _mapping(where, entry, ("source",), ("panel",))
-        sources.append(_numbers(f"{where}.source", view["source"], 3) * length)
+        view = _mapping(where, entry, (), ("source", "beam", "panel"))
+        if ("source" in view) == ("beam" in view):
+            raise GeometryError(
+                f"{where}: give either source (focal spot) or beam (direction of a parallel beam's rays)"
+            )
+        sources.append(_source(where, view, length))
         pose = _mapping(f"{where}.panel", view.get("panel") or {}, (), ("origin", "centre", "row_axis", "column_axis"))
         placed = {k: v for k, v in common.items() if not (k in ("origin", "centre") and {"origin", "centre"} & {*pose})}
         panels.append(_panel(f"{where}.panel" if pose else "panel", {**placed, **pose}, length))
     return Views(
         np.array(sources), panels if any(isinstance(e, Mapping) and "panel" in e for e in entries) else panels[0]
     )
+
+
+def _source(where: str, view: Mapping[str, Any], length: float) -> Float64:
+    """The focal spot, mm; of a parallel beam one that is far away against the direction of its rays."""
+    if "source" in view:
+        return _numbers(f"{where}.source", view["source"], 3) * length
+    beam = _numbers(f"{where}.beam", view["beam"], 3)
+    if not np.linalg.norm(beam) > 0:
+        raise GeometryError(
+            f"{where}.beam: expected the direction (x, y, z) in which the rays run, got {view['beam']!r}"
+        )
+    return np.asarray(-orbits.AWAY * beam / np.linalg.norm(beam))
 
 
 def _panel(where: str, given: Mapping[str, Any], length: float) -> Panel:

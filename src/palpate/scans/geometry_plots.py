@@ -16,7 +16,7 @@ BOX = (0, 1, 3, 2, 0, 4, 5, 1, 5, 7, 3, 7, 6, 2, 6, 4)
 def plot_geometry(views: Views, grid: Grid | None = None) -> Picture:
     """Draw focal spots, panels and the volume in three dimensions.
 
-    A thin line joins each focal spot with the centre of its panel.
+    A thin line joins each focal spot with the centre of its panel. That of a parallel beam is as long as all else is wide.
 
     Parameters
     ----------
@@ -48,15 +48,20 @@ def plot_geometry(views: Views, grid: Grid | None = None) -> Picture:
 
 def draw_geometry(axes: Any, views: Views, grid: Grid | None) -> None:
     """The same in three-dimensional axes that are there."""
-    axes.plot(*views.source.T, "o", color="tab:red", label="focal spots")
     distinct = {
         panel.origin.tobytes() + panel.row_axis.tobytes() + panel.column_axis.tobytes(): panel for panel in views.panels
     }
     outlines = [_outline(panel) for panel in distinct.values()]
+    starts = ray_starts(views, np.concatenate(outlines if grid is None else [*outlines, grid.bounds]))
+    spots = starts[~views.parallel]
+    if len(spots):
+        axes.plot(*spots.T, "o", color="tab:red", label="focal spots")
+    if views.parallel.any():
+        axes.plot(*starts[views.parallel].T, "_", color="tab:red", label="parallel beams")
     for k, outline in enumerate(outlines):
         axes.plot(*outline.T, color="tab:blue", lw=1.2, label="_" * (k > 0) + "panels")
-    for panel, source in zip(views.panels, views.source, strict=True):
-        ray = np.stack([source, _outline(panel)[:4].mean(axis=0)])
+    for panel, start in zip(views.panels, starts, strict=True):
+        ray = np.stack([start, _outline(panel)[:4].mean(axis=0)])
         axes.plot(*ray.T, color="tab:gray", lw=0.6, label="_ray")
     if grid is not None:
         low, high = grid.bounds
@@ -64,11 +69,22 @@ def draw_geometry(axes: Any, views: Views, grid: Grid | None) -> None:
         axes.plot(*np.transpose(corners), color="tab:green", lw=1.2, label="volume")
         outlines.append(np.array(corners))
     axes.set(xlabel="x, mm", ylabel="y, mm", zlabel="z, mm")
-    aspect = np.ptp(np.concatenate([*outlines, views.source]), axis=0).clip(1e-9)
+    aspect = np.ptp(np.concatenate([*outlines, starts]), axis=0).clip(1e-9)
     axes.set_box_aspect(aspect)
     for axis, extent in zip("xyz", aspect / aspect.max(), strict=True):
         axes.locator_params(axis, nbins=max(2, round(8 * extent)))
     axes.legend(frameon=False)
+
+
+def ray_starts(views: Views, shown: Float64) -> Float64:
+    """(views, 3) mm: the focal spots; of a parallel beam a point on its central ray, as far from the panel as all is wide."""
+    starts = views.source.copy()
+    size = float(np.linalg.norm(np.ptp(shown, axis=0)))
+    for k in np.flatnonzero(views.parallel):
+        middle = _outline(views.panels[k])[:4].mean(axis=0)
+        way = starts[k] - middle
+        starts[k] = middle + size / np.linalg.norm(way) * way
+    return starts
 
 
 def _outline(panel: Panel) -> Float64:

@@ -47,6 +47,13 @@ panel:
 
 """
 
+BARE = """\
+panel:                        # the motion below places it
+  shape: [512, 512]           # rows, columns
+  pitch: [0.8, 0.8]           # between rows, between columns
+
+"""
+
 PIVOTED = """\
 panel:                        # at angle 0
   shape: [512, 512]           # rows, columns
@@ -101,10 +108,33 @@ views:
   pivot: [0, 0, 0]            # a point on the axis
   axis: [0, 1, 0]
 """,
+    "orbit": """\
+views:
+  motion: orbit               # tube and panel turn around the object (CT, a C-arm, laminography)
+  source_to_centre: 600       # from the focal spot to the axis
+  source_to_panel: 1000
+  count: 200
+  arc: 360                    # of the whole turn; less than 360 has both its ends
+  start: 0                    # angle of the first view
+  elevation: 0                # of the central rays out of the plane across the axis; about 60 for laminography
+  axis: [0, 0, 1]             # rows of the panel grow along it; about +z the tube moves from +x towards +y
+  centre: [0, 0, 0]           # the point that all central rays meet
+""",
+    "parallel": """\
+views:
+  motion: parallel            # a parallel beam, the panel opposite it; otherwise as orbit
+  centre_to_panel: 400        # the panel must lie behind the object in every view
+  count: 180
+  arc: 180
+  start: 0
+  elevation: 0
+  axis: [0, 0, 1]
+  centre: [0, 0, 0]
+""",
     "free": """\
 views:                        # one entry a view, in the order of the stack
   - source: [-200, 0, 1000]
-  - source: [0, 0, 1000]
+  - source: [0, 0, 1000]      # or beam: [0, 0, -1], the direction of a parallel beam's rays
   - source: [200, 0, 1000]
     panel:                    # only where the panel moves: its pose in this view (shape and pitch stay)
       centre: [-12, 0, 0]
@@ -112,11 +142,21 @@ views:                        # one entry a view, in the order of the stack
       column_axis: [1, 0, 0]
 """,
 }
-COUNT = {"circular": 8, "linear": 15, "hypocycloid": 24, "arc": 15, "rotating": 11, "free": 3}
+PANELS = {"rotating": PIVOTED, "orbit": BARE, "parallel": BARE}
+COUNT = {
+    "circular": 8,
+    "linear": 15,
+    "hypocycloid": 24,
+    "arc": 15,
+    "rotating": 11,
+    "orbit": 200,
+    "parallel": 180,
+    "free": 3,
+}
 
 
 def template(motion: str = "arc") -> str:
-    """A commented geometry file for a motion: arc, rotating, circular, linear, hypocycloid, free. `GeometryError`."""
+    """A commented geometry file for a motion, one of `VIEWS`. Raises `GeometryError`."""
     if motion not in VIEWS:
         raise GeometryError(f"motion: expected one of {', '.join(VIEWS)}, got {motion!r}")
-    return HEAD.replace("{count}", str(COUNT[motion])) + (PIVOTED if motion == "rotating" else LEVEL) + VIEWS[motion]
+    return HEAD.replace("{count}", str(COUNT[motion])) + PANELS.get(motion, LEVEL) + VIEWS[motion]

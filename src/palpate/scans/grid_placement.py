@@ -26,6 +26,8 @@ def check_grid(views: Views, grid: Grid, whole: Mapping[int, Float64] = MappingP
     whole: line integrals (rows, columns) of views that show the whole object, by the number of the view. Without them,
     only the geometry is judged.
     """
+    if not views.from_above(grid.bounds.mean(axis=0)).all():
+        return _check_from_all_sides(views, grid, whole)
     below, seen, outside = faults = _faults(views, grid, whole)
     span = ", ".join(f"{a:.4g} to {b:.4g}" for a, b in grid.bounds.T) + " mm (x, y, z)"
     words = None
@@ -55,6 +57,21 @@ def check_grid(views: Views, grid: Grid, whole: Mapping[int, Float64] = MappingP
         words = f"with origin ({there}) the grid would lie where the rays are: origin is (x, y, z), spacing (z, y, x)"
         found.insert(0, Finding("grid origin order", words))
     return found
+
+
+def _check_from_all_sides(views: Views, grid: Grid, whole: Mapping[int, Float64]) -> list[Finding]:
+    """The same for views that are not all from above: each must see the grid's middle, and the object lie within."""
+    landed = views.project(grid.bounds.mean(axis=0))[:, 0]
+    misses = np.flatnonzero(((landed < -0.5) | (landed > np.array(views.shape[1:]) - 0.5)).any(axis=1))
+    span = ", ".join(f"{a:.4g} to {b:.4g}" for a, b in grid.bounds.T) + " mm (x, y, z)"
+    if len(misses) > len(views) / 2:
+        words = f"{len(misses)} of {len(views)} views do not see the middle of the grid, {span}: check its origin"
+        return [Finding("object outside the grid", words)]
+    outside = max(_overhangs(views, grid, whole), default=0.0)
+    if outside <= OUTSIDE:
+        return []
+    words = f"the object reaches {outside:.0%} of its width beyond the grid, {span}: check its origin and the panel's"
+    return [Finding("object outside the grid", words)]
 
 
 def _badness(grid: Grid, faults: tuple[float, float, float]) -> float:

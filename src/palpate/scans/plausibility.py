@@ -12,6 +12,7 @@ WIDEST, SMALLEST = 1000.0, 25.0  # mm, a panel's longer side
 NEAREST, FARTHEST = 150.0, 5000.0  # mm, from a panel to its focal spot
 SHORT = 500.0  # mm, the same: mammographs have 600 to 700, C-arms 900 to 1300, chest stands up to 2000
 LEAST_SWEEP, MOST_SWEEP = 3.0, 150.0  # degrees, between the two views that differ most
+MOST_STEP = 50.0  # degrees, from one view of an orbit to the next
 STEEPEST = 75.0  # degrees, of a central ray from the panel's normal
 ABOVE = 0.02  # share of the pixels that may count more than the open beam
 BRIGHT = 1.15  # times the open beam: what counts as more
@@ -31,7 +32,8 @@ def check_geometry(views: Views) -> list[Finding]:
     normals = np.array([p.normal for p in views.panels])
     towards = views.source - middles
     height = np.einsum("ij,ij->i", towards, normals)
-    far = float(np.median(np.abs(height)))
+    cone = ~views.parallel
+    far = float(np.median(np.abs(height[cone]))) if cone.any() else SHORT  # parallel beams have no distance
     side = max(n * d for n, d in zip(views.panels[0].shape, views.panels[0].pitch, strict=True))
     steep = np.degrees(np.arccos(np.clip(np.abs(height) / np.linalg.norm(towards, axis=1), -1, 1)))
     if degrees_as_radians(views.source):
@@ -66,9 +68,11 @@ def check_geometry(views: Views) -> list[Finding]:
             )
         )
     sweep = largest_angle(views)
-    if sweep > MOST_SWEEP and not found:
+    step = largest_angle(views, neighbours=True)
+    if sweep > MOST_SWEEP and step > MOST_STEP and not found:
         words = (
-            f"the views differ by up to {sweep:.0f}°, but all must look from one side: were degrees taken as radians?"
+            f"the views differ by up to {sweep:.0f}° and from one to the next by up to {step:.0f}°: were degrees taken as "
+            f"radians?"
         )
         found.append(Finding("angle units", words))
     if len(views) > 2 and sweep < LEAST_SWEEP:
@@ -83,6 +87,8 @@ def check_geometry(views: Views) -> list[Finding]:
 
 def check_distance(views: Views) -> list[Finding]:
     """A note on focal spots that are nearer to the panel than those of units for patients; benches have such."""
+    if views.parallel.any():
+        return []
     far = float(np.median([abs((s - p.origin) @ p.normal) for s, p in zip(views.source, views.panels, strict=True)]))
     if far >= SHORT:
         return []
@@ -93,12 +99,16 @@ def check_distance(views: Views) -> list[Finding]:
     return [Finding("length units", words, alarm=False)]
 
 
-def largest_angle(views: Views) -> float:
-    """Between two views, seen from the panels' middle, or from where the central rays meet if the panels turn, degrees."""
+def largest_angle(views: Views, neighbours: bool = False) -> float:
+    """Between two views, or between a view and the next, degrees.
+
+    Seen from the panels' middle, or from where the central rays meet if the panels turn.
+    """
     middles = np.array([p.points((np.array(p.shape) - 1) / 2)[0] for p in views.panels])
     rays = views.source - (middles if len({p.normal.tobytes() for p in views.panels}) > 1 else middles.mean(axis=0))
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    return float(np.degrees(np.arccos(np.clip(rays @ rays.T, -1, 1))).max())
+    cosines = np.einsum("ij,ij->i", rays[1:], rays[:-1]) if neighbours else rays @ rays.T
+    return float(np.degrees(np.arccos(np.clip(cosines, -1, 1))).max(initial=0.0))
 
 
 def check_counts(scan: Scan) -> list[Finding]:

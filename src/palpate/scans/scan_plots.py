@@ -74,8 +74,7 @@ def plot_scan(scan: Projections, views: list[int] | None = None, counts: bool = 
     figure, frames = figure_of_frames([[size] * across] * -(-len(shown) // across))
     for frame, values, k in zip(frames, shown, chosen, strict=False):
         picture = draw_image(frame, values, size, window)
-        x, y, z = scan.views.source[k]
-        title(frame, f"view {k}, source ({x:.0f}, {y:.0f}, {z:.0f}) mm")
+        title(frame, f"view {k}, {scan.views.beam(k)}")
     figure.colorbar(picture, cax=frames[-1], label="photons" if counts else "line integral")
     return figure
 

@@ -5,11 +5,12 @@ import numpy as np
 from palpate import _core
 from palpate.arrays import ArrayLike, Float64
 from palpate.errors import DataError, GeometryError
-from palpate.scans import trajectories
+from palpate.scans import orbits, trajectories
 from palpate.scans.analytic_phantoms import Box, Ellipsoid, Intersection, Phantom, Solid
 from palpate.scans.scan import Scan
 from palpate.scans.views import Panel, Views
 
+BEHIND = 200.0  # mm, from the middle of the object to the panel of an orbit
 RAYS_AT_ONCE = 250_000  # keeps the working arrays of one batch within a few tens of MB
 
 
@@ -152,7 +153,8 @@ def standard_views(
     """Views of the built-in phantoms: a panel in the plane z = 0, the tube `distance` mm above it.
 
     motion: circular, hypocycloid (extent: radius, mm), linear (extent: length, mm), arc or rotating (angle: half the
-    range, degrees; pivot 50 mm above the panel). Raises `GeometryError`.
+    range, degrees; pivot 50 mm above the panel), orbit or parallel (around y and the point (0, 0, 50) mm, from
+    which the panel is 200 mm away). Raises `GeometryError`.
     """
     rows, columns = shape
     corner = (-(columns - 1) / 2 * pitch, -(rows - 1) / 2 * pitch, 0)
@@ -169,4 +171,19 @@ def standard_views(
         return trajectories.rotating_views(
             panel, np.linspace(-angle, angle, count), source=(0, 0, distance), pivot=pivot
         )
-    raise GeometryError(f"motion: {motion!r} cannot be simulated; choose circular, hypocycloid, linear, arc, rotating")
+    if motion == "orbit":
+        return orbits.orbit_views(
+            shape,
+            (pitch, pitch),
+            source_to_centre=distance - BEHIND,
+            source_to_panel=distance,
+            count=count,
+            axis=(0, 1, 0),
+            centre=pivot,
+        )
+    if motion == "parallel":
+        return orbits.parallel_views(
+            shape, (pitch, pitch), centre_to_panel=BEHIND, count=count, axis=(0, 1, 0), centre=pivot
+        )
+    known = "circular, hypocycloid, linear, arc, rotating, orbit, parallel"
+    raise GeometryError(f"motion: {motion!r} cannot be simulated; choose {known}")

@@ -5,10 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.arrays import ArrayLike, Float64
+from palpate.arrays import ArrayLike, Bool, Float64
 from palpate.errors import GeometryError
 
 FAR = 10_000.0  # mm; no X-ray room is longer, but 1,500 mm given in micrometres is
+PARALLEL = 1e8  # mm; rays from so far away are parallel: over 500 mm of depth they part by less than 0.003 mm
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -107,7 +108,7 @@ class Views:
     Parameters
     ----------
     source : array_like, (views, 3)
-        Focal spots (x, y, z), mm.
+        Focal spots (x, y, z), mm. A spot at least 1e8 mm away makes a parallel beam, see `parallel_views`.
     panel : Panel or sequence of Panel
         One panel for all views, or one for each view, all of one shape.
     direction : array_like, (3, 3), optional
@@ -150,7 +151,7 @@ class Views:
             if not np.isfinite(position).all():
                 raise GeometryError(f"source of view {view} is not finite: {position}")
             distance = float((position - p.origin) @ p.normal)
-            if np.abs(position).max() > FAR:
+            if np.abs(position).max() > FAR and np.linalg.norm(position) < PARALLEL:
                 raise GeometryError(
                     f"source of view {view} is {np.abs(position).max() / 1000:g} m away at {position.tolist()} mm; "
                     f"lengths are mm: check the units"
@@ -177,6 +178,26 @@ class Views:
     def shape(self) -> tuple[int, int, int]:
         """Number of (views, rows, columns)."""
         return (len(self), *self.panels[0].shape)
+
+    @property
+    def parallel(self) -> Bool:
+        """(views,): True where the beam is parallel."""
+        return np.asarray(np.linalg.norm(self.source, axis=1) >= PARALLEL)
+
+    def beam(self, view: int) -> str:
+        """Where the rays of a view come from, in words."""
+        if not self.parallel[view]:
+            return "source (" + ", ".join(f"{v:.0f}" for v in self.source[view]) + ") mm"
+        return (
+            "parallel beam along ("
+            + ", ".join(f"{-v:.3g}" for v in self.source[view] / np.linalg.norm(self.source[view]))
+            + ")"
+        )
+
+    def from_above(self, point: ArrayLike) -> Bool:
+        """(views,): True where the ray through a point (x, y, z) runs down, within 60 degrees of z."""
+        ray = np.asarray(point, dtype=np.float64) - self.source
+        return np.asarray(-ray[:, 2] >= np.linalg.norm(ray, axis=1) / 2)
 
     def project(self, points: ArrayLike) -> Float64:
         """Return where rays through points meet each panel.

@@ -67,7 +67,7 @@ def scan_payload(scan: Scan, title: str, most: int = MAX_VOXELS) -> ImagePayload
         file=np.column_stack([np.diag(factors), (np.array(factors) - 1) / 2]).ravel().tolist(),
         water=0.0,
         note=_note(factors, scan.shape, [pitch[0] * factors[1], pitch[1] * factors[2]], "pixels"),
-        captions=[f"source at ({x:.0f}, {y:.0f}, {z:.0f}) mm" for x, y, z in scan.views.source],
+        captions=[scan.views.beam(k).replace("source (", "source at (") for k in range(len(scan.views))],
         stacks=[_stack("line integrals", "", lines), _stack("counts", "photons", counts)],
     )
     return ImagePayload(image, [_compact(lines), _compact(counts)])

@@ -26,9 +26,12 @@ def installed() -> bool:
         return False
 
 
-def rtk_sart(scan: Scan, grid: Grid, passes: int, values: Float32, relaxation: float = 1.0) -> Float32:
+def rtk_sart(
+    scan: Scan, grid: Grid, passes: int, values: Float32, relaxation: float = 1.0, matched: bool = False
+) -> Float32:
     """SART by RTK with its own Joseph projectors, from `values` on, (z, y, x) 1/mm.
 
+    matched: whether it projects back by the transpose, as RTK does not unless told to.
     It knows no mask: unmeasured pixels take the value of the nearest measured one.
     """
     import itk
@@ -48,6 +51,8 @@ def rtk_sart(scan: Scan, grid: Grid, passes: int, values: Float32, relaxation: f
     solver.SetGeometry(_geometry(itk, RTK, scan))
     solver.SetNumberOfIterations(passes)
     solver.SetLambda(relaxation)
+    if matched:
+        solver.SetBackProjectionFilter(solver.BackProjectionType_BP_JOSEPH)
     solver.SetEnforcePositivity(True)
     solver.SetDisableDisplacedDetectorFilter(True)
     solver.Update()
@@ -72,7 +77,15 @@ def _candidates(levels: Sequence[tuple[Scan, Grid]]) -> Iterator[tuple[str, Floa
 def _geometry(itk: Any, rtk: Any, scan: Scan) -> Any:
     geometry = rtk.ThreeDCircularProjectionGeometry.New()
     point, vector = itk.Point[itk.D, 3], itk.Vector[itk.D, 3]
-    for source, panel in zip(scan.views.source, scan.views.panels, strict=True):
+    for source, panel, parallel in zip(scan.views.source, scan.views.panels, scan.views.parallel, strict=True):
+        if parallel:  # RTK's own parallel geometry turns about y; a distance of 0 to the panel says so
+            if abs(panel.row_axis[1] - 1) > 1e-6:
+                raise ValueError("RTK's parallel beams turn about y, with the panel's rows along y")
+            turn = float(np.degrees(np.arctan2(source[0], source[2])))
+            geometry.AddProjection(
+                1000.0, 0.0, turn, float(panel.origin @ panel.column_axis), float(panel.origin @ panel.row_axis)
+            )
+            continue
         geometry.AddProjection(
             point(source.tolist()),
             point(panel.origin.tolist()),

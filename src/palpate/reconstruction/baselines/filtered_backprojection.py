@@ -60,6 +60,7 @@ def fbp(A: Projector, likelihood: Likelihood, window: Window = "hann", cutoff: f
     (8, 20, 24)
     """
     check_window(window, cutoff)
+    A.check_upright("fbp")
     A, p, measured = rectify(A, likelihood.line_integrals, likelihood.measured)
     views, grid = A.views, A.grid
     heights = _heights(views)

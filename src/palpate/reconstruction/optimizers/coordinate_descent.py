@@ -10,9 +10,11 @@ from palpate.reconstruction.models.likelihood import Curvature, Likelihood, valu
 from palpate.reconstruction.models.mrf_prior import Prior
 from palpate.reconstruction.optimizers.problem import Problem
 from palpate.reconstruction.projector import Projector
+from palpate.reconstruction.slicing import ORDER
 from palpate.reconstruction.volume_pool import VolumePool
 
 SLICES, ROWS = 8, 64  # sampled for the median curvature
+VIEWS = 24  # the same, of views that are not all from above: each costs more
 
 
 def coordinate_descent(
@@ -50,7 +52,7 @@ def coordinate_descent(
                 data.set_curvature(np.ascontiguousarray(likelihood.curvature(l, kind)))
                 held = kind
             _core.icd.sweep(data, values, *prior.law, beta, relaxation, support=support)
-            _core.projection.project(A.geometry, values, following)
+            A.project(values, following)
             now = value_and_slope(likelihood, following, slope) + penalty(values)
             if now <= objective or kind == kinds[-1]:
                 break
@@ -66,6 +68,25 @@ def data_curvature(A: Projector, likelihood: Likelihood) -> Float32:
 
 
 def sampled_diagonal(A: Projector, weights: Float32) -> Float32:
-    """Σ_i a_ij² w_i of `SLICES` slices and `ROWS` rows evenly spread, (slices, rows, x): enough for a median."""
-    every, every_row = (max(1, n // most) for n, most in zip(A.grid.shape, (SLICES, ROWS), strict=False))
-    return _core.icd.diagonal(A.geometry, np.ascontiguousarray(weights), every, every_row)
+    """Σ_i a_ij² w_i of `SLICES` slices and `ROWS` rows evenly spread, (slices, rows, x): enough for a median.
+
+    Of views that are not all from above `VIEWS` stand for the rest.
+    """
+    every = [*(max(1, n // most) for n, most in zip(A.grid.shape, (SLICES, ROWS), strict=False)), 1]
+    if not A.upright and len(A.views) > VIEWS:
+        some = np.unique(np.linspace(0, len(A.views) - 1, VIEWS).astype(int))
+        weights = weights[some] * np.float32(len(A.views) / len(some))
+        A = Projector(A.views[some.tolist()], A.grid, A.tolerance)
+    total: Float32 | None = None
+    for s in A.slicings:
+        # Where the samples along the first axis would not be those of the other slicings, all are made and some taken.
+        first, second = (every[axis] for axis in ORDER[s.axis][:2])
+        first = 1 if s.below else first
+        part = s.restored(_core.icd.diagonal(s.geometry, np.ascontiguousarray(weights[s.views]), first, second))
+        taken = [
+            np.s_[e // 2 :: e] if n == m else np.s_[:] for e, n, m in zip(every, part.shape, A.grid.shape, strict=True)
+        ]
+        part = part[tuple(taken)]
+        total = part if total is None else total + part
+    assert total is not None
+    return np.ascontiguousarray(total)

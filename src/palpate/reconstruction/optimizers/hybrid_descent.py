@@ -48,5 +48,5 @@ def hybrid_descent(
 
 
 def sweeps_are_cheap(A: Projector) -> bool:
-    """Whether a sweep takes a few iterations' time: each panel lies parallel to the slices."""
-    return all(A.geometry.orientation(view) == "parallel" for view in range(len(A.views)))
+    """Whether a sweep takes a few iterations' time: each panel lies parallel to the slices, below them."""
+    return A.upright and all(A.geometry.orientation(view) == "parallel" for view in range(len(A.views)))

@@ -74,9 +74,9 @@ class _MemoryGradient:
 
     def look(self, f: Float32, before: Float32 | None) -> float:
         """The objective at f, from which `step` goes on."""
-        _core.projection.project(self.A.geometry, f, self.l)
+        self.A.project(f, self.l)
         if before is not None:
-            _core.projection.project(self.A.geometry, before, self.l_before)
+            self.A.project(before, self.l_before)
         else:
             np.copyto(self.l_before, self.l)
         return value_and_slope(self.likelihood, self.l, self.slope) + self.penalty(f)
@@ -93,7 +93,7 @@ class _MemoryGradient:
             if weights is None:
                 break
             _core.subspace.subspace_step(f, before, weights, u)
-            _core.projection.project(self.A.geometry, u, self.spare)
+            self.A.project(u, self.spare)
             now = value_and_slope(self.likelihood, self.spare, self.slope) + self.penalty(u)
             if now <= objective:
                 self.l_before, self.l, self.spare = self.l, self.spare, self.l_before
@@ -108,10 +108,10 @@ class _MemoryGradient:
         Needs the likelihood's slope in `slope`, and leaves what u projects to there.
         """
         spacing = self.A.grid.spacing
-        _core.projection.backproject(self.A.geometry, self.slope, u)
+        self.A.backproject(self.slope, u)
         hold_outside(u, self.support)
         slopes = _core.subspace.search_direction(f, before, u, self.majoriser, self.cell, self.beta, spacing, *self.law)
-        _core.projection.project(self.A.geometry, u, self.slope)
+        self.A.project(u, self.slope)
         if self.kind == "precomputed" and attempt > 0:
             bend = np.ascontiguousarray(self.likelihood.curvature(self.l, "optimal"))
         elif self.kind == "precomputed":
@@ -141,8 +141,8 @@ def majoriser(A: Projector, curvature: Float32, step: int = 1) -> tuple[Float32,
     out = np.empty(coarse.domain_shape, np.float32)
     weights = curvature if step == 1 else _summed(curvature, step)
     length = np.empty(coarse.range_shape, np.float32)
-    _core.projection.project(coarse.geometry, np.ones(coarse.domain_shape, np.float32), length)
-    _core.projection.backproject(coarse.geometry, weights * length, out)
+    coarse.project(np.ones(coarse.domain_shape, np.float32), length)
+    coarse.backproject(weights * length, out)
     out /= step * step
     return out, step
 

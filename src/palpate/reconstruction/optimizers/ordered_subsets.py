@@ -122,7 +122,7 @@ class _Subsets:
         for A, likelihood in self.groups:
             following = (1 + np.sqrt(1 + 4 * t * t)) / 2 if pace.accelerated else 1.0
             _core.subspace.subspace_step(x, previous, (0.0, (t - 1) / following), self.z)
-            _core.projection.backproject(A.geometry, np.ascontiguousarray(likelihood.slope(A(self.z))), previous)
+            A.backproject(np.ascontiguousarray(likelihood.slope(A(self.z))), previous)
             hold_outside(previous, self.support)
             _core.subspace.search_direction(
                 self.z, self.z, previous, self.bound, 1, beta, self.A.grid.spacing, *self.law
