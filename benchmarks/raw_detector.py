@@ -4,7 +4,7 @@
 
 Each seed plants a panel: gain within ±20 %, dark, heel effect of ±10 %, lag of 3 %, 1 % of dead pixels, five dead lines, and
 a dose within ±10 % for each view, read by a dosimeter. Dark and flat are 20 frames each. Lag is given, or estimated from
-frames of after-glow. The error is that of the line integrals against those of a perfect panel, over pixels that are not masked:
+frames of after-glow. The error is that of the line integrals against those of a perfect panel, over pixels not masked:
 
 - without noise anywhere, where only the correction can err;
 - with noise of photons and read-out in views, dark and flat. Both scans then hold the same photons of the views, so that

@@ -116,15 +116,15 @@ def changed_in_views(photons: AnyArray, beam: AnyArray, kinds: UInt8) -> Bool:
 
 
 def around(image: Float64, without: Bool) -> Float64:
-    """Median of the block of at least 21 x 21 pixels in which a pixel lies, of those that are not left out."""
+    """Median of the 21 x 21 pixels (or more) around each, of those that are not left out; between blocks interpolated."""
     medians = block_medians(np.where(without, np.nan, image), NEIGHBOURHOOD)
     known = np.isfinite(medians)
     medians = np.where(known, medians, np.median(medians[known]) if known.any() else np.median(image))
-    index = [
-        np.minimum(np.arange(n) // step(n, NEIGHBOURHOOD), m - 1)
-        for n, m in zip(image.shape, medians.shape, strict=True)
-    ]
-    return medians[np.ix_(*index)]
+    places = [
+        (np.arange(n) + 0.5) / step(n, NEIGHBOURHOOD) - 0.5 for n in image.shape
+    ]  # in blocks, from the first's middle
+    smooth: Float64 = ndimage.map_coordinates(medians, np.meshgrid(*places, indexing="ij"), order=1, mode="nearest")
+    return smooth
 
 
 def _stack(name: str, values: ArrayLike) -> Float32:
