@@ -62,7 +62,7 @@ def plot_correction(raw: ArrayLike, correction: Correction, view: int | None = N
         drawn = frame.imshow(image, cmap="gray", vmin=low, vmax=high, interpolation="nearest")
         frame.axhline(row, color=COLOURS[1], lw=0.8, ls="--")
         frame.set(title=words, xlabel="column", ylabel="row")
-        figure.colorbar(drawn, ax=frame, label=unit)
+        figure.colorbar(drawn, cax=frame.inset_axes((1.03, 0, 0.05, 1)), label=unit)
     _draw_kinds(frames[0, 2], correction.kinds)
     reading = before[row]
     frames[1, 0].plot(np.where(good[row], reading, np.nan), color=COLOURS[0], lw=0.8)
@@ -118,4 +118,4 @@ def _draw_kinds(frame: object, kinds: AnyArray) -> None:
     title = f"bad pixels: {np.count_nonzero(kinds)} ({np.mean(kinds != 0):.2%})"
     frame.set(title=title, xlabel="column", ylabel="row")  # type: ignore[attr-defined]
     if marks:
-        frame.legend(handles=marks, loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2, fontsize=8)  # type: ignore[attr-defined]
+        frame.legend(handles=marks, loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2, fontsize=8)  # type: ignore[attr-defined]
