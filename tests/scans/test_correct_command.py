@@ -185,6 +185,7 @@ REFUSED = {
     "afterglow that is lit": ([*WORDS, "--lag", "flat.tif"], ["afterglow", "beam was on"]),
     "line integrals": ([*without("--geometry"), "--geometry", "l.yaml"], ["l.yaml", "line integrals", "scan import"]),
     "plot": ([*WORDS, "--plot", "none/p.png"], ["none", "does not exist"]),
+    "plot of another kind": ([*WORDS, "--plot", "p.txt"], ["--plot", "p.txt", ".png"]),
 }
 
 

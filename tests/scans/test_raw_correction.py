@@ -109,6 +109,36 @@ def test_one_flat_follows_a_tube_that_moves_by_the_inverse_square_law():
     assert any("view 2" in note for note in done.notes)
 
 
+def test_the_heel_effect_moves_with_a_tube_that_aims_at_the_panels_middle():
+    case = raw_case(6, SHAPE, lag=0.0, heel=0.0, lines=0, dead=0.0, noise=False)
+    views = pp.arc_views(LEVEL, np.linspace(-25, 25, 5), radius=300, pivot=(0, 0, 0))
+    rows, columns = np.indices(SHAPE)
+    heel = np.empty(views.shape)
+    for k, source in enumerate(views.source):  # the tube swings in x-z, so its rows' axis stays along y
+        ray = LEVEL.points(np.stack([rows.ravel(), columns.ravel()], 1)) - source
+        slope = ray[:, 1] / (ray @ (-source / np.linalg.norm(source)))
+        heel[k] = (1 + 0.5 * slope).reshape(SHAPE)
+    beam = 1e10 * _fluence(views) * heel
+    panel = replace(case.detector, gain=np.full(SHAPE, 2.0))
+    done = pp.correct_scan(panel.read(0.5 * beam), views, case.dark, panel.read(beam[2:3]), gain=2.0)
+    error = np.abs(line_integrals(done.scan) - np.log(2))
+    inside = np.abs(heel - 1) < 0.9 * np.abs(heel[2] - 1).max()  # angles that the flat shows
+    assert error[inside].max() < 1e-3
+    assert np.abs(heel - heel[2]).max() > 0.03
+
+
+def test_flats_of_the_views_in_the_reverse_order_are_refused():
+    rng = np.random.default_rng(14)
+    case = raw_case(14, SHAPE, lag=0.0, heel=0.0, lines=0, dead=0.0)
+    views = pp.arc_views(LEVEL, np.linspace(-20, 20, 5), radius=600, pivot=(0, 0, 40))
+    beam = 2e4 * _fluence(views) / _fluence(views).max()
+    thick = np.where(disc(48, 60, 30), 1.0, 0.0)
+    flats, raw = (case.detector.read(rng.poisson(b)) for b in (beam, beam * np.exp(-thick)))
+    pp.correct_scan(raw, views, case.dark, flats, flat_by_view=True, gain=2.0)
+    with pytest.raises(DataError, match=r"flat: air in the views changes .* across the columns"):
+        pp.correct_scan(raw, views, case.dark, flats[::-1], flat_by_view=True, gain=2.0)
+
+
 def _fluence(views):
     """cos / r² of each pixel and view, pixel by pixel."""
     found = np.empty(views.shape)

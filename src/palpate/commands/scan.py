@@ -12,6 +12,7 @@ from palpate.commands.findings import warn
 from palpate.commands.progress import doing
 
 MEANING = "Scan files: import, correct, check, simulate, or a geometry template."
+PICTURES = (".png", ".svg", ".pdf")
 FOUND = 3  # exit code of `palpate scan check` where something is wrong
 scan_app = typer.Typer(
     no_args_is_help=True,
@@ -110,10 +111,13 @@ def correct_command(
     """
     from palpate.atomic_write import replacing, writable
     from palpate.commands.raw_inputs import raw_inputs
+    from palpate.errors import DataError
 
     writable(output)
     if plot is not None:
         writable(plot)
+        if plot.suffix.lower() not in PICTURES:
+            raise DataError(f"plot: {plot} is no {', '.join(PICTURES)}; choose one of these suffixes")
     with doing(f"reading {raw.name}"):
         read, views, given = raw_inputs(raw, geometry, dark, flat, gain, lag, dose, offset, bad_pixels)
     with doing(f"correcting {len(views)} views"):

@@ -198,8 +198,13 @@ def check_beam_side(ratio: Float32, kinds: UInt8) -> None:
     thin = tuple(slice(None, None, max(1, n // PIXELS)) for n in kinds.shape)
     good, ratio = (kinds == GOOD)[thin], ratio[:, *thin]
     views = np.stack([block_medians(np.where(good & (view > 0), view, np.nan), 4) for view in ratio])
-    known = np.isfinite(views).all(axis=0)
-    blocks = np.where(known, np.median(np.log(np.where(known, views, 1)), axis=0), np.nan)
+    for k in (range(len(views)), [0], [len(views) - 1]):  # flats in the reverse order cancel in the mean of all
+        known = np.isfinite(views[k]).all(axis=0)
+        _check_level(np.where(known, np.median(np.log(np.where(known, views[k], 1)), axis=0), np.nan))
+
+
+def _check_level(blocks: Float64) -> None:
+    """Raises `DataError` where the bright blocks of a logarithm of views over flat lie on a plane that is not level."""
     i, j = np.nonzero(np.isfinite(blocks))
     values = blocks[i, j]
     places = np.stack(
