@@ -66,6 +66,8 @@ from .scans.analytic_phantoms import Intersection as Intersection
 from .scans.analytic_phantoms import Phantom as Phantom
 from .scans.analytic_phantoms import breast_phantom as breast_phantom
 from .scans.analytic_phantoms import slab_phantom as slab_phantom
+from .scans.bad_pixels import find_bad_pixels as find_bad_pixels
+from .scans.correction_plot import plot_correction as plot_correction
 from .scans.detector_model import integrating_scan as integrating_scan
 from .scans.finding import Finding as Finding
 from .scans.geometry_file import read_geometry as read_geometry
@@ -77,8 +79,14 @@ from .scans.intensity_correction import open_beam as open_beam
 from .scans.io import is_scan as is_scan
 from .scans.io import read_scan as read_scan
 from .scans.io import write_scan as write_scan
+from .scans.lag import Lag as Lag
+from .scans.lag import deconvolve_lag as deconvolve_lag
+from .scans.lag import lag_from_afterglow as lag_from_afterglow
 from .scans.orbits import orbit_views as orbit_views
 from .scans.orbits import parallel_views as parallel_views
+from .scans.photon_transfer import photon_transfer_gain as photon_transfer_gain
+from .scans.raw_correction import Correction as Correction
+from .scans.raw_correction import correct_scan as correct_scan
 from .scans.scan import Scan as Scan
 from .scans.scan_plots import plot_scan as plot_scan
 from .scans.scatter.estimate import estimate_scatter as estimate_scatter

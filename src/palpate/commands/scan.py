@@ -1,4 +1,4 @@
-"""`palpate scan import|check|simulate|template`: where every reconstruction starts."""
+"""`palpate scan import|correct|check|simulate|template`: where every reconstruction starts."""
 
 import shlex
 from enum import StrEnum
@@ -11,7 +11,8 @@ import palpate as pp
 from palpate.commands.findings import warn
 from palpate.commands.progress import doing
 
-MEANING = "Scan files: import, check, simulate, or a geometry template."
+MEANING = "Scan files: import, correct, check, simulate, or a geometry template."
+PICTURES = (".png", ".svg", ".pdf")
 FOUND = 3  # exit code of `palpate scan check` where something is wrong
 scan_app = typer.Typer(
     no_args_is_help=True,
@@ -62,6 +63,85 @@ def import_command(
         typer.echo(f"these are intensities, not photon counts: {words} --thickness MM --likelihood least-squares")
     if check:
         warn(pp.check_scan(scan))
+
+
+@scan_app.command("correct", short_help="Makes a scan of what a panel read: dark, flat, bad pixels, gain, lag, dose.")
+def correct_command(
+    raw: Annotated[Path, typer.Argument(help="Raw views: a file, a folder, or a 'pattern*.tif'.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Scan file to write (.h5).")],
+    geometry: Annotated[Path | None, typer.Option(help="Geometry file; palpate scan template writes one.")] = None,
+    dark: Annotated[
+        str | None, typer.Option(help="Frames without beam, or a number: 0 for a panel without offset.")
+    ] = None,
+    flat: Annotated[str | None, typer.Option(help="Frames with the beam and no object; a stack is averaged.")] = None,
+    gain: Annotated[
+        str | None, typer.Option(help="Digital units a photon: a number or an image. None: from the flats' noise.")
+    ] = None,
+    lag: Annotated[
+        str | None, typer.Option(help="0.03, amplitude:decay pairs 0.02:0.4,0.01:0.9, or frames of after-glow.")
+    ] = None,
+    dose: Annotated[
+        str | None, typer.Option(help="Readings of a dosimeter, lines view,reading and flat,reading; or air.")
+    ] = None,
+    offset: Annotated[
+        str | None, typer.Option(help="Digital units above the dark: a number, or lines view,number.")
+    ] = None,
+    electronic: Annotated[
+        float | None, typer.Option(help="Read-out noise, digital units. None: from the dark's frames.")
+    ] = None,
+    bad_pixels: Annotated[
+        Path | None, typer.Option(help="Known bad pixels: an image that is not 0 there, or a text.")
+    ] = None,
+    dark_by_view: Annotated[
+        bool, typer.Option(help="Each frame of the dark belongs to the view of its number.")
+    ] = False,
+    flat_by_view: Annotated[
+        bool, typer.Option(help="Each frame of the flat belongs to the view of its number.")
+    ] = False,
+    flat_view: Annotated[int | None, typer.Option(help="View that has the tube where it was for the flat.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Picture of before and after (.png, .svg).")] = None,
+    check: Annotated[bool, typer.Option(help="Refuse a flat that does not fit the views, and check the scan.")] = True,
+) -> None:
+    """Example: [bold]palpate scan correct raw/ -o scan.h5 --geometry g.yaml --dark dark.tif --flat flat.tif[/bold]
+
+    Makes a scan of what a panel read.
+
+    Counts are photons. Bad pixels and lines are masked, not filled.
+    docs/raw-detector.md tells what is done, and what is refused.
+    """
+    from palpate.atomic_write import replacing, writable
+    from palpate.commands.raw_inputs import raw_inputs
+    from palpate.errors import DataError
+
+    writable(output)
+    if plot is not None:
+        writable(plot)
+        if plot.suffix.lower() not in PICTURES:
+            raise DataError(f"plot: {plot} is no {', '.join(PICTURES)}; choose one of these suffixes")
+    with doing(f"reading {raw.name}"):
+        read, views, given = raw_inputs(raw, geometry, dark, flat, gain, lag, dose, offset, bad_pixels)
+    with doing(f"correcting {len(views)} views"):
+        done = pp.correct_scan(
+            read,
+            views,
+            electronic=electronic,
+            dark_by_view=dark_by_view,
+            flat_by_view=flat_by_view,
+            flat_view=flat_view,
+            check=check,
+            **given,
+        )
+    pp.write_scan(output, done.scan)
+    _print_summary(output, done.scan)
+    for line in done.notes:
+        typer.echo(f"  {line}")
+    if plot is not None:
+        figure = pp.plot_correction(read, done)
+        with replacing(plot) as temporary:
+            figure.savefig(temporary, format=plot.suffix.lstrip(".").lower() or "png")
+        typer.echo(f"{plot}: before and after")
+    if check:
+        warn(pp.check_scan(done.scan))
 
 
 @scan_app.command("check", short_help="Looks for mistakes in geometry, counts and grid.")

@@ -1,6 +1,7 @@
 """Scans from DICOM projections: one multi-frame file, or one file for each view."""
 
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from palpate.errors import DataError, FileError, GeometryError
 from palpate.scans.dicom_geometry import WAY, ProjectionHeader, as_detected, isocentric_views, pivoted_views
 from palpate.scans.intensity_correction import open_beam
 from palpate.scans.scan import Scan
+from palpate.scans.views import Views
 from palpate.volumes.dicom_io import (
     dicom_paths,
     frame_count,
@@ -37,6 +39,7 @@ SHOWN = {  # the same, prepared for the eye
     "1.2.840.10008.5.1.4.1.1.1.1",
 }
 BRIGHT = 65535.0  # of what was a logarithm
+RELATIONSHIP = "PixelIntensityRelationship"
 DYNAMIC = 25.0  # natural logarithm of the largest ratio of doses that an image can hold
 MEANING = (
     "DICOM tells no photon counts: the values are taken as proportional to the dose, dark signal subtracted, and the open "
@@ -128,16 +131,35 @@ def dicom_scan(path: Path) -> Scan:
 
     Raises `FileError` that names the tag which is missing, `DataError`, `GeometryError`.
     """
-    counts, mask, shots = dicom_projections(path)
+    counts, mask, views = dicom_frames(path)
     try:
-        with reading_dicom(path):
-            multi = str(shots[0].dataset.SOPClassUID) == BREAST
-            if multi:  # the other kind tells how its image lies by the patient
-                counts, mask = (np.stack([*map(as_detected, shots, images)]) for images in (counts, mask))
-            views = isocentric_views(shots) if multi else pivoted_views(shots)
-        return Scan(counts, open_beam(counts, mask, photons=False), views, 0, mask)
+        return Scan(counts, open_beam(counts, mask, photons=False), views(), 0, mask)
     except (DataError, GeometryError) as problem:
         raise type(problem)(f"{path}: {problem}") from None
+
+
+def dicom_frames(path: Path, linear: bool = False) -> tuple[AnyArray, AnyArray, Callable[[], Views]]:
+    """Intensities as the panel lies, what was measured of them, and a function that gives the geometry of the tags.
+
+    linear: refuse logarithms. Raises `FileError`, `DataError`, `GeometryError`.
+    """
+    counts, mask, shots = dicom_projections(path)
+    kinds = [str(shot.home("FramePixelDataPropertiesSequence", RELATIONSHIP).get(RELATIONSHIP)) for shot in shots]
+    if linear and "LOG" in kinds:
+        raise DataError(
+            f"{path}: {tag_name(RELATIONSHIP)} is LOG, from which no dark can be subtracted; export what the panel read "
+            f"(LIN), or import logarithms that are flat-fielded already: palpate scan import"
+        )
+    multi = str(shots[0].dataset.SOPClassUID) == BREAST
+    if multi:  # the other kind tells how its image lies by the patient
+        with reading_dicom(path):
+            counts, mask = (np.stack([*map(as_detected, shots, images)]) for images in (counts, mask))
+
+    def views() -> Views:
+        with reading_dicom(path):
+            return isocentric_views(shots) if multi else pivoted_views(shots)
+
+    return counts, mask, views
 
 
 def _refuse_other_kinds(path: Path, dataset: Dataset) -> None:

@@ -57,6 +57,8 @@ LENGTHS = (
     "centre_to_panel",
 )
 FORMATS = ("raw", "tiff", "mat", "npy")
+LINE_INTEGRALS = "line integrals"
+VALUES = ("photons", "intensity", LINE_INTEGRALS)
 
 
 @dataclass(frozen=True)
@@ -91,7 +93,7 @@ class Beam:
 class Geometry:
     """What a geometry file says. incident: photons a pixel: one number, (views,), or "estimate"; background likewise.
 
-    values: "photons" or "intensity". contrast: "as stored" or "equal" (intensities only). unmeasured:
+    values: "photons", "intensity" or "line integrals". contrast: "as stored" or "equal" (intensities only). unmeasured:
     value that marks pixels that saw nothing. dead: list of dead pixels. scatter: none, estimate, or a file.
     """
 
@@ -155,12 +157,10 @@ def _geometry(path: Path, content: Any) -> Geometry:
     units = _one_of("units", top.get("units", "mm"), tuple(UNITS))
     views = _views(top, UNITS[units])
     incident, background = (_level(k, top.get(k, 0), len(views)) for k in ("incident", "background"))
-    values = _one_of("values", top.get("values", "photons"), ("photons", "intensity"))
+    values = _one_of("values", top.get("values", "photons"), VALUES)
     contrast = _one_of("contrast", top.get("contrast", "as stored"), ("as stored", "equal"))
-    if contrast == "equal" and values == "photons":
-        raise GeometryError(
-            "contrast: equal would spoil the statistics of photons; leave it out, or say values: intensity"
-        )
+    if contrast == "equal" and values != "intensity":
+        raise GeometryError(f"contrast: equal would spoil {values}; leave it out, or say values: intensity")
     unmeasured, dead = top.get("unmeasured"), top.get("dead")
     return Geometry(
         path,

@@ -17,6 +17,8 @@ HEAD = """\
 units: mm                # of every length in this file: mm, cm, m or um. Angles are degrees.
 
 values: photons          # photons: each number is a count. intensity: proportional to the dose (8-bit and so on).
+                         # line integrals: natural logarithms log(incident / value), incident then as a number.
+                         # Raw read-outs of a panel: palpate scan correct, which uses neither `values` nor `incident`.
 incident: 20000          # what a pixel reads with nothing in the beam: one number, a list (one a view), or estimate
                          # (from the brightest level that many pixels of a view share; some air must be in each view).
 background: 0            # what a pixel reads behind a perfect absorber: scatter and dark signal. One number or a list.

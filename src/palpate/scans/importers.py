@@ -8,20 +8,21 @@ from pathlib import Path
 import numpy as np
 import scipy.io
 
-from palpate.arrays import AnyArray, Bool
+from palpate.arrays import AnyArray, Bool, Float64
 from palpate.bounded_read import check_claim, existing_file, read_text
 from palpate.errors import DataError, FileError
 from palpate.samples import sample
 from palpate.scans.dicom_projections import dicom_projections, dicom_scan, is_dicom_stack
-from palpate.scans.geometry_file import AXES, Geometry, Stack, read_geometry
+from palpate.scans.geometry_file import AXES, LINE_INTEGRALS, Geometry, Stack, read_geometry
 from palpate.scans.intensity_correction import equal_contrast, open_beam
-from palpate.scans.scan import Scan
+from palpate.scans.scan import Scan, per_pixel
 from palpate.scans.scatter.scan_scatter import add_scatter
 from palpate.volumes.suppress_output import suppress_output
 from palpate.volumes.tiff import whole_series
 
 BESIDE = "geometry.yaml"  # beside DICOM files, where their tags do not tell the geometry
 SAMPLES = ("breast", "head")
+MOST = 25.0  # of a line integral: e^-25 of the photons are left
 WIDTH = {"double": 8, "single": 4, "int64": 8, "uint64": 8, "int32": 4, "uint32": 4, "int16": 2, "uint16": 2}
 FORMAT_OF = {".raw": "raw", ".bin": "raw", ".tif": "tiff", ".tiff": "tiff", ".mat": "mat", ".npy": "npy"}
 
@@ -57,9 +58,9 @@ def import_scan(stack: str | Path, geometry: str | Path | Geometry | None = None
         return _of_dicom(Path(stack), geometry)
     g = geometry_of(stack, geometry)
     ours = str(stack) in SAMPLES and g.path.parent == sample(str(stack))
-    paths = _files(g.path.parent / str(g.stack.files)) if ours else _files(Path(stack), g.stack)
-    values = np.transpose(_stacked(paths, g.stack), [g.stack.axes.index(axis) for axis in AXES])
-    _fits(paths[0], values, g)
+    paths = stack_files(g.path.parent / str(g.stack.files)) if ours else stack_files(Path(stack), g.stack)
+    values = np.transpose(read_stack(paths, g.stack), [g.stack.axes.index(axis) for axis in AXES])
+    check_shape(paths[0], values, g)
     try:
         return _scan(values, g)
     except DataError as problem:
@@ -72,7 +73,7 @@ def _of_dicom(path: Path, geometry: str | Path | Geometry | None) -> Scan:
         return dicom_scan(path)
     g = geometry if isinstance(geometry, Geometry) else read_geometry(geometry or beside)
     values, measured, _ = dicom_projections(path)
-    _fits(path, values, g)
+    check_shape(path, values, g)
     try:
         return _scan(values, g, measured)
     except DataError as problem:
@@ -87,7 +88,7 @@ def geometry_of(stack: str | Path, geometry: str | Path | Geometry | None = None
         return read_geometry(geometry)
     if str(stack) in SAMPLES:
         return read_geometry(sample(str(stack)) / "geometry.yaml")
-    _files(Path(stack))  # a name that is wrong is the first thing to say
+    stack_files(Path(stack))  # a name that is wrong is the first thing to say
     raise FileError(
         f"{stack}: no geometry file; write one with `palpate scan template -o geometry.yaml`, fill it in, and "
         f"give it with --geometry (samples that need none: {', '.join(SAMPLES)})"
@@ -99,18 +100,35 @@ def _scan(values: AnyArray, g: Geometry, measured: Bool | None = None) -> Scan:
     if g.unmeasured is not None:
         mask = mask & (~np.isnan(values) if np.isnan(g.unmeasured) else values != g.unmeasured)
     if g.dead is not None:
-        mask = mask & ~_dead(g.dead, g.views.shape[1:])
+        mask = mask & ~dead_pixels(g.dead, g.views.shape[1:])
     counts = np.where(mask, values, 0)
+    if g.values == LINE_INTEGRALS and isinstance(g.incident, str):
+        raise DataError("incident: line integrals do not tell it; give the photons of a pixel in air as a number")
     incident = open_beam(counts, mask, g.values == "photons") if isinstance(g.incident, str) else g.incident
     if isinstance(g.background, str):
         raise DataError("background: cannot be estimated; give a number, or one a view")
-    if g.contrast == "equal":
+    if g.values == LINE_INTEGRALS:
+        counts = _counts_of(values, mask, incident, g)
+    elif g.contrast == "equal":
         counts = equal_contrast(counts, incident, mask)
     scan = Scan(counts, incident, g.views, g.background, mask)
     return add_scatter(scan, g.scatter, g.beam.kv, g.beam.target, g.beam.gap, g.beam.grid, g.beam.thickness)
 
 
-def _files(where: Path, stack: Stack | None = None) -> list[Path]:
+def _counts_of(values: AnyArray, mask: Bool, incident: float | Float64, g: Geometry) -> AnyArray:
+    """Counts whose line integrals are `values`: incident e⁻ᵖ + background."""
+    if not np.isfinite(values[mask]).all() or np.abs(values[mask]).max(initial=0) > MOST:
+        raise DataError(
+            f"values: line integrals must be finite and at most {MOST:g} in size, found {np.abs(values[mask]).max():g}; are "
+            f"they counts, or scaled? State them as natural logarithms"
+        )
+    beam, background = (
+        per_pixel(n, v, values.shape) for n, v in (("incident", incident), ("background", g.background))
+    )
+    return np.where(mask, beam * np.exp(-np.where(mask, values, 0.0)) + background, 0)
+
+
+def stack_files(where: Path, stack: Stack | None = None) -> list[Path]:
     """The files of a stack, natural order: view_2 before view_10."""
     if where.is_dir():
         pattern = (stack.files if stack else None) or "*"
@@ -126,7 +144,7 @@ def _files(where: Path, stack: Stack | None = None) -> list[Path]:
     return sorted(found, key=lambda p: [int(w) if w.isdigit() else w for w in re.split(r"(\d+)", p.name)])
 
 
-def _stacked(paths: list[Path], stack: Stack) -> AnyArray:
+def read_stack(paths: list[Path], stack: Stack) -> AnyArray:
     """One array of three axes, in the order of the file; several files follow each other along the axis of views."""
     form = stack.format or FORMAT_OF.get(paths[0].suffix.lower())
     if form is None:
@@ -206,7 +224,8 @@ def _npy(path: Path, stack: Stack, files: int) -> AnyArray:
 READERS: dict[str, Callable[[Path, Stack, int], AnyArray]] = {"raw": _raw, "tiff": _tiff, "mat": _mat, "npy": _npy}
 
 
-def _fits(path: Path, values: AnyArray, g: Geometry) -> None:
+def check_shape(path: Path, values: AnyArray, g: Geometry) -> None:
+    """Raises `DataError` unless a stack has the shape that the geometry says."""
     if values.shape == g.views.shape:
         return
     way = "check panel.shape and the number of views"
@@ -223,7 +242,7 @@ def _inverse(g: Geometry) -> list[int]:
     return [AXES.index(axis) for axis in g.stack.axes]
 
 
-def _dead(path: Path, shape: tuple[int, int]) -> Bool:
+def dead_pixels(path: Path, shape: tuple[int, int]) -> Bool:
     """True at the pixels that a text file lists, one "row column" a line, # starts a comment."""
     mask = np.zeros(shape, dtype=bool)
     for number, line in enumerate(read_text(path).splitlines(), 1):
