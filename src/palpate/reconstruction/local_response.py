@@ -14,7 +14,7 @@ from palpate.arrays import AnyArray, Float32
 from palpate.errors import DataError
 from palpate.reconstruction.circulant_response import CirculantResponse
 from palpate.reconstruction.models.mrf_prior import Prior
-from palpate.reconstruction.projector import Projector
+from palpate.reconstruction.projector import Projector, check_upright
 from palpate.scans.views import Panel, Views
 from palpate.volumes.grid import Grid
 
@@ -64,7 +64,7 @@ def strength_for_resolution(prior: Prior, views: Views, grid: Grid, resolution: 
     """
     part = _window(grid)
     A = Projector(_views_of(views, part), part)
-    A.check_upright("resolution")
+    check_upright(A, "resolution")
     unit = replace(prior, strength=1.0, resolution=None)
     circulant = CirculantResponse(unit, A.views, part)
     curvature = unit.surrogate(np.zeros((3, 3, 3), np.float32), Grid((3, 3, 3), part.spacing))[1][1, 1, 1]

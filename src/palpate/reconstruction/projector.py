@@ -117,16 +117,19 @@ class Projector(LinearMap):
     @property
     def geometry(self) -> _core.projection.ScanGeometry:
         """Views and grid as the kernels see them. Raises `GeometryError` unless all look at the slices from above."""
-        self.check_upright("this")
+        check_upright(self, "this")
         return self.slicings[0].geometry
 
-    def check_upright(self, what: str) -> None:
-        """Raises `GeometryError`, naming what asks for it, unless all views look at the slices from above."""
-        if not self.upright:
-            raise GeometryError(f"{what} {UPRIGHT}")
-
     def project(self, values: Float32, out: Float32) -> None:
-        """out = A values, of arrays that are known to fit."""
+        """Write A values into an array, without checks.
+
+        Parameters
+        ----------
+        values : ndarray of float32, (z, y, x)
+            The volume.
+        out : ndarray of float32, (views, rows, columns)
+            Receives the projections.
+        """
         for s in self.slicings:
             if len(s.views) == len(self.views):
                 _core.projection.project(s.geometry, values if s.upright else s.sliced(values), out)
@@ -136,7 +139,15 @@ class Projector(LinearMap):
             out[s.views] = some
 
     def backproject(self, p: Float32, out: Float32) -> None:
-        """out = Aᵀ p, of arrays that are known to fit."""
+        """Write Aᵀ p into an array, without checks.
+
+        Parameters
+        ----------
+        p : ndarray of float32, (views, rows, columns)
+            The projections.
+        out : ndarray of float32, (z, y, x)
+            Receives the volume.
+        """
         if self.upright:
             _core.projection.backproject(self.slicings[0].geometry, p, out)
             return
@@ -160,6 +171,12 @@ class Transpose(LinearMap):
         out = _output(out, self.range_shape)
         self.T.backproject(values, out)
         return out
+
+
+def check_upright(A: Projector, what: str) -> None:
+    """Raises `GeometryError`, naming what asks for it, unless all views look at the slices from above."""
+    if not A.upright:
+        raise GeometryError(f"{what} {UPRIGHT}")
 
 
 def check_field_of_view(views: Views, grid: Grid) -> None:

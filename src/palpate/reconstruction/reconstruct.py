@@ -36,7 +36,7 @@ from palpate.reconstruction.optimizers.memory_gradient import memory_gradient
 from palpate.reconstruction.optimizers.ordered_subsets import SubsetsState, default_subsets, ordered_subsets
 from palpate.reconstruction.optimizers.problem import Problem
 from palpate.reconstruction.prior_parameters import choose_prior_parameters, median_curvature
-from palpate.reconstruction.projector import Projector
+from palpate.reconstruction.projector import Projector, check_upright
 from palpate.reconstruction.stopping_rule import StoppingRule
 from palpate.reconstruction.support import Support, chosen_support, rays_leave_support
 from palpate.scans.grid_placement import check_grid
@@ -175,7 +175,7 @@ def iterates(
     scans = pyramid(scan, grid, levels if method in ("map", "ml") else 1, downsample)
     A = Projector(scan.views, grid)  # raises GeometryError before any work
     if method == "fbp" or (method in ("map", "ml") and "descent" in optimizers):
-        A.check_upright("fbp" if method == "fbp" else "the optimizer descent")
+        check_upright(A, "fbp" if method == "fbp" else "the optimizer descent")
     for finding in check_grid(scan.views, grid):
         warnings.warn(str(finding), stacklevel=2)
     if levels == 1 or not sweeps_are_cheap(A):  # then "auto" has no sweeps: see `hybrid_descent`

@@ -185,7 +185,18 @@ class Views:
         return np.asarray(np.linalg.norm(self.source, axis=1) >= PARALLEL)
 
     def beam(self, view: int) -> str:
-        """Where the rays of a view come from, in words."""
+        """Say where the rays of a view come from.
+
+        Parameters
+        ----------
+        view : int
+            Number of the view.
+
+        Returns
+        -------
+        str
+            The focal spot, or the direction of a parallel beam.
+        """
         if not self.parallel[view]:
             return "source (" + ", ".join(f"{v:.0f}" for v in self.source[view]) + ") mm"
         return (

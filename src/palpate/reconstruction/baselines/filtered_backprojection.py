@@ -11,7 +11,7 @@ from palpate.arrays import Bool, Float32, Float64
 from palpate.errors import DataError
 from palpate.reconstruction.baselines.sirt import check_seen
 from palpate.reconstruction.models.likelihood import Likelihood
-from palpate.reconstruction.projector import Projector
+from palpate.reconstruction.projector import Projector, check_upright
 from palpate.reconstruction.rectification import rectify
 from palpate.scans.views import Panel, Views
 
@@ -60,7 +60,7 @@ def fbp(A: Projector, likelihood: Likelihood, window: Window = "hann", cutoff: f
     (8, 20, 24)
     """
     check_window(window, cutoff)
-    A.check_upright("fbp")
+    check_upright(A, "fbp")
     A, p, measured = rectify(A, likelihood.line_integrals, likelihood.measured)
     views, grid = A.views, A.grid
     heights = _heights(views)
