@@ -206,7 +206,18 @@ class Views:
         )
 
     def from_above(self, point: ArrayLike) -> Bool:
-        """(views,): True where the ray through a point (x, y, z) runs down, within 60 degrees of z."""
+        """Say which rays through a point run down, within 60° of z.
+
+        Parameters
+        ----------
+        point : array_like, (3,)
+            The point (x, y, z), mm.
+
+        Returns
+        -------
+        ndarray of bool, (views,)
+            True for a view that looks from above.
+        """
         ray = np.asarray(point, dtype=np.float64) - self.source
         return np.asarray(-ray[:, 2] >= np.linalg.norm(ray, axis=1) / 2)
 
