@@ -75,10 +75,13 @@ def estimate_scatter(
         raise DataError(f"beyond: expected 0 mm or more, got {beyond!r}")
     if rounds < 1 or int(rounds) != rounds:
         raise DataError(f"rounds: expected a whole number of at least 1, got {rounds!r}")
-    told = np.ndim(thickness) == 0 and thickness is not None
-    if told and not 1 <= float(thickness) <= 500:  # type: ignore[arg-type]
-        raise DataError(f"thickness: expected 1 to 500 mm, got {thickness!r}")
-    given = None if thickness is None or told else float64("thickness", thickness, scan.shape)
+    most, given = None, None
+    if isinstance(thickness, int | float):
+        most = float(thickness)
+        if not 1 <= most <= 500:
+            raise DataError(f"thickness: expected 1 to 500 mm, got {thickness!r}")
+    elif thickness is not None:
+        given = float64("thickness", thickness, scan.shape)
     found = np.empty(scan.shape, np.float32)
     for view, (source, panel) in enumerate(zip(scan.views.source, scan.views.panels, strict=True)):
         cells = _Cells(panel, source)
@@ -86,7 +89,7 @@ def estimate_scatter(
         measured = scan.mask[view]
         counts = cells.mean(net, measured)
         incident = cells.mean(scan.incident[view].astype(np.float64), measured)
-        known = thickness if given is None else cells.mean(given[view], measured)
+        known = most if given is None else cells.mean(given[view], measured)
         scatter = _scatter_of_view(counts, incident, known, kernels, air_gap, beyond, cells, rounds)
         found[view] = scan.background[view] + np.maximum(cells.refined(scatter), 0)
     return found
