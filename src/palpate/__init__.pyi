@@ -23,6 +23,7 @@ from .reconstruction.baselines.sirt import backproject as backproject
 from .reconstruction.baselines.sirt import sirt as sirt
 from .reconstruction.baselines.total_variation import tv as tv
 from .reconstruction.default_grid import covering_grid as covering_grid
+from .reconstruction.held_out import held_out_deviance as held_out_deviance
 from .reconstruction.iterate import Step as Step
 from .reconstruction.models.beam_hardening import Hardened as Hardened
 from .reconstruction.models.beam_hardening import Polynomial as Polynomial

@@ -2,6 +2,7 @@
 
 import inspect
 import random
+import re
 import signal
 import subprocess
 import sys
@@ -59,6 +60,25 @@ def test_the_volume_opens_in_an_independent_reader(folder, whole):
     assert image.header.get_zooms()[:2] == pytest.approx((1, 1))
     assert 0.01 < np.asarray(image.dataobj).max() < 0.05
     assert not (folder / "whole.nii.gz.checkpoint.h5").exists()
+
+
+def test_a_resolution_sets_the_strength_and_says_so(folder, whole):
+    done = run(folder, "--resolution", "1.5mm", output="sharp.nii.gz")
+    assert done.returncode == 0, done.stderr
+    assert re.search(r"prior quadratic, strength [\d.]+ 1/mm: a point becomes 1.5 mm wide", done.stdout)
+    again = pp.reconstruct(
+        pp.read_scan(folder / "scan.h5"), whole.grid, resolution=1.5, levels=2, iterations=25, tolerance=0
+    )
+    np.testing.assert_array_equal(pp.read_volume(folder / "sharp.nii.gz").values, again.values)
+    for options, said in (
+        (["--resolution", "wide"], "0.6mm"),
+        (["--resolution", "0.2mm"], "becomes"),
+        (["--resolution", "1.5", "--prior", "huber"], "quadratic"),
+        (["--resolution", "1.5", "--strength", "3"], "not both"),
+    ):
+        refused = run(folder, *options, output="refused.nii.gz")
+        assert refused.returncode == 2, refused.stderr
+        assert said in refused.stderr
 
 
 def test_other_likelihoods_priors_and_a_hardening_beam_are_taken(folder, whole):

@@ -24,7 +24,8 @@ RANGE = (0.1, 1e6)  # of strength × R_jj: how hard the neighbours of a voxel pu
 POINT = 0.2  # side of a point, in voxels
 POINTS = 9  # of whose widths the mean is taken, since a shadow falls differently between pixels
 CLOSE = 0.01  # relative accuracy of the width
-TRIES, SETTLED = 4, 0.5  # the factor changes by about 1 % where the strength changes by a factor e
+TRIES, SETTLED = 4, 0.5  # what corrects the width changes by about 1 % where the strength changes by a factor e
+STEP = 0.5  # of the logarithm of the strength, for the slope of the width
 MOST, SMALL = 60, 0.03  # steps of conjugate gradients; the residual at which they end, relative
 
 
@@ -68,31 +69,25 @@ def strength_for_resolution(prior: Prior, views: Views, grid: Grid, resolution: 
     unit = replace(prior, strength=1.0, resolution=None)
     circulant = CirculantResponse(unit, A.views, part)
     curvature = unit.surrogate(np.zeros((3, 3, 3), np.float32), Grid((3, 3, 3), part.spacing))[1][1, 1, 1]
-    limits = tuple(math.log(pull / curvature) for pull in RANGE)
-    widest = WIDEST * min(n * d for n, d in zip(part.shape[1:], part.spacing[1:], strict=True))
+    low, high = (math.log(pull / curvature) for pull in RANGE)
 
+    @cache
     def approximate(log_strength: float) -> float:
         return _width(circulant.middle_slice(math.exp(log_strength)), _places(part, 1), part)
 
-    def inverted(width: float) -> float:
-        """The logarithm of the strength of that approximate width, or the nearer limit."""
-        low, high = limits
-        if width <= approximate(low):
-            return low
-        return (
-            high
-            if width >= approximate(high)
-            else float(brentq(lambda s: approximate(s) - width, low, high, xtol=0.02))
-        )
-
-    log_strength = inverted(min(resolution, widest))
+    widest = min(WIDEST * SIDE * min(part.spacing[1:]), approximate(high))
+    wanted = min(max(resolution, approximate(low)), widest)
+    log_strength = float(brentq(lambda s: approximate(s) - wanted, low, high, xtol=0.05))
     correction = _correction(unit, A, circulant, log_strength)
     for _ in range(TRIES if resolution <= widest else 0):
-        before, log_strength = log_strength, inverted(resolution / correction(log_strength))
+        before, width = log_strength, approximate(log_strength)
+        slope = math.log(approximate(log_strength + STEP) / width) / STEP
+        towards = math.log(resolution / (width * correction(log_strength))) / max(slope, 0.01)
+        log_strength = min(max(log_strength + towards, low), high)
         if abs(log_strength - before) < SETTLED:
             break
-    if resolution > widest or log_strength == limits[0]:
-        least = approximate(limits[0]) * correction(limits[0])
+    if resolution > widest or log_strength == low:
+        least = approximate(low) * correction(low)
         if not (1 - CLOSE) * least < resolution <= widest:
             raise DataError(
                 f"prior resolution: {resolution:g} mm; with voxels of {grid.spacing[1]:g} mm in the slice and this geometry "

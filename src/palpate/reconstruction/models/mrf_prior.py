@@ -24,7 +24,7 @@ class Prior:
     potential : str or Potential, optional
         With s the absolute value of t / δ, ψ₁ is "quadratic" s² / 2; "huber" linear beyond the edge; "lange" s − log(1 + s);
         "hyperbola" √(1 + s²) − 1; "generalized" (q-generalized Gaussian) s² / 2 / (1 + s^(2 − q)). An object of your own
-        has `value(t)` and `weight(t)`.
+        has `value(t)` and `weight(t)`. All but "quadratic" keep edges and are for smooth objects: they flatten faint detail.
     strength : float, optional
         The objective holds β R, with β = strength × the median of the data's curvature over the voxels that some ray sees,
         1/mm. So a strength serves all doses. By default the data choose it.
@@ -35,8 +35,8 @@ class Prior:
     exponent : float, optional
         q of "generalized", from 1 to 2.
     resolution : float, optional
-        Of "quadratic": the width in the slice that a point shall have, mm (full width at half maximum). It sets the
-        strength, by the geometry alone, so that it is the same at every dose.
+        Of "quadratic", instead of a strength: the full width at half maximum that a small point shall have in the slice,
+        mm. The strength follows from geometry and grid, so that the width is the same at every dose.
 
     Raises
     ------
@@ -45,13 +45,17 @@ class Prior:
 
     References
     ----------
-    Lange, IEEE TMI 9:439, 1990. Thibault et al., Med. Phys. 34:4526, 2007.
+    Lange, IEEE TMI 9:439, 1990. Thibault et al., Med. Phys. 34:4526, 2007. Fessler & Rogers, IEEE Trans. Image
+    Process. 5:1346, 1996.
 
     Examples
     --------
     >>> smooth = pp.Prior("quadratic", strength=1.0, edge=0.002)
     >>> smooth.value(np.full(grid.shape, 0.02, np.float32), grid)
     0.0
+    >>> step = list(pp.iterates(scan, grid, prior=pp.Prior("quadratic", resolution=6), levels=1, iterations=3))[-1]
+    >>> step.prior.strength > 0
+    True
     """
 
     potential: Named | Potential = "lange"
