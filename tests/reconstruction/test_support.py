@@ -173,6 +173,19 @@ def test_without_noise_the_hull_is_the_voxels_no_ray_through_air_meets():
     assert 0.2 < hull.mean() < 0.8
 
 
+def test_a_large_grid_is_cut_by_cells_that_keep_all_of_the_object(monkeypatch):
+    """Cells of 2 x 2 voxels and pixels: nothing of the object is lost, and little more is kept than voxel by voxel."""
+    from palpate.reconstruction import support
+
+    scan = pp.simulate_scan(chord_phantom(), views(), 2000, seed=4)
+    fine = pp.support_hull(scan, GRID).values > 0
+    monkeypatch.setattr(support, "CELLS", 40)
+    cells = pp.support_hull(scan, GRID).values > 0
+    assert np.array_equal(cells[:, ::2, ::2], cells[:, 1::2, 1::2])
+    assert cells[chord_phantom().volume(GRID).values > 0].all()
+    assert fine.mean() < cells.mean() < 1.5 * fine.mean()
+
+
 @pytest.mark.parametrize("seed", [1000, 1001, 1002])
 def test_a_fold_of_one_millimetre_of_water_is_kept_at_two_thousand_photons(seed):
     fold = pp.Intersection([pp.Ellipsoid((0, 0, 10), (20, 17, 40)), pp.Box((0, 0, 10), (99, 99, 1))])

@@ -6,11 +6,13 @@ import numpy as np
 from scipy.ndimage import uniform_filter
 
 from palpate.arrays import Float32, Float64
+from palpate.reconstruction.multiresolution import coarser_scan
 from palpate.scans.scan import Scan
 from palpate.scans.views import Panel
 
 NOISE = 0.005  # of a block's mean, at most: as much as a sheet's level may be wrong
 WIDEST = 20  # pixels along a block
+PIXELS = 256  # along a panel, at most: of larger panels several are added up
 THICKEST = 0.3  # line integral of a sheet; a paddle of 3 mm has 0.1 to 0.25
 SHEET = 0.01  # the thinnest that is worth it: incident itself is hardly known better
 BRIGHTEST = -0.2  # the same where incident is too low
@@ -23,6 +25,8 @@ def air_levels(scan: Scan) -> Float64:
 
     A view without such a region has the median of the others.
     """
+    while max(scan.shape[1:]) > PIXELS and min(scan.shape[1:]) > PIXELS / 4:
+        scan = coarser_scan(scan)
     found = np.array([_air_level(scan, k) for k in range(scan.shape[0])])
     known = found[np.isfinite(found)]
     return np.where(np.isfinite(found), found, np.median(known) if known.size else 0.0)

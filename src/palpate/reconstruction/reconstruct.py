@@ -38,7 +38,7 @@ from palpate.reconstruction.optimizers.problem import Problem
 from palpate.reconstruction.prior_parameters import choose_prior_parameters, median_curvature
 from palpate.reconstruction.projector import Projector, check_upright
 from palpate.reconstruction.stopping_rule import StoppingRule
-from palpate.reconstruction.support import Support, chosen_support, rays_leave_support
+from palpate.reconstruction.support import Support, chosen_support
 from palpate.scans.grid_placement import check_grid
 from palpate.scans.scan import Scan
 from palpate.volumes.grid import Grid
@@ -165,10 +165,10 @@ def iterates(
     check_window(window, cutoff)
     check_relaxation(relaxation)
     chosen = LIKELIHOODS[likelihood] if isinstance(likelihood, str) else likelihood
-    inside, notes = None, {}
+    inside, notes, flat = None, {}, False
     if not (isinstance(support, str) and support == "none"):
         measured = scan
-        inside, scan = chosen_support(support, method, scan, grid)
+        inside, scan, flat = chosen_support(support, method, scan, grid)
         name = support if isinstance(support, str) else "mask"
         sheet = ", behind a sheet over all of the field" if scan is not measured else ""
         notes["support"] = f"{name}, {inside.mean():.0%} of the voxels{sheet}"
@@ -181,7 +181,6 @@ def iterates(
     if levels == 1 or not sweeps_are_cheap(A):  # then "auto" has no sweeps: see `hybrid_descent`
         optimizers = ["momentum" if name == "auto" else name for name in optimizers]
     if isinstance(start, str) and start == "auto":
-        flat = inside is not None and not rays_leave_support(inside, scan.views, grid)
         start = "uniform" if flat else "backprojection"
     rule = StoppingRule(most, tolerance)
     prior = _resolved(prior, resolution, method)

@@ -1,15 +1,15 @@
 """The object's support: its visual hull, from pixels that see nothing but air, as a constraint f = 0 outside."""
 
 import warnings
-from collections.abc import Sequence
+from statistics import NormalDist
 
 import numpy as np
 from scipy.ndimage import binary_dilation, uniform_filter
-from scipy.stats import norm
 
-from palpate.arrays import AnyArray, Bool, Float32, Float64, UInt8
+from palpate.arrays import AnyArray, Bool, Float32, Float64, UInt8, UInt16
 from palpate.errors import DataError, GeometryError
 from palpate.reconstruction.air_level import air_levels, expected_in_air, without_sheet
+from palpate.reconstruction.multiresolution import coarser_grid, coarser_scan
 from palpate.reconstruction.prior_parameters import box_lengths
 from palpate.reconstruction.projector import Projector
 from palpate.scans.scan import Scan
@@ -21,6 +21,7 @@ FALSE_ALARM = 1e-3  # share of the pixels in air that noise alone makes part of 
 THIN = 0.02  # line integral that a window must be large enough to show: 0.5 mm of water at 30 keV
 POWER = 0.99  # probability with which it is then seen
 WIDEST = 31  # pixels along a window
+CELLS = 256  # along a slice, at most
 VIEWS, SHARE = 2, 0.1  # views that must see air, at least, and of those that see the voxel
 TOUCHED = 0.01  # of a voxel's footprint; less is rounding
 UNSEEN = 0.02  # share of the shadow's pixels whose ray a mask may miss
@@ -41,9 +42,10 @@ def support_hull(scan: Scan, grid: Grid) -> Labels:
     The sheet a, such as a compression paddle, is read from the brightest even region of each view; θ is the angle between
     ray and panel normal.
 
-    A voxel is outside if, in at least two views and a tenth of those that see it, its whole footprint on the panel is
-    air: more than a pixel away from the shadow, from pixels that were not measured and from the panel's edge. So what
-    leaves the panel is kept, and so is all of the grid where no view sees air; a warning says so.
+    A voxel is outside if, in at least two views and a tenth of those that see it, its whole footprint lies on the panel
+    and sees air, at least a pixel away from the shadow and from pixels that were not measured. So what leaves the panel
+    is kept, and so is all of the grid where no view sees air; a warning says so. Grids of more than 256 voxels along a
+    slice are cut by cells of 2 x 2 voxels, 4 x 4, ..., with pixels as much larger.
 
     Parameters
     ----------
@@ -74,35 +76,48 @@ def support_hull(scan: Scan, grid: Grid) -> Labels:
     >>> bool(inside.values[volume.values > 0].all())
     True
     """
+    air, seen = _air_views(scan, grid)
+    return Labels(_hull(air, seen).astype(np.int32), grid, {1: "support"})
+
+
+def _air_views(scan: Scan, grid: Grid) -> tuple[UInt16, UInt16]:
+    """(z, y, x) each: how many views show a voxel in air, and how many show all of its footprint.
+
+    Of a large grid by cells of several voxels, from pixels as much larger: a cell is in air if all of it is.
+    """
     Projector(scan.views, grid)  # raises GeometryError before any work
-    levels = air_levels(scan)
-    shadows = [object_shadow(scan, k, level) for k, level in enumerate(levels)]
-    inside = _hull(shadows, scan.views, grid)
-    if not inside.any():
-        warnings.warn("support: all views show air everywhere; nothing is cut", stacklevel=2)
-        inside[:] = True
-    elif inside.all():
-        warnings.warn("support: no view shows air beside the object; nothing is cut", stacklevel=2)
-    return Labels(inside.astype(np.int32), grid, {1: "support"})
-
-
-def _hull(shadows: Sequence[Bool], views: Views, grid: Grid) -> Bool:
-    """(z, y, x): voxels that too few views show in air."""
+    fine = grid
+    while max(grid.shape[1:]) > CELLS and min(*grid.shape[1:], *scan.shape[1:]) > CELLS / 4:
+        scan, grid = coarser_scan(scan), coarser_grid(grid)
     air, seen = (np.zeros(grid.shape, np.uint16) for _ in range(2))
-    for k, shadow in enumerate(shadows):
-        if shadow.all():
-            continue
+    for k, level in enumerate(air_levels(scan)):
+        shadow = object_shadow(scan, k, level)
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                back = Projector(_with_margin(views[k]), grid).T
+                back = Projector(_with_margin(scan.views[k]), grid).T
         except GeometryError:
             continue  # this view alone does not see the grid
-        unknown = np.pad(shadow, 1, constant_values=True)[None].astype(np.float32)
-        whole, touched = back(np.ones_like(unknown)), back(unknown)
-        seen += whole > 0
-        air += (whole > 0) & (touched <= TOUCHED * whole)
-    return np.asarray(air < np.maximum(VIEWS, np.ceil(SHARE * seen)), np.bool_)
+        within = np.pad(shadow.astype(np.float32), 1)[None]
+        beyond = np.pad(np.zeros_like(shadow, np.float32), 1, constant_values=1)[None]
+        whole = back(np.ones_like(within))
+        on_panel = (whole > 0) & (back(beyond) <= TOUCHED * whole)
+        seen += on_panel
+        air += on_panel & (back(within) <= TOUCHED * whole)
+    for axis, step in enumerate(np.round(np.array(grid.spacing) / fine.spacing).astype(int)):
+        air, seen = (np.repeat(a, step, axis).take(range(fine.shape[axis]), axis) for a in (air, seen))
+    return air, seen
+
+
+def _hull(air: UInt16, seen: UInt16) -> Bool:
+    """(z, y, x): voxels that too few views show in air. Warns where that is all of them, or none."""
+    inside = np.asarray(air < np.maximum(VIEWS, np.ceil(SHARE * seen)), np.bool_)
+    if not inside.any():
+        warnings.warn("support: all views show air everywhere; nothing is cut", stacklevel=3)
+        inside[:] = True
+    elif inside.all():
+        warnings.warn("support: no view shows air beside the object; nothing is cut", stacklevel=3)
+    return inside
 
 
 def _with_margin(view: Views) -> Views:
@@ -112,8 +127,8 @@ def _with_margin(view: Views) -> Views:
     return Views(view.source, [Panel(shape, p.pitch, p.points([-1, -1])[0], p.row_axis, p.column_axis)], view.direction)
 
 
-def chosen_support(support: Support, method: str, scan: Scan, grid: Grid) -> tuple[UInt8, Scan]:
-    """(z, y, x): 1 inside, 0 outside; and the scan without a sheet that lies outside.
+def chosen_support(support: Support, method: str, scan: Scan, grid: Grid) -> tuple[UInt8, Scan, bool]:
+    """(z, y, x): 1 inside, 0 outside; the scan without a sheet that lies outside; whether a flat start fits.
 
     The hull is not held where rays bring attenuation from beyond the grid's sides: it would press that into the object.
     Raises `DataError`; warns of that, and of a mask that the counts contradict.
@@ -123,16 +138,18 @@ def chosen_support(support: Support, method: str, scan: Scan, grid: Grid) -> tup
     if isinstance(support, str):
         if support != "hull":
             raise DataError(f"support: there is no {support!r}; choose from none, hull, or give a mask")
-        inside = support_hull(scan, grid).values.astype(np.uint8)
+        air, seen = _air_views(scan, grid)
+        inside = _hull(air, seen).astype(np.uint8)
         if inside.all():
-            return inside, scan
-        if rays_leave_support(inside, scan.views, grid):
+            return inside, scan, False
+        crossed = rays_leave_support((air == 0) & (seen >= VIEWS), scan.views, grid)
+        if crossed:
             words = (
                 "the object reaches beyond a side of the grid that rays cross, and f = 0 outside the hull is not held"
             )
             warnings.warn(f"support: {words}; take a wider grid if the panel sees more", stacklevel=3)
             inside[:] = 1
-        return inside, without_sheet(scan)
+        return inside, without_sheet(scan), not crossed
     if isinstance(support, Labels | Volume) and support.grid != grid:
         raise DataError(
             f"support: expected a mask on the grid {grid!r}, got one on {support.grid!r}; resample it first"
@@ -146,7 +163,7 @@ def chosen_support(support: Support, method: str, scan: Scan, grid: Grid) -> tup
     if not inside.any():
         raise DataError("support: the mask is empty; it is above 0 where the object may be")
     _warn_of_missed_object(inside, scan, grid)
-    return inside, scan if inside.all() else without_sheet(scan)
+    return inside, scan if inside.all() else without_sheet(scan), not rays_leave_support(inside, scan.views, grid)
 
 
 def _warn_of_missed_object(inside: UInt8, scan: Scan, grid: Grid) -> None:
@@ -162,7 +179,7 @@ def _warn_of_missed_object(inside: UInt8, scan: Scan, grid: Grid) -> None:
         warnings.warn(f"{words}; it leaves out a part of the object, or lies elsewhere", stacklevel=4)
 
 
-def rays_leave_support(inside: UInt8, views: Views, grid: Grid) -> bool:
+def rays_leave_support(inside: AnyArray, views: Views, grid: Grid) -> bool:
     """Whether the object reaches a side of the grid that rays cross: they bring attenuation from beyond."""
     height = grid.shape[0] * grid.spacing[0]
     source = grid.indices(views.source)  # (z, y, x)
@@ -185,16 +202,21 @@ def seen_object(scan: Scan, view: int, level: float) -> Bool:
     """(rows, columns): measured pixels that see more than air, see `support_hull`."""
     y, expected, left = scan.counts[view], expected_in_air(scan, view, level), scan.mask[view].copy()
     widths = windows(float(np.median(expected[left])) if left.any() else 1.0)
-    z = norm.isf(FALSE_ALARM / len(widths))
+    z = quantile(FALSE_ALARM / len(widths))
     for width in widths:
         summed, wanted = (_summed(np.where(left, a, 0), width) for a in (y, expected))
         left &= 2 * (np.sqrt(wanted + 1 / 8) - np.sqrt(summed + 3 / 8)) <= z
     return np.asarray(scan.mask[view] & ~left, np.bool_)
 
 
+def quantile(tail: float) -> float:
+    """What a normal variable exceeds with this probability."""
+    return -NormalDist().inv_cdf(tail)
+
+
 def windows(counts: float) -> list[int]:
     """Pixels along each window, for so many counts a pixel in air: 1, 3, 7, ... until a line integral `THIN` is seen."""
-    needed = ((norm.isf(FALSE_ALARM) + norm.isf(1 - POWER)) / THIN) ** 2
+    needed = ((quantile(FALSE_ALARM) + quantile(1 - POWER)) / THIN) ** 2
     widths = [1]
     while widths[-1] ** 2 * counts < needed and widths[-1] < WIDEST:
         widths.append(2 * widths[-1] + 1)
