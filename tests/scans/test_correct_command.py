@@ -84,7 +84,7 @@ def test_from_files_to_a_scan_and_a_picture(folder, case):
 def test_the_lag_is_measured_from_a_file_of_afterglow(folder, case):
     beam = np.broadcast_to(case.incident[0] / case.dose[0], (10, *SHAPE))
     left = case.detector.read(np.concatenate([beam, 0 * beam[:3]]))[10:]
-    tifffile.imwrite("glow.tif", digital(left))
+    tifffile.imwrite("glow.tif", digital(left), photometric="minisblack")
     done = run(*WORDS, "--lag", "glow.tif", "--dose", "dose.csv")
     assert done.exit_code == 0, done.output
     assert error_of(pp.read_scan("scan.h5"), case) < 0.005

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import interpolate
 
-from palpate.arrays import ArrayLike, Bool, Float64
+from palpate.arrays import ArrayLike, Bool, Float64, Int64
 from palpate.errors import DataError
 from palpate.scans.views import Panel, Views
 
@@ -93,16 +93,30 @@ def step(pixels: int, least: int = 1) -> int:
 
 def block_medians(image: Float64, least: int = 1) -> Float64:
     """Medians of about `BLOCKS` x `BLOCKS` blocks of at least `least` pixels' side, NaN where half of a block is NaN."""
-    side = [step(n, least) for n in image.shape]
-    rows, columns = (n - n % s for n, s in zip(image.shape, side, strict=True))
-    split = image[:rows, :columns].reshape(rows // side[0], side[0], columns // side[1], side[1])
-    parts = np.moveaxis(split, 2, 1).reshape(rows // side[0], columns // side[1], -1)
+    parts = _parts(image, least)
     known = np.isfinite(parts).sum(axis=-1)
     few = known <= 0.5 * parts.shape[-1]
     ordered = np.sort(parts, axis=-1)  # NaN last; numpy's nanmedian goes block by block
     places = [np.clip(i, 0, parts.shape[-1] - 1)[..., None] for i in ((known - 1) // 2, known // 2)]
     middle = [np.take_along_axis(ordered, i, -1)[..., 0] for i in places]
     return np.where(few, np.nan, (middle[0] + middle[1]) / 2)
+
+
+def block_means(image: Float64, least: int = 1) -> tuple[Float64, Int64]:
+    """Means of the same blocks, NaN where half of a block is NaN, and how many values are in each."""
+    parts = _parts(image, least)
+    known = np.isfinite(parts)
+    count = known.sum(axis=-1)
+    total = np.where(known, parts, 0.0).sum(axis=-1)
+    return np.where(count > 0.5 * parts.shape[-1], total / np.maximum(count, 1), np.nan), count
+
+
+def _parts(image: Float64, least: int) -> Float64:
+    """(blocks down, blocks across, pixels)."""
+    side = [step(n, least) for n in image.shape]
+    rows, columns = (n - n % s for n, s in zip(image.shape, side, strict=True))
+    split = image[:rows, :columns].reshape(rows // side[0], side[0], columns // side[1], side[1])
+    return np.moveaxis(split, 2, 1).reshape(rows // side[0], columns // side[1], -1)
 
 
 def _rays(source: Float64, panel: Panel, rows: ArrayLike, columns: ArrayLike) -> Float64:

@@ -8,7 +8,7 @@ from scipy import ndimage
 from palpate.arrays import AnyArray, ArrayLike, Bool, Float32, Float64, UInt8
 from palpate.errors import DataError
 from palpate.scans.bad_pixels import GIVEN, GOOD, LINE
-from palpate.scans.beam_profile import block_medians, step
+from palpate.scans.beam_profile import block_means, block_medians, step
 
 FULL = 0.001  # share of the pixels that read the largest value of all: the read-out was clipped
 EXPOSED, NOTHING = (
@@ -135,8 +135,8 @@ def check_repeats(name: str, frames: AnyArray, dark: AnyArray) -> None:
 def check_no_object(pattern: Float64, kinds: UInt8) -> None:
     """Whether a flat shows beam and panel alone. pattern: flat over smooth beam. Raises `DataError`."""
     silent = (kinds != GOOD) & (kinds != GIVEN) & (kinds != LINE)
-    labels, count = ndimage.label(silent, np.ones((3, 3)))
-    sizes = np.bincount(labels.ravel())[1:] if count else np.zeros(1)
+    labels, patches = ndimage.label(silent, np.ones((3, 3)))
+    sizes = np.bincount(labels.ravel())[1:] if patches else np.zeros(1)
     if sizes.max() > max(30, CLUSTER * silent.size):
         row, column = (int(i) for i in np.argwhere(labels == 1 + int(sizes.argmax()))[0])
         raise DataError(
@@ -147,15 +147,15 @@ def check_no_object(pattern: Float64, kinds: UInt8) -> None:
     pixel = float(np.std(logs[kinds == GOOD]))
     for scale in SCALES:
         side = max(4, scale * max(step(n) for n in logs.shape))
-        blocks = block_medians(logs, side)
+        blocks, count = block_means(logs, side)
         for axis in (0, 1):  # amplifiers and gate lines have gains of their own
             blocks = blocks - _median(blocks, axis)
         spread = 1.4826 * float(np.median(np.abs(blocks[np.isfinite(blocks)])))
-        limit = max(OBJECT, UNLIKE * spread, SURE * 1.25 * pixel / side)  # 1.25: of a median, against a mean
-        size = np.abs(np.nan_to_num(blocks))
-        if size.max() > limit:
-            i, j = np.unravel_index(int(size.argmax()), size.shape)
-            row, column = (int((n + 0.5) * s / m) for n, s, m in zip((i, j), logs.shape, size.shape, strict=True))
+        limit = np.maximum(max(OBJECT, UNLIKE * spread), SURE * pixel / np.sqrt(np.maximum(count, 1)))
+        excess = np.abs(np.nan_to_num(blocks)) - limit
+        if excess.max() > 0:
+            i, j = np.unravel_index(int(excess.argmax()), excess.shape)
+            row, column = (int((n + 0.5) * s / m) for n, s, m in zip((i, j), logs.shape, excess.shape, strict=True))
             raise DataError(
                 f"flat: {np.expm1(blocks[i, j]):+.0%} near row {row}, column {column}, which neither a beam nor a panel's "
                 f"lines explain: an object in it? Take it with nothing between tube and panel"

@@ -4,6 +4,7 @@ import numpy as np
 
 from palpate.arrays import AnyArray, ArrayLike, Bool, Float64, float64
 from palpate.errors import DataError
+from palpate.scans.beam_profile import block_means
 
 CONSTANT = 1e-4  # of the variance that a signal of photons has: below it, the frames are copies
 
@@ -61,7 +62,8 @@ def photon_transfer_gain(
     signal, variance = temporal_variance(frames, used)
     net = np.where(used & (signal > 0), variance - electronic**2, np.nan)
     wanted = np.where(used & (signal > 0), signal * float64("pattern", pattern), np.nan)
-    ratios = _block_means(net) / _block_means(wanted)
+    side = max(used.shape) // 8
+    ratios = block_means(net, side)[0] / block_means(wanted, side)[0]  # the median of a variance is not its mean
     ratios = ratios[np.isfinite(ratios)]
     found = float(np.median(ratios)) if ratios.size else 0.0
     if found <= 0 or float(np.nanmedian(variance)) <= CONSTANT * found:
@@ -76,17 +78,3 @@ def temporal_variance(frames: Float64, good: AnyArray) -> tuple[Float64, Float64
     levels = np.array([np.mean(frame[good]) for frame in frames])
     scaled = frames * (levels.mean() / levels)[:, None, None] if (levels > 0).all() else frames
     return scaled.mean(axis=0), scaled.var(axis=0, ddof=1)
-
-
-def _block_means(image: Float64) -> Float64:
-    """Means over blocks of about 1/8 of each side. Means, since the median of a variance is not its mean."""
-    finite = np.isfinite(image)
-    step = [max(1, n // 8) for n in image.shape]
-    starts = [np.arange(0, n, s) for n, s in zip(image.shape, step, strict=True)]
-
-    def sums(values: AnyArray) -> Float64:
-        return np.add.reduceat(np.add.reduceat(values, starts[0], axis=0), starts[1], axis=1)
-
-    count = sums(finite.astype(np.float64))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.asarray(np.where(count > 0, sums(np.where(finite, image, 0.0)) / count, np.nan))

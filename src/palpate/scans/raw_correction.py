@@ -8,8 +8,9 @@ import numpy as np
 from palpate.arrays import AnyArray, ArrayLike, Float32, Float64, UInt8, float32
 from palpate.errors import DataError
 from palpate.scans import flat_check
-from palpate.scans.bad_pixels import CHANGED, GOOD, KINDS, changed_in_views, find_bad_pixels
+from palpate.scans.bad_pixels import CHANGED, GOOD, changed_in_views, find_bad_pixels
 from palpate.scans.beam_profile import BeamProfile, fit_beam_profile, most_level_view
+from palpate.scans.correction_notes import correction_notes, tally
 from palpate.scans.detector_model import integrating_scan
 from palpate.scans.intensity_correction import open_beam
 from palpate.scans.lag import Lag, deconvolve_lag
@@ -165,7 +166,7 @@ def correct_scan(
     kinds = find_bad_pixels(darks, repeats + darks.mean(axis=0), bad_pixels)
     if (kinds == GOOD).mean() < 0.5:
         raise DataError(
-            f"flat: {(kinds != GOOD).mean():.0%} of the pixels do not respond as their neighbours do ({_tally(kinds)}); "
+            f"flat: {(kinds != GOOD).mean():.0%} of the pixels do not respond as their neighbours do ({tally(kinds)}); "
             f"check dark and flat, or mask what a collimator hides with bad_pixels"
         )
 
@@ -221,7 +222,9 @@ def correct_scan(
     saturated = 0 if full is None else int(full.sum())
     scan = integrating_scan(y, beam, views, 0, valid, electronic=sigma / units)
     notes = [
-        *_told(scan, kinds, units, sigma, noise, saturated, np.asarray(doses), response, len(flats), flat_by_view),
+        *correction_notes(
+            scan, kinds, units, sigma, noise, saturated, np.asarray(doses), response, len(flats), flat_by_view
+        ),
         *notes,
     ]
     return Correction(
@@ -341,46 +344,3 @@ def _beam(
             f"{largest:.1%} (inverse square law, obliquity, heel effect of a tube that aims at the panel's middle)"
         )
     return np.stack([(signal * change).astype(np.float32) for change in changes])
-
-
-def _tally(kinds: UInt8) -> str:
-    counts = np.bincount(kinds.ravel(), minlength=len(KINDS))
-    return ", ".join(f"{n} {name}" for name, n in zip(KINDS[1:], counts[1:], strict=True) if n) or "none"
-
-
-def _told(
-    scan: Scan,
-    kinds: UInt8,
-    units: Float64,
-    sigma: float,
-    noise: float,
-    saturated: int,
-    doses: Float64,
-    lag: Lag,
-    frames: int,
-    by_view: bool,
-) -> list[str]:
-    good = kinds == GOOD
-    lines = [int((kinds.all(axis=axis)).sum()) for axis in (1, 0)]
-    told = [
-        f"bad pixels: {np.count_nonzero(~good)} of {good.size} ({np.mean(~good):.2%}): {_tally(kinds)}; whole lines: "
-        f"{lines[0]} rows, {lines[1]} columns",
-        f"gain: {np.median(units[good]):.4g} digital units a photon, read-out noise {sigma:.3g} digital units",
-        f"incident: {np.median(scan.incident[:, good]):.5g} photons; the flat leaves a noise of {noise:.2%} in it "
-        + (f"({frames} frames, one a view)" if by_view else f"(mean of {frames} frame{'s' * (frames > 1)})"),
-        f"dose: {doses.min():.3f} to {doses.max():.3f} of the flat's",
-    ]
-    share = lag.response(2)
-    if lag.terms:
-        told.append(
-            f"lag: {share[1] / share[0]:.2%} of a frame's signal in the next, {1 - share[0]:.2%} in all later ones"
-        )
-    if saturated:
-        told.append(f"saturated: {saturated} values ({saturated / scan.counts.size:.2%}) are masked")
-    view_noise = float(np.median(1 / np.sqrt(np.maximum(scan.incident[:, good], 1))))
-    if noise > 0.5 * view_noise:
-        told.append(
-            f"note: the flat's noise is the same in all views; {int(np.ceil(4 * frames * (noise / view_noise) ** 2))} frames "
-            f"would halve it below that of a view in air"
-        )
-    return told
