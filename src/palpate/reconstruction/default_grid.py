@@ -4,7 +4,7 @@ import numpy as np
 
 from palpate.arrays import Float64
 from palpate.errors import GeometryError
-from palpate.scans.views import Panel, Views
+from palpate.scans.views import Panel, Views, from_above
 from palpate.volumes.grid import Grid
 
 COARSEST_SLICE = 8  # in-plane voxels
@@ -47,7 +47,7 @@ def covering_grid(views: Views, thickness: float | None, spacing: float | None =
         raise GeometryError(
             f"spacing: expected a positive length in mm, got {spacing!r}; leave it out for the pixel's own"
         )
-    if (thickness is None or thickness > 0) and not views.from_above(central_point(views)).all():
+    if (thickness is None or thickness > 0) and not from_above(views, central_point(views)).all():
         return _surrounding_grid(views, thickness, spacing)
     if thickness is None or not thickness > 0:
         raise GeometryError(

@@ -121,14 +121,14 @@ class Projector(LinearMap):
         return self.slicings[0].geometry
 
     def project(self, values: Float32, out: Float32) -> None:
-        """Write A values into an array, without checks.
+        """Write A values, without the checks of a call.
 
         Parameters
         ----------
-        values : ndarray of float32, (z, y, x)
-            The volume.
-        out : ndarray of float32, (views, rows, columns)
-            Receives the projections.
+        values : ndarray, (z, y, x)
+            The volume, C-contiguous float32.
+        out : ndarray, (views, rows, columns)
+            Where the projections go, likewise.
         """
         for s in self.slicings:
             if len(s.views) == len(self.views):
@@ -139,14 +139,14 @@ class Projector(LinearMap):
             out[s.views] = some
 
     def backproject(self, p: Float32, out: Float32) -> None:
-        """Write Aᵀ p into an array, without checks.
+        """Write Aᵀ p, without the checks of a call.
 
         Parameters
         ----------
-        p : ndarray of float32, (views, rows, columns)
-            The projections.
-        out : ndarray of float32, (z, y, x)
-            Receives the volume.
+        p : ndarray, (views, rows, columns)
+            The projections, C-contiguous float32.
+        out : ndarray, (z, y, x)
+            Where the volume goes, likewise.
         """
         if self.upright:
             _core.projection.backproject(self.slicings[0].geometry, p, out)

@@ -18,7 +18,7 @@ from palpate.scans.intensity_correction import line_integrals
 from palpate.scans.object_placement import CLOSE, check_field, check_outline
 from palpate.scans.plausibility import check_counts, check_distance, check_geometry
 from palpate.scans.scan import Scan
-from palpate.scans.views import Views
+from palpate.scans.views import Views, from_above
 from palpate.volumes.grid import Grid
 
 ATTENUATION = (0.005, 0.1)  # 1/mm, of soft tissue and bone at the energies of diagnosis
@@ -107,7 +107,7 @@ def check_scan(
             found.append(Finding("unknown", words))
     if not found:
         found += check_open_beam(coarse, fit.grid)
-    if grid is not None and scan.views.from_above(grid.bounds.mean(axis=0)).all():
+    if grid is not None and from_above(scan.views, grid.bounds.mean(axis=0)).all():
         found += _check_placement(medium, l, centre, grid)
     found += _check_attenuation(fit, attenuation) + check_distance(scan.views) + _left_handed(scan.views)
     causes = [finding.cause for finding in found]
@@ -240,9 +240,9 @@ def _field(views: Views, grid: Grid | None) -> Grid:
     depth = DEPTH * float(np.median(np.linalg.norm(views.source - middles, axis=1)))
     if grid is not None:
         depth = float(np.ptp(grid.bounds[:, 2]))
-    seen = covering_grid(views, depth if views.from_above(central_point(views)).all() else None)
+    seen = covering_grid(views, depth if from_above(views, central_point(views)).all() else None)
     low, high = seen.bounds
-    if grid is not None and not views.from_above(grid.bounds.mean(axis=0)).all():
+    if grid is not None and not from_above(views, grid.bounds.mean(axis=0)).all():
         low, high = grid.bounds - MARGIN * np.outer((1, -1), np.ptp(grid.bounds, axis=0))
         shape = np.clip(np.ceil((high - low) / seen.spacing[::-1]), 1, MOST_VOXELS[:1] * 3).astype(int)
         return Grid(shape[::-1], ((high - low) / shape)[::-1], origin=low + (high - low) / shape / 2)

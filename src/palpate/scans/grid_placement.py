@@ -9,7 +9,7 @@ from scipy.spatial import ConvexHull
 from palpate.arrays import Float64
 from palpate.errors import GeometryError
 from palpate.scans.finding import Finding
-from palpate.scans.views import Panel, Views
+from palpate.scans.views import Panel, Views, from_above
 from palpate.volumes.grid import Grid
 
 DENSE = 0.15  # of a view's 95th percentile: line integrals above it are the object, not air or scatter
@@ -26,7 +26,7 @@ def check_grid(views: Views, grid: Grid, whole: Mapping[int, Float64] = MappingP
     whole: line integrals (rows, columns) of views that show the whole object, by the number of the view. Without them,
     only the geometry is judged.
     """
-    if not views.from_above(grid.bounds.mean(axis=0)).all():
+    if not from_above(views, grid.bounds.mean(axis=0)).all():
         return _check_from_all_sides(views, grid, whole)
     below, seen, outside = faults = _faults(views, grid, whole)
     span = ", ".join(f"{a:.4g} to {b:.4g}" for a, b in grid.bounds.T) + " mm (x, y, z)"

@@ -6,7 +6,7 @@ import numpy as np
 
 from palpate.arrays import AnyArray, Bool, Float32
 from palpate.errors import DataError
-from palpate.scans.views import Views
+from palpate.scans.views import Views, beam_in_words
 from palpate.volumes.display_window import default_window
 from palpate.volumes.notebook_figure import Picture, draw_image, figure_of_frames, html_block, title
 from palpate.volumes.plane_picture import PIXELS
@@ -74,7 +74,7 @@ def plot_scan(scan: Projections, views: list[int] | None = None, counts: bool = 
     figure, frames = figure_of_frames([[size] * across] * -(-len(shown) // across))
     for frame, values, k in zip(frames, shown, chosen, strict=False):
         picture = draw_image(frame, values, size, window)
-        title(frame, f"view {k}, {scan.views.beam(k)}")
+        title(frame, f"view {k}, {beam_in_words(scan.views, k).replace('source at', 'source')}")
     figure.colorbar(picture, cax=frames[-1], label="photons" if counts else "line integral")
     return figure
 

@@ -184,43 +184,6 @@ class Views:
         """(views,): True where the beam is parallel."""
         return np.asarray(np.linalg.norm(self.source, axis=1) >= PARALLEL)
 
-    def beam(self, view: int) -> str:
-        """Say where the rays of a view come from.
-
-        Parameters
-        ----------
-        view : int
-            Number of the view.
-
-        Returns
-        -------
-        str
-            The focal spot, or the direction of a parallel beam.
-        """
-        if not self.parallel[view]:
-            return "source (" + ", ".join(f"{v:.0f}" for v in self.source[view]) + ") mm"
-        return (
-            "parallel beam along ("
-            + ", ".join(f"{-v:.3g}" for v in self.source[view] / np.linalg.norm(self.source[view]))
-            + ")"
-        )
-
-    def from_above(self, point: ArrayLike) -> Bool:
-        """Say which rays through a point run down, within 60° of z.
-
-        Parameters
-        ----------
-        point : array_like, (3,)
-            The point (x, y, z), mm.
-
-        Returns
-        -------
-        ndarray of bool, (views,)
-            True for a view that looks from above.
-        """
-        ray = np.asarray(point, dtype=np.float64) - self.source
-        return np.asarray(-ray[:, 2] >= np.linalg.norm(ray, axis=1) / 2)
-
     def project(self, points: ArrayLike) -> Float64:
         """Return where rays through points meet each panel.
 
@@ -243,6 +206,20 @@ class Views:
             landed[view, :, 0] = hit @ panel.row_axis / panel.pitch[0]
             landed[view, :, 1] = hit @ panel.column_axis / panel.pitch[1]
         return landed
+
+
+def from_above(views: Views, point: ArrayLike) -> Bool:
+    """(views,): True where the ray through a point (x, y, z) runs down, within 60 degrees of z."""
+    ray = np.asarray(point, dtype=np.float64) - views.source
+    return np.asarray(-ray[:, 2] >= np.linalg.norm(ray, axis=1) / 2)
+
+
+def beam_in_words(views: Views, view: int) -> str:
+    """Where the rays of a view come from."""
+    source = views.source[view]
+    if not views.parallel[view]:
+        return "source at (" + ", ".join(f"{v:.0f}" for v in source) + ") mm"
+    return "parallel beam along (" + ", ".join(f"{-v:.3g}" for v in source / np.linalg.norm(source)) + ")"
 
 
 def _numbers(name: str, values: ArrayLike, count: int) -> Float64:

@@ -7,6 +7,7 @@ import numpy as np
 from palpate.arrays import AnyArray, Float32
 from palpate.reconstruction.models.likelihood import Transmission
 from palpate.scans.scan import Scan
+from palpate.scans.views import beam_in_words
 from palpate.server.messages import Image, Stack, Window
 from palpate.volumes.display_window import window_presets
 from palpate.volumes.patient_axes import has_patient_axes, reorient_to_patient
@@ -67,7 +68,7 @@ def scan_payload(scan: Scan, title: str, most: int = MAX_VOXELS) -> ImagePayload
         file=np.column_stack([np.diag(factors), (np.array(factors) - 1) / 2]).ravel().tolist(),
         water=0.0,
         note=_note(factors, scan.shape, [pitch[0] * factors[1], pitch[1] * factors[2]], "pixels"),
-        captions=[scan.views.beam(k).replace("source (", "source at (") for k in range(len(scan.views))],
+        captions=[beam_in_words(scan.views, k) for k in range(len(scan.views))],
         stacks=[_stack("line integrals", "", lines), _stack("counts", "photons", counts)],
     )
     return ImagePayload(image, [_compact(lines), _compact(counts)])
