@@ -1,6 +1,6 @@
 """Sources and panels anywhere: random poses against exact integrals; a full orbit and a parallel beam against RTK's SART.
 
-`python -m benchmarks.any_geometry` (some minutes); `--poses 50 --first 0` for some others.
+`python -m benchmarks.any_geometry` (half an hour and more); `--poses 50 --first 0` for some others.
 """
 
 import argparse
