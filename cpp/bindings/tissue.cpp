@@ -2,6 +2,7 @@
 #include "bindings/python_model.h"
 #include "tissue/contact_surface.h"
 #include <algorithm>
+#include <cmath>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/unique_ptr.h>
@@ -60,7 +61,8 @@ void bind_contact(nb::module_& m) {
             "closest",
             [](const ContactSurface& s, Point p) {
                 const SurfacePoint found = s.closest(p.data());
-                expect(found.triangle >= 0, "point: not finite, or the surface is empty");
+                const bool finite = std::all_of(p.data(), p.data() + 3, [](double x) { return std::isfinite(x); });
+                expect(finite && found.triangle >= 0, "point: not finite, or the surface is empty");
                 return found;
             },
             "point"_a)

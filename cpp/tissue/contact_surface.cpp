@@ -142,7 +142,7 @@ SurfacePoint ContactSurface::closest(const double point[3]) const {
     while (depth > 0) {
         int at = stack[--depth];
         const Box& box = tree[at];
-        if (distance2(box) >= best_distance2) continue;
+        if (best.triangle >= 0 && distance2(box) >= best_distance2) continue; // squares overflow for a point far off
         if (box.count == 0) {
             int left = at + 1, right = box.first;
             bool left_first = distance2(tree[left]) <= distance2(tree[right]);
@@ -156,7 +156,7 @@ SurfacePoint ContactSurface::closest(const double point[3]) const {
             closest_weights(point, &position[3 * v[0]], &position[3 * v[1]], &position[3 * v[2]], w);
             for (int k = 0; k < 3; k++)
                 q[k] = w[0] * position[3 * v[0] + k] + w[1] * position[3 * v[1] + k] + w[2] * position[3 * v[2] + k];
-            if (double square = square_of_distance(point, q); square < best_distance2) {
+            if (double square = square_of_distance(point, q); best.triangle < 0 || square < best_distance2) {
                 best_distance2 = square;
                 best.triangle = leaf_order[i];
                 for (int k = 0; k < 3; k++) best.weight[k] = w[k], best.point[k] = q[k];

@@ -140,6 +140,12 @@ def test_the_nearest_surface_point_is_nearest(point):
     assert hit.weights.sum() == pytest.approx(1)
 
 
+def test_a_point_whose_distance_overflows_has_a_nearest_point():
+    """A command is finite, and no more is known of it: a triangle -1 would be read from before the arrays."""
+    for point in ((1e300, 0.0, 25.0), (-1e200, 1e200, 1e300)):
+        assert TISSUE.surface.closest(np.array(point)).triangle >= 0
+
+
 def test_the_nearest_point_on_an_irregular_surface_agrees_with_a_search_of_all_triangles():
     rng = np.random.default_rng(3)
     mesh = brick((4, 4, 4))
