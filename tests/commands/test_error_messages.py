@@ -107,7 +107,7 @@ REFUSED = {
     ),
     "reconstruct: volume above the source": (
         LIKE.format("above.nii.gz"),
-        ["z = 715.5 mm", "source of view", "lower the"],
+        ["715.5", "focal spot of view", "lower the"],
     ),
     "reconstruct: truncated volume to be like": (
         LIKE.format("cut-ct.nii.gz"),

@@ -102,7 +102,7 @@ def test_the_force_of_contacts_is_their_energys_gradient_and_balances(flaps, pre
     u = pressed + rng.normal(0, 0.02, pressed.shape)
     force = energy.energy(u)[1] - elements.energy(u)[1]
     size = np.abs(force).sum()
-    assert size > 0.01  # N
+    assert size > 0
     assert np.abs(force.sum(axis=0)).max() < 1e-12 * size
     assert np.abs(np.cross(flaps.mesh.nodes + u, force).sum(axis=0)).max() < 1e-8 * size
     way, h = rng.normal(size=u.shape), 1e-6
