@@ -195,7 +195,8 @@ def check_field_of_view(views: Views, grid: Grid) -> None:
         if height.max() >= (source - panel.origin) @ towards:
             raise GeometryError(
                 f"grid reaches behind the focal spot of view {view} at {_mm(source)}, as seen from its panel: it spans "
-                f"{grid.bounds.tolist()} mm; lower the grid's origin, or check the panel's origin and axes"
+                f"{grid.bounds.tolist()} mm, and the object lies between source and panel; lower the grid's origin, or check "
+                f"the panel's origin and axes"
             )
         # Only the part of the box in front of the panel has a shadow on it.
         landed = views[view].project(corners[height > 0])[0]
