@@ -33,9 +33,9 @@ public:
     // The elements without any contact between them.
     virtual const HyperelasticEnergy& elastic() const { return *this; }
 
-    // A descent has arrived at u; true if the energy there may be another one from now on. Between two arrivals no node
+    // A descent has accepted u; true if the energy there may be another one from now on. From one to the next no node
     // may move further than longest_move() mm.
-    virtual bool arrive(const double*, double*) const { return false; }
+    virtual bool accept(const double*, double*) const { return false; }
     virtual double longest_move(const double*) const { return std::numeric_limits<double>::infinity(); }
 };
 

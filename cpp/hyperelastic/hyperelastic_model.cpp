@@ -103,10 +103,10 @@ void HyperelasticModel::precondition(HyperelasticState& s, Configuration& at, st
 }
 
 void HyperelasticModel::evaluate_current(HyperelasticState& s) const {
-    elements.arrive(s.current.u.data(), s.work.data());
+    elements.accept(s.current.u.data(), s.work.data());
     if (!evaluate(s, s.current)) { // a caller has set an inverted u: restart from rest
         std::fill(s.current.u.begin(), s.current.u.end(), 0.0);
-        elements.arrive(s.current.u.data(), s.work.data());
+        elements.accept(s.current.u.data(), s.work.data());
         s.lbfgs.clear();
         evaluate(s, s.current);
     }
@@ -143,7 +143,7 @@ bool HyperelasticModel::move_tools(HyperelasticState& s, const double* displacem
         if (!(elements.least_ratio(s.trial.u.data(), s.current.volume_ratio.data()) > min_volume_ratio)) continue;
         if (!evaluate(s, s.trial) || s.trial.stiffened > s.current.stiffened + most_stiffening) continue;
         std::swap(s.current, s.trial);
-        if (elements.arrive(s.current.u.data(), s.work.data())) evaluate(s, s.current);
+        if (elements.accept(s.current.u.data(), s.work.data())) evaluate(s, s.current);
         precondition_current(s);
         for (int k = 0; k < m; k++) s.gap[k] *= 1 - fraction;
         s.tools_arrived = fraction == 1;
@@ -209,7 +209,7 @@ bool HyperelasticModel::descent_step(HyperelasticState& s) const {
     s.lbfgs.put(s.step.data(), s.direction.data(), s.preconditioned.data());
     std::swap(s.current, s.trial);
     std::swap(s.preconditioned, s.trial_preconditioned);
-    if (elements.arrive(s.current.u.data(), s.work.data())) {
+    if (elements.accept(s.current.u.data(), s.work.data())) {
         evaluate(s, s.current);
         precondition_current(s);
         return true;

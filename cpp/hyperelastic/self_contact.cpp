@@ -1,5 +1,5 @@
 #include "hyperelastic/self_contact.h"
-#include "tissue/closest_point.h"
+#include "tissue/deformed_surface.h"
 #include <algorithm>
 #include <limits>
 
@@ -11,103 +11,24 @@ constexpr double facing = -0.5;     // largest cosine between the normals of the
 constexpr double parallel = 0.5;    // and between those of parts that can meet
 constexpr size_t most_near = 128;   // triangles near a vertex, on the average
 constexpr double reach = 2.5;       // edges from a vertex, within which triangles are near it
-constexpr double most_moved = 0.9;  // edges since the last arrival: both parts, and half an edge, within the reach
-constexpr double most_alone = 2;    // edges, where no triangle is near
+constexpr double most_moved = 0.9; // edges since the last accepted step: both parts, and half an edge, within the reach
+constexpr double most_alone = 2;   // edges, where no triangle is near
+constexpr double refreshed = 0.5;  // of the largest move: a step that goes further finds the triangles again
 constexpr double infinity = std::numeric_limits<double>::infinity();
 
 void middle(const double* position, const int end[2], double out[3]) {
     for (int k = 0; k < 3; k++) out[k] = (position[3 * size_t(end[0]) + k] + position[3 * size_t(end[1]) + k]) / 2;
 }
 
-// The point of a triangle that is closest to a point, and its barycentric weights.
-void place(const ContactSurface& surface, const double* position, int triangle, const double* point, double weight[3],
-           double out[3]) {
-    const int* v = &surface.corner[3 * size_t(triangle)];
-    closest_weights(point, position + 3 * size_t(v[0]), position + 3 * size_t(v[1]), position + 3 * size_t(v[2]),
-                    weight);
-    for (int k = 0; k < 3; k++) {
-        out[k] = 0;
-        for (int c = 0; c < 3; c++) out[k] += weight[c] * position[3 * size_t(v[c]) + k];
-    }
-}
-
-// Twice the area long.
-void area_normal(const ContactSurface& surface, const double* position, int triangle, double out[3]) {
-    const int* v = &surface.corner[3 * size_t(triangle)];
-    double e[3], f[3];
-    minus(position + 3 * size_t(v[1]), position + 3 * size_t(v[0]), e);
-    minus(position + 3 * size_t(v[2]), position + 3 * size_t(v[0]), f);
-    cross(e, f, out);
-}
-
-void add_unit_normal(const ContactSurface& surface, const double* position, int triangle, double factor,
-                     double out[3]) {
-    double n[3];
-    area_normal(surface, position, triangle, n);
-    const double size = length(n);
-    for (int k = 0; k < 3 && size > 0; k++) out[k] += factor * n[k] / size;
-}
-
-// The angle of a triangle at one of its vertices.
-double angle_at(const ContactSurface& surface, const double* position, int triangle, int vertex) {
-    const int* v = &surface.corner[3 * size_t(triangle)];
-    const int c = int(std::find(v, v + 3, vertex) - v);
-    double e[3], f[3], n[3];
-    minus(position + 3 * size_t(v[(c + 1) % 3]), position + 3 * size_t(vertex), e);
-    minus(position + 3 * size_t(v[(c + 2) % 3]), position + 3 * size_t(vertex), f);
-    cross(e, f, n);
-    return std::atan2(length(n), dot(e, f));
-}
-
-// Boxes around the triangles where these are now: (boxes, 6).
-void fit_boxes(const ContactSurface& surface, const double* position, double* box) {
-    for (int at = int(surface.tree.size()) - 1; at >= 0; at--) {
-        const ContactSurface::Box& node = surface.tree[at];
-        double* low = box + 6 * size_t(at);
-        std::fill_n(low, 3, infinity), std::fill_n(low + 3, 3, -infinity);
-        auto add = [&](const double* least, const double* most) {
-            for (int k = 0; k < 3; k++) low[k] = std::min(low[k], least[k]), low[3 + k] = std::max(low[3 + k], most[k]);
-        };
-        if (node.count == 0) {
-            for (int child : {at + 1, node.first}) add(box + 6 * size_t(child), box + 6 * size_t(child) + 3);
-            continue;
-        }
-        for (int i = 3 * node.first; i < 3 * (node.first + node.count); i++) {
-            const double* x = position + 3 * size_t(surface.corner[3 * size_t(surface.leaf_order[i / 3]) + i % 3]);
-            add(x, x);
-        }
-    }
-}
-
-// Every triangle whose box is within `reach` mm of a point.
-template <class Visit>
-void visit_near(const ContactSurface& surface, const double* box, const double* point, double reach, Visit&& visit) {
-    int stack[128], depth = 0;
-    if (!surface.tree.empty()) stack[depth++] = 0;
-    while (depth > 0) {
-        const int at = stack[--depth];
-        const double* low = box + 6 * size_t(at);
-        double square = 0;
-        for (int k = 0; k < 3; k++) {
-            const double d = std::max({low[k] - point[k], point[k] - low[3 + k], 0.0});
-            square += d * d;
-        }
-        if (square > reach * reach) continue;
-        const ContactSurface::Box& node = surface.tree[at];
-        if (node.count == 0) {
-            stack[depth++] = node.first;
-            stack[depth++] = at + 1;
-            continue;
-        }
-        for (int i = node.first; i < node.first + node.count; i++) visit(surface.leaf_order[i]);
-    }
-}
-
 } // namespace
 
-// What a caller keeps: where the vertices are, where they were at the last arrival, the triangles near them there.
+// What a caller keeps: where the vertices are, where they were in the last accepted step, the triangles near them
+// there.
 struct SelfContact::Near {
     double *known, *position, *reference, *box, *first, *triangle; // 1 if known; first: (vertices + 1)
+    double* away;   // (triangles near) mm, how far the vertex was before each then, ascending for each vertex
+    double* moved;  // mm, of a vertex since then, at most
+    double* mark;   // (triangles) 1 + the last vertex that excluded each
     double* behind; // (points) 1 if it was met from before, and is behind
 };
 
@@ -128,8 +49,8 @@ SelfContact::SelfContact(const HyperelasticEnergy& elements, const ContactSurfac
     for (size_t k = 0; k < around.size(); k++) around[next[surface.corner[k]]++] = int(k / 3);
     add_points(mu);
     exclude_neighbours();
-    size = 1 + 6 * size_t(vertices) + 6 * surface.tree.size() + vertices + 1 + most_near * vertices + points.size() +
-           vertices;
+    size = 2 + 6 * size_t(vertices) + 6 * surface.tree.size() + vertices + 1 + 2 * most_near * vertices +
+           points.size() + vertices + surface.triangles();
 }
 
 // A twelfth of a triangle's area belongs to each of its corners, a quarter to each middle of an edge.
@@ -147,7 +68,7 @@ void SelfContact::add_points(const double* mu) {
         }
         points.push_back({{a, b}, area / 4});
     }
-    for (Point& p : points) p.stiffness *= (mu[surface.node[p.end[0]]] + mu[surface.node[p.end[1]]]) / gap;
+    for (Point& p : points) p.stiffness *= (mu[surface.node[p.end[0]]] + mu[surface.node[p.end[1]]]) / (4 * gap);
 }
 
 // At rest: the triangles that hang together with each vertex and do not face it, and those within the gap.
@@ -199,16 +120,19 @@ bool SelfContact::is_excluded(int vertex, int triangle) const {
 SelfContact::Near SelfContact::near(double* work) const {
     Near n;
     n.known = work + elements.work_size();
-    n.position = n.known + 1;
+    n.moved = n.known + 1;
+    n.position = n.moved + 1;
     n.reference = n.position + 3 * size_t(surface.vertices());
     n.box = n.reference + 3 * size_t(surface.vertices());
     n.first = n.box + 6 * surface.tree.size();
     n.triangle = n.first + surface.vertices() + 1;
-    n.behind = n.triangle + most_near * surface.vertices();
+    n.away = n.triangle + most_near * surface.vertices();
+    n.mark = n.away + most_near * surface.vertices();
+    n.behind = n.mark + surface.triangles();
     return n;
 }
 
-// Returns how far the vertices have moved since the last arrival at most, mm.
+// Returns how far the vertices have moved since the last accepted step at most, mm.
 double SelfContact::place_vertices(const Near& n, const double* u) const {
     double moved = 0;
     for (int v = 0; v < surface.vertices(); v++) {
@@ -216,7 +140,7 @@ double SelfContact::place_vertices(const Near& n, const double* u) const {
         for (int k = 0; k < 3; k++) x[k] = surface.position[3 * size_t(v) + k] + u[3 * size_t(surface.node[v]) + k];
         moved = std::max(moved, square_of_distance(x, n.reference + 3 * size_t(v)));
     }
-    return std::sqrt(moved);
+    return *n.moved = std::sqrt(moved);
 }
 
 // Where there are more than the memory has room for, the last ones are left out.
@@ -232,35 +156,42 @@ void SelfContact::find_near(const Near& n) const {
     for (int v = 0; v < surface.vertices(); v++) {
         n.first[v] = double(count);
         const double* x = n.position + 3 * size_t(v);
-        double own[3] = {0, 0, 0};
-        for (int k = around_start[v]; k < around_start[v + 1]; k++)
-            add_unit_normal(surface, n.position, around[k], angle_at(surface, n.position, around[k], v), own);
-        const double most = parallel * length(own);
+        for (int i = excluded_start[v]; i < excluded_start[v + 1]; i++) n.mark[excluded[i]] = v + 1;
+        double own[3] = {0, 0, 0}; // its normal, once a triangle asks for it
         visit_near(surface, n.box, x, reach * edge, [&](int t) {
+            if (count == room || n.mark[t] == v + 1) return;
+            if (dot(own, own) == 0) add_vertex_normal(n.position, v, own);
             double normal[3] = {0, 0, 0};
             add_unit_normal(surface, n.position, t, 1, normal);
-            if (count == room || dot(own, normal) > most || is_excluded(v, t)) return;
+            if (dot(own, normal) > parallel * length(own)) return;
             Contact at;
             at.triangle = t;
             place(surface, n.position, t, x, at.weight, at.point);
             const double s = signed_distance(n.position, x, at);
-            if (s > (any_behind[v] > 0 ? -reach * edge : -2 * gap)) n.triangle[count++] = double(t);
+            if (!(s > (any_behind[v] > 0 ? -reach * edge : -2 * gap))) return;
+            const double before = std::max(s, 0.0); // what is behind stays
+            size_t i = count++;
+            for (; i > size_t(n.first[v]) && n.away[i - 1] > before; i--)
+                n.away[i] = n.away[i - 1], n.triangle[i] = n.triangle[i - 1];
+            n.away[i] = before, n.triangle[i] = double(t);
         });
     }
     n.first[surface.vertices()] = double(count);
-    *n.known = 1;
+    *n.known = 1, *n.moved = 0;
 }
 
 double SelfContact::farthest(const Near& n) const {
     return (n.first[surface.vertices()] > 0 ? most_moved : most_alone) * edge;
 }
 
-bool SelfContact::arrive(const double* u, double* work) const {
+bool SelfContact::accept(const double* u, double* work) const {
     const Near n = near(work);
-    if (const double moved = place_vertices(n, u); *n.known > 0 && moved <= 0.5 * farthest(n)) return false;
+    const double moved = place_vertices(n, u);
+    if (*n.known > 0 && moved <= refreshed * farthest(n)) return false;
+    const bool follows = *n.known > 0 && moved <= farthest(n); // else a caller has set u
     for (size_t i = 0; i < points.size(); i++) {
         Contact contact;
-        n.behind[i] = *n.known > 0 && contact_of(n, int(i), contact) && contact.distance < 0;
+        n.behind[i] = follows && contact_of(n, int(i), contact) && contact.distance < 0;
     }
     find_near(n);
     return true;
@@ -268,7 +199,13 @@ bool SelfContact::arrive(const double* u, double* work) const {
 
 double SelfContact::longest_move(const double* work) const {
     const Near n = near(const_cast<double*>(work));
-    return (*n.known > 0 ? 0.5 : 0) * farthest(n);
+    return (*n.known > 0 ? 1 - refreshed : 0) * farthest(n);
+}
+
+// Unit normals of the triangles at a vertex, by their angles.
+void SelfContact::add_vertex_normal(const double* position, int vertex, double out[3]) const {
+    for (int k = around_start[vertex]; k < around_start[vertex + 1]; k++)
+        add_unit_normal(surface, position, around[k], angle_at(surface, position, around[k], vertex), out);
 }
 
 // By the pseudonormal at the closest point: of the face, of both faces at an edge, of all at a vertex by their angles.
@@ -278,10 +215,7 @@ double SelfContact::signed_distance(const double* position, const double* x, Con
     const int corner = int(std::max_element(w, w + 3) - w), without = int(std::min_element(w, w + 3) - w);
     std::fill_n(at.normal, 3, 0.0);
     if (w[corner] == 1) {
-        for (int k = around_start[v[corner]]; k < around_start[v[corner] + 1]; k++) {
-            const double angle = angle_at(surface, position, around[k], v[corner]);
-            add_unit_normal(surface, position, around[k], angle, at.normal);
-        }
+        add_vertex_normal(position, v[corner], at.normal);
     } else {
         add_unit_normal(surface, position, at.triangle, 1, at.normal);
         const int beyond = surface.across[3 * size_t(at.triangle) + (without + 1) % 3];
@@ -292,8 +226,8 @@ double SelfContact::signed_distance(const double* position, const double* x, Con
     return std::copysign(length(way), dot(way, at.normal));
 }
 
-// Whether a point behind a triangle was before it at the last arrival. Where the surface is bent between the two, so
-// that the triangle only turned, the way from it has not.
+// Whether a point behind a triangle was before it in the last accepted step. Where the surface is bent between the two,
+// so that the triangle only turned, the way from it has not.
 bool SelfContact::went_through(const Near& n, int point, const Contact& at) const {
     double x[3], before[3], way[3];
     middle(n.position, points[point].end, x);
@@ -312,8 +246,12 @@ bool SelfContact::contact_of(const Near& n, int number, Contact& found) const {
     const Point& point = points[number];
     double x[3], least = infinity;
     middle(n.position, point.end, x);
+    // Neither it nor a triangle has moved further than *n.moved.
+    const double* from = n.reference;
+    const double half = distance(from + 3 * size_t(point.end[0]), from + 3 * size_t(point.end[1])) / 2;
+    const double farthest = gap + half + 2 * *n.moved;
     for (int e = 0; e < (point.end[0] == point.end[1] ? 1 : 2); e++)
-        for (int i = int(n.first[point.end[e]]); i < int(n.first[point.end[e] + 1]); i++) {
+        for (int i = int(n.first[point.end[e]]); i < int(n.first[point.end[e] + 1]) && n.away[i] <= farthest; i++) {
             double w[3], q[3];
             place(surface, n.position, int(n.triangle[i]), x, w, q);
             if (const double square = square_of_distance(x, q);
@@ -331,7 +269,7 @@ bool SelfContact::contact_of(const Near& n, int number, Contact& found) const {
     return true;
 }
 
-// False if the vertices have moved too far since the last arrival.
+// False if the vertices have moved too far since the last accepted step.
 template <class Act> bool SelfContact::for_each_contact(const double* u, double* work, Act&& act) const {
     const Near n = near(work);
     const double moved = place_vertices(n, u);

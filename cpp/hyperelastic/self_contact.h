@@ -11,12 +11,12 @@ namespace palpate {
 // Elements, and for each vertex of their surface and middle of an edge that comes closer than `gap` to another part of
 // it, or gets behind it,
 //
-//     E = A mu / gap (gap - s)^2
+//     E = A mu / (4 gap) (gap - s)^2
 //
 // s: the point's signed distance to that part; A: its area; mu: the shear modulus there. So the pressure at s = 0 is
-// 2 mu, more than soft tissue is pressed with. There is no friction. Another part is what does not hang together with
+// mu / 2, and mu where parts overlap by the gap. There is no friction. Another part is what does not hang together with
 // the point within 3 edges at rest, or faces it across a cleft, and is not closer than the gap at rest. Only a part
-// that the point was before, not behind, when a descent last arrived can be met: behind is also the far side of a wall.
+// that the point was before, not behind, in the last accepted step can be met: behind is also the far side of a wall.
 // The energy is infinite where a vertex has moved too far since then to tell.
 class SelfContact : public HyperelasticEnergy {
 public:
@@ -30,7 +30,7 @@ public:
     // Of the contacts the part that grows with mu: the turning of their normals is left out, so that it stays positive.
     void tangent(const double* u, const double* v, int count, double* out, double* work) const override;
     const HyperelasticEnergy& elastic() const override { return elements; }
-    bool arrive(const double* u, double* work) const override;
+    bool accept(const double* u, double* work) const override;
     double longest_move(const double* work) const override;
 
     int nodes() const override { return elements.nodes(); }
@@ -43,7 +43,7 @@ private:
     double edge = 0; // mean length, mm
     struct Point {
         int end[2];       // vertices, whose middle it is; twice the same for a vertex
-        double stiffness; // 2 A mu / gap, N/mm
+        double stiffness; // A mu / (2 gap), N/mm
     };
     std::vector<Point> points;
     std::vector<int> around_start, around;     // triangles at each vertex
@@ -58,6 +58,7 @@ private:
     double place_vertices(const Near& near, const double* u) const;
     void find_near(const Near& near) const;
     double farthest(const Near& near) const;
+    void add_vertex_normal(const double* position, int vertex, double out[3]) const;
     double signed_distance(const double* position, const double* x, Contact& at) const;
     bool went_through(const Near& near, int point, const Contact& at) const;
     bool contact_of(const Near& near, int point, Contact& found) const;

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 from scipy.spatial import cKDTree
@@ -33,7 +33,7 @@ def flaps():
 
 @pytest.fixture(scope="module")
 def model(flaps):
-    return pp.model(flaps, "neo-hookean")
+    return pp.model(flaps, "neo-hookean", self_contact=True)
 
 
 def with_contact(tissue):
@@ -81,11 +81,24 @@ def overlap(tissue, u):
 
 @pytest.mark.parametrize("depth", [5.0, 12.0])
 def test_a_fold_of_two_flaps_does_not_overlap(flaps, model, depth):
-    free = pp.model(flaps, "neo-hookean", self_contact=False).push(LEFT, (depth, 0, 0), RADIUS)
+    free = pp.model(flaps, "neo-hookean").push(LEFT, (depth, 0, 0), RADIUS)
     answer = model.push(LEFT, (depth, 0, 0), RADIUS)
     assert overlap(flaps, free.displacement) > 0.8
     assert overlap(flaps, answer.displacement) <= 0.2
     assert -answer.force[0] > 1.1 * -free.force[0]  # the other flap resists
+
+
+@settings(max_examples=10)
+@given(
+    left=st.booleans(),
+    y=st.floats(2, 14),
+    z=st.floats(18, 38),
+    way=st.tuples(st.floats(5, 12), st.floats(-6, 6), st.floats(-6, 3)),
+)
+@example(left=True, y=7.7, z=21.2, way=(10.1, -4.6, -2.5))  # low in the cleft, where its sides hang together
+def test_nor_do_they_wherever_and_however_one_is_pushed(flaps, model, left, y, z, way):
+    point, side = (LEFT[0], 1) if left else (RIGHT[0], -1)
+    assert overlap(flaps, model.push((point, y, z), (side * way[0], *way[1:]), RADIUS).displacement) <= 0.2
 
 
 @pytest.fixture(scope="module")

@@ -45,8 +45,6 @@ def check_record(record: Record, model: TissueModel, settings: Any) -> None:
     for name, value in settings_of(model, settings).items():
         if name == "nodal_weights" or (name == "interval" and value == 0 and has_nodal_weights(record)):
             continue  # a replay takes those of its record; version 0.1 knew no other
-        if name == "self_contact" and value == 0 and name not in record.settings:
-            continue
         if record.settings.get(name) != value:
             raise DataError(f"record: made with {name} = {record.settings.get(name)}, not {value:g}; use the record's")
 
@@ -95,10 +93,9 @@ def recorded_settings(record: Record) -> dict[str, Any]:
 
 def model_settings(record: Record) -> dict[str, Any]:
     """Keywords that make the recorded model from its tissue."""
-    settings = {name: value for name, value in record.settings.items() if name not in _SETTINGS}
-    if record.model == "neo-hookean" and "self_contact" not in settings:  # recorded before tissue met itself
-        settings["self_contact"] = 0.0
-    return settings | _of_0_1(record, record.model)
+    return {name: value for name, value in record.settings.items() if name not in _SETTINGS} | _of_0_1(
+        record, record.model
+    )
 
 
 def settings_after_change(record: Record, name: str) -> dict[str, Any]:
@@ -107,7 +104,5 @@ def settings_after_change(record: Record, name: str) -> dict[str, Any]:
 
 
 def _of_0_1(record: Record, name: str) -> dict[str, Any]:
-    """The models of version 0.1 solved in the ticks, and tissue did not meet itself."""
-    if not has_nodal_weights(record):
-        return {}
-    return {"neo-hookean": {"interval": 0, "self_contact": 0}, "multigrid": {"interval": 0}}.get(name, {})
+    """The models of version 0.1 solved in the ticks."""
+    return {"interval": 0} if name in ("neo-hookean", "multigrid") and has_nodal_weights(record) else {}

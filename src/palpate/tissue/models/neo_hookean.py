@@ -38,6 +38,7 @@ class NeoHookeanModel(TissueModel):
 
     self_contact: the surface does not go through itself where it folds: what comes closer than 0.2 mm to another part is
     pushed back without friction (`cpp/hyperelastic/self_contact.h`). What hangs together within 3 edges is no other part.
+    Solutions take up to twice as long, and where a tool slides in a deep dent a part may catch on another: not by default.
 
     An answer's `error` is an estimate, no bound: the residual in the energy norm that the descent has learnt of the
     tangent, over u in the norm of the tangent itself.
@@ -45,7 +46,7 @@ class NeoHookeanModel(TissueModel):
 
     native: "_core.multirate.MultirateModel | _core.hyperelastic.HyperelasticModel"
 
-    def __init__(self, tissue: Tissue, interval: int = 20, self_contact: bool = True) -> None:
+    def __init__(self, tissue: Tissue, interval: int = 20, self_contact: bool = False) -> None:
         interval = int(interval)
         if not 0 <= interval <= MOST_INTERVAL:
             raise DataError(f"interval: {interval} ticks; give 0 (descend in the ticks) to {MOST_INTERVAL}, such as 20")
@@ -64,7 +65,9 @@ class NeoHookeanModel(TissueModel):
         native: Any = self.equilibrium
         if interval:
             native = _core.multirate.MultirateModel(self.linear.native, self.equilibrium, interval, 0.5 * tissue.edge)
-        super().__init__(tissue, native, {"interval": float(interval), "self_contact": float(self_contact)})
+        super().__init__(
+            tissue, native, {"interval": float(interval)} | ({"self_contact": 1.0} if self_contact else {})
+        )
 
     def start(self) -> "_core.tissue.ModelState":
         """A state at rest, to hand to `push(warm=)`."""
