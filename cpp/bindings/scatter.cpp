@@ -10,7 +10,7 @@ using namespace palpate;
 
 namespace {
 
-// The arrays of palpate.scans.cross_sections.Tables, which outlive each call.
+// The arrays of palpate.scans.scatter.cross_sections, which outlive each call.
 Materials materials_of(double log_first, double log_step, const In<double, 3>& attenuation,
                        const In<double, 1>& momentum, const In<double, 2>& form_integral,
                        const In<double, 2>& incoherent_share) {
@@ -47,6 +47,7 @@ AntiscatterGrid grid_of(const double* size, const double* attenuation, int64_t e
 }
 
 using Three = std::array<double, 3>;
+constexpr double most_far = 1e6; // mm; a photon walks through what is empty
 
 std::tuple<Owned<int64_t, 3>, int64_t, int64_t, int64_t>
 image(double log_first, double log_step, In<double, 3> attenuation, In<double, 1> momentum, In<double, 2> form_integral,
@@ -55,6 +56,11 @@ image(double log_first, double log_step, In<double, 3> attenuation, In<double, 1
       std::array<double, 4> panel, int64_t rows, int64_t columns, In<double, 1> thickness, Three grid,
       In<double, 2> grid_attenuation, int64_t photons, uint64_t seed) {
     const Materials m = materials_of(log_first, log_step, attenuation, momentum, form_integral, incoherent_share);
+    expect_finite(solid, "solid: finite");
+    for (const Three& corner : {bounds[0], bounds[1], source})
+        for (double v : corner) expect(within(v, -most_far, most_far), "bounds, source: within 1e6 mm");
+    for (double v : field) expect(within(v, -most_far, most_far), "field: within 1e6 mm");
+    for (double v : panel) expect(within(v, -most_far, most_far), "panel: within 1e6 mm");
     expect(solid.shape(0) == material.size() && solid.shape(1) == size_t(Body::numbers), "solid: (parts, 12)");
     expect_numbers(material, size_t(m.count), "material: the number of one of the materials");
     expect(source[2] > bounds[1][2] && bounds[0][2] >= 0, "the body lies between source and panel");

@@ -1,6 +1,6 @@
 #pragma once
 // How materials weaken and scatter X-rays: tables of linear attenuation, form factors and incoherent scattering
-// functions, as palpate.scans.cross_sections makes them.
+// functions, as palpate.scans.scatter.cross_sections makes them.
 #include <cmath>
 #include <cstdint>
 

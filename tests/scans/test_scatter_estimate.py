@@ -173,6 +173,12 @@ def test_scatter_comes_from_a_file_and_notes_say_so(tmp_path):
     assert found[:1].notes == found.notes
 
 
+def test_scatter_is_not_added_twice():
+    once = add_scatter(slab_scan(20.0), "estimate", 30, "W/Rh", 15, "none")
+    with pytest.raises(DataError, match="already"):
+        add_scatter(once, "estimate", 30, "W/Rh", 15, "none")
+
+
 def test_scatter_that_cannot_be_is_refused(tmp_path):
     scan = slab_scan(20.0)
     with pytest.raises(DataError, match="voltage"):

@@ -20,6 +20,11 @@ def add_scatter(
     """
     if scatter == "none":
         return scan
+    if "scatter" in scan.notes:
+        raise DataError(
+            f"scatter: the scan has some in its background already ({scan.notes['scatter']}); leave scatter out, or import "
+            f"the scan without it"
+        )
     if scatter == "estimate":
         if kv is None:
             raise DataError("scatter: estimate needs the tube voltage (--kv, or kv under beam in the geometry file)")
