@@ -87,14 +87,14 @@ def test_every_length_follows_the_units_and_no_angle_does(tmp_path, motion, unit
 
 
 def test_a_parallel_beam_of_one_view_is_given_by_its_direction(tmp_path):
-    text = template("free").replace("source: [0, 0, 1000]", "beam: [0, 0, -2]")
+    text = template("free").replace("source: [0, 0, 1000]", "direction: [0, 0, -2]")
     views = pp.read_geometry(written(tmp_path / "g.yaml", text)).views
     assert views.parallel.tolist() == [False, True, False]
     low, high = views.project([(3, 4, 10)])[1], views.project([(3, 4, 90)])[1]
     np.testing.assert_allclose(low, high, atol=1e-3)
-    for wrong in ("beam: [0, 0, 0]", "source: [0, 0, 9], beam: [0, 0, -1]"):
+    for wrong in ("direction: [0, 0, 0]", "source: [0, 0, 9], direction: [0, 0, -1]"):
         bad = template("free").replace("- source: [0, 0, 1000]", "- {" + wrong + "}  ")
-        with pytest.raises(GeometryError, match=r"views\[1\].*beam"):
+        with pytest.raises(GeometryError, match=r"views\[1\].*direction"):
             pp.read_geometry(written(tmp_path / "g.yaml", bad))
 
 

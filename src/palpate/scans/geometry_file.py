@@ -220,11 +220,9 @@ def _free(common: Mapping[str, Any], entries: Sequence[Any], length: float) -> V
     sources, panels = [], []
     for k, entry in enumerate(entries):
         where = f"views[{k}]"
-        view = _mapping(where, entry, (), ("source", "beam", "panel"))
-        if ("source" in view) == ("beam" in view):
-            raise GeometryError(
-                f"{where}: give either source (focal spot) or beam (direction of a parallel beam's rays)"
-            )
+        view = _mapping(where, entry, (), ("source", "direction", "panel"))
+        if ("source" in view) == ("direction" in view):
+            raise GeometryError(f"{where}: give either source (focal spot) or direction (of a parallel beam's rays)")
         sources.append(_source(where, view, length))
         pose = _mapping(f"{where}.panel", view.get("panel") or {}, (), ("origin", "centre", "row_axis", "column_axis"))
         placed = {k: v for k, v in common.items() if not (k in ("origin", "centre") and {"origin", "centre"} & {*pose})}
@@ -238,12 +236,10 @@ def _source(where: str, view: Mapping[str, Any], length: float) -> Float64:
     """The focal spot, mm; of a parallel beam one that is far away against the direction of its rays."""
     if "source" in view:
         return _numbers(f"{where}.source", view["source"], 3) * length
-    beam = _numbers(f"{where}.beam", view["beam"], 3)
-    if not np.linalg.norm(beam) > 0:
-        raise GeometryError(
-            f"{where}.beam: expected the direction (x, y, z) in which the rays run, got {view['beam']!r}"
-        )
-    return np.asarray(-orbits.AWAY * beam / np.linalg.norm(beam))
+    way = _numbers(f"{where}.direction", view["direction"], 3)
+    if not np.linalg.norm(way) > 0:
+        raise GeometryError(f"{where}.direction: expected (x, y, z), in which the rays run, got {view['direction']!r}")
+    return np.asarray(-orbits.AWAY * way / np.linalg.norm(way))
 
 
 def _panel(where: str, given: Mapping[str, Any], length: float) -> Panel:

@@ -136,7 +136,7 @@ views:
     "free": """\
 views:                        # one entry a view, in the order of the stack
   - source: [-200, 0, 1000]
-  - source: [0, 0, 1000]      # or beam: [0, 0, -1], the direction of a parallel beam's rays
+  - source: [0, 0, 1000]      # or direction: [0, 0, -1], of a parallel beam's rays
   - source: [200, 0, 1000]
     panel:                    # only where the panel moves: its pose in this view (shape and pitch stay)
       centre: [-12, 0, 0]

@@ -4,11 +4,10 @@ import numpy as np
 
 from palpate.arrays import ArrayLike, Float64, float64
 from palpate.errors import GeometryError
-from palpate.scans.trajectories import rotating_views
+from palpate.scans.trajectories import at_least, rotating_views
 from palpate.scans.views import PARALLEL, Panel, Views
 
 AWAY = 5 * PARALLEL  # mm from the centre, of the focal spot of a parallel beam
-MOST = 100_000  # views; no scan has more
 
 
 def orbit_views(
@@ -140,8 +139,7 @@ def _around(
     along, middle = float64("axis", axis, (3,)), float64("centre", centre, (3,))
     if not np.linalg.norm(along) > 0:
         raise GeometryError(f"axis: expected a direction (x, y, z), got {axis!r}")
-    if not 1 <= count <= MOST or int(count) != count:
-        raise GeometryError(f"count: expected a whole number from 1 to {MOST}, got {count!r}")
+    count = at_least("count", count, 1)
     if not 0 < arc <= 360 or not abs(start) <= 360:
         raise GeometryError(f"arc, start: expected 0 < arc <= 360 and a start within ±360 degrees, got {arc}, {start}")
     if not abs(elevation) < 90:
@@ -155,7 +153,7 @@ def _around(
     corner = flat.points([(n - 1) / 2 for n in flat.shape])[0]
     panel = Panel(flat.shape, flat.pitch, middle - behind * towards - corner, flat.row_axis, flat.column_axis)
     closed = arc == 360 or (arc == 180 and before == AWAY)
-    angles = start + np.linspace(0, arc, int(count), endpoint=not closed)
+    angles = start + np.linspace(0, arc, count, endpoint=not closed)
     turns = (angles + 180) % 360 - 180
     return rotating_views(panel, turns, source=middle + before * towards, pivot=middle, axis=along)
 

@@ -58,7 +58,7 @@ def circular_views(
     [200.0, 0.0, 500.0]
     """
     _positive("radius", radius)
-    turn = np.radians(start) + 2 * np.pi * np.arange(_at_least("count", count, 1)) / count
+    turn = np.radians(start) + 2 * np.pi * np.arange(at_least("count", count, 1)) / count
     return _above(panel, radius * np.stack([np.cos(turn), np.sin(turn)], axis=1), height, centre, fulcrum)
 
 
@@ -108,7 +108,7 @@ def linear_views(
     [-50.0, 0.0, 50.0]
     """
     _positive("length", length)
-    along = np.linspace(-length / 2, length / 2, _at_least("count", count, 2))
+    along = np.linspace(-length / 2, length / 2, at_least("count", count, 2))
     turn = np.radians(direction)
     return _above(panel, along[:, None] * np.array([np.cos(turn), np.sin(turn)]), height, centre, fulcrum)
 
@@ -161,8 +161,8 @@ def hypocycloid_views(
     (15, 40, 48)
     """
     _positive("radius", radius)
-    n = _at_least("cusps", cusps, 3)
-    t = np.radians(start) + 2 * np.pi * np.arange(_at_least("count", count, 1)) / count
+    n = at_least("cusps", cusps, 3)
+    t = np.radians(start) + 2 * np.pi * np.arange(at_least("count", count, 1)) / count
     path = np.stack([(n - 1) * np.cos(t) + np.cos((n - 1) * t), (n - 1) * np.sin(t) - np.sin((n - 1) * t)], axis=1)
     return _above(panel, radius / n * path, height, centre, fulcrum)
 
@@ -296,7 +296,8 @@ def _positive(name: str, value: float) -> None:
         raise GeometryError(f"{name}: expected a positive length in mm, got {value!r}")
 
 
-def _at_least(name: str, value: int, low: int) -> int:
+def at_least(name: str, value: int, low: int) -> int:
+    """The value; raises `GeometryError` unless it is a whole number from `low` to `MOST`."""
     if not low <= value <= MOST or int(value) != value:
         raise GeometryError(f"{name}: expected a whole number of at least {low} and at most {MOST}, got {value!r}")
     return int(value)
