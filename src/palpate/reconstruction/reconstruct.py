@@ -165,7 +165,7 @@ def iterates(
     check_window(window, cutoff)
     check_relaxation(relaxation)
     chosen = LIKELIHOODS[likelihood] if isinstance(likelihood, str) else likelihood
-    inside, notes, flat = None, {}, False
+    inside, notes, flat = None, dict(scan.notes), False
     if not (isinstance(support, str) and support == "none"):
         measured = scan
         inside, scan, flat = chosen_support(support, method, scan, grid)

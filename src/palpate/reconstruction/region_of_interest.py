@@ -116,7 +116,7 @@ def local_scan(scan: Scan, grid: Grid, region: Grid, outside: Volume | None = No
     inside = average_onto(outside, region)
     l = Projector(local.views, outside.grid)(outside.values) - Projector(local.views, region)(inside)
     incident = local.incident * np.exp(-np.clip(l, 0, OPAQUE))
-    return Scan(local.counts, incident, local.views, local.background, local.mask)
+    return Scan(local.counts, incident, local.views, local.background, local.mask, local.notes)
 
 
 def reconstruct_full_field(
@@ -165,7 +165,7 @@ def crop_to_region(scan: Scan, region: Grid) -> Scan:
         np.stack([a[k, v : v + size[0], u : u + size[1]] for k, (v, u) in enumerate(first)])
         for a in (scan.counts, scan.incident, scan.background, scan.mask)
     )
-    return Scan(y, b, Views(views.source, panels, views.direction), r, mask)
+    return Scan(y, b, Views(views.source, panels, views.direction), r, mask, scan.notes)
 
 
 def average_onto(volume: Volume, grid: Grid) -> Float32:

@@ -1,8 +1,11 @@
 """Draws a raw view before and after its correction, a profile across it, and the map of bad pixels."""
 
+from typing import Any
+
 import numpy as np
 from matplotlib.colors import ListedColormap
 from matplotlib.patches import Patch
+from scipy import ndimage
 
 from palpate.arrays import AnyArray, ArrayLike, Bool
 from palpate.errors import DataError
@@ -92,20 +95,18 @@ def _typical_row(good: Bool) -> int:
 
 
 def _filled(image: AnyArray, good: Bool) -> AnyArray:
-    from scipy import ndimage
-
     nearest = ndimage.distance_transform_edt(~good, return_distances=False, return_indices=True)
     return np.asarray(image[tuple(nearest)])
 
 
-def _draw_kinds(frame: object, kinds: AnyArray) -> None:
+def _draw_kinds(frame: Any, kinds: AnyArray) -> None:
     step = -(-max(kinds.shape) // DOTS)
     rows, columns = (-(-n // step) * step for n in kinds.shape)
     padded = np.zeros((rows, columns), np.uint8)
     padded[: kinds.shape[0], : kinds.shape[1]] = kinds
     dots = padded.reshape(rows // step, step, columns // step, step).max(axis=(1, 3))  # one bad pixel must be seen
     extent = (-0.5, columns - 0.5, rows - 0.5, -0.5)
-    frame.imshow(  # type: ignore[attr-defined]
+    frame.imshow(
         dots,
         cmap=ListedColormap(SHADES),
         vmin=-0.5,
@@ -116,6 +117,6 @@ def _draw_kinds(frame: object, kinds: AnyArray) -> None:
     there = [i for i in range(1, len(KINDS)) if (kinds == i).any()]
     marks = [Patch(color=SHADES[i], label=f"{KINDS[i]}: {np.count_nonzero(kinds == i)}") for i in there]
     title = f"bad pixels: {np.count_nonzero(kinds)} ({np.mean(kinds != 0):.2%})"
-    frame.set(title=title, xlabel="column", ylabel="row")  # type: ignore[attr-defined]
+    frame.set(title=title, xlabel="column", ylabel="row")
     if marks:
-        frame.legend(handles=marks, loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2, fontsize=8)  # type: ignore[attr-defined]
+        frame.legend(handles=marks, loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2, fontsize=8)

@@ -310,7 +310,7 @@ def precorrected(scan: Scan, curve: Curve | Table) -> Scan:
     lit = scan.mask & (signal > 0)
     p = np.log(np.where(lit, scan.incident, 1) / np.where(lit, signal, 1))
     corrected = np.where(lit, scan.incident * np.exp(-_table(curve).inverse(p)) + scan.background, scan.counts)
-    return Scan(corrected, scan.incident, scan.views, scan.background, scan.mask)
+    return Scan(corrected, scan.incident, scan.views, scan.background, scan.mask, scan.notes)
 
 
 def _table(curve: Curve | Table) -> Table:

@@ -63,7 +63,7 @@ def coordinate_descent(
 
 
 def data_curvature(A: Projector, likelihood: Likelihood) -> Float32:
-    """d_j = Σ_i a_ij² c_i with the precomputed curvature: how well the data alone know a voxel, mm². Sampled: see below."""
+    """d_j = Σ_i a_ij² c_i with the precomputed curvature: how well the data alone know a voxel, mm²; a sample of it."""
     return sampled_diagonal(A, likelihood.curvature(np.zeros(A.range_shape, np.float32), "precomputed"))
 
 
