@@ -35,12 +35,12 @@ void bind_icd(nb::module_& m) {
            double relaxation, bool backwards, std::optional<In<uint8_t, 3>> support) {
             const Grid& grid = data.geometry.grid;
             const int64_t shape[3] = {grid.nz, grid.ny, grid.nx};
-            const double spacing[3] = {grid.dz, grid.dy, grid.dx};
+            const Spacing spacing = {grid.dz, grid.dy, grid.dx};
             if (int64_t(f.size()) != shape[0] * shape[1] * shape[2]) throw std::invalid_argument("volume: wrong size");
             if (support) expect(support->size() == f.size(), "support: wrong size");
             nb::gil_scoped_release release;
-            descend(neighbourhood(shape, spacing, potential.with(edge), potential.neighbours),
-                    {float(beta), float(relaxation), backwards}, data, f.data(), support ? support->data() : nullptr);
+            descend(neighbourhood_of(shape, spacing, potential, edge), {float(beta), float(relaxation), backwards},
+                    data, f.data(), support ? support->data() : nullptr);
         },
         "data"_a, "f"_as_is, "potential"_a, "edge"_a, "beta"_a, "relaxation"_a = 1.0, "backwards"_a = false,
         "support"_as_is = nb::none(),

@@ -70,7 +70,9 @@ void bind_prior(nb::module_& m) {
     nb::class_<PriorKernel>(m, "PriorKernel", "Potential and neighbours of a prior, as the kernels take them.")
         .def(nb::init<int>(), "potential"_a)
         .def(nb::init<int, double, int, std::optional<In<float, 2>>>(), "potential"_a, "exponent"_a, "neighbours"_a,
-             "table"_as_is = nb::none());
+             "table"_as_is = nb::none())
+        .def("within", &PriorKernel::within, "outside"_as_is,
+             "The same, without pairs of a voxel and one outside the support; outside: Σ ω of those of each voxel.");
     nb::implicitly_convertible<int, PriorKernel>();
     m.attr("TABLE_STEPS") = int(PotentialTable::steps);
     m.attr("TABLE_OCTAVES") = int(PotentialTable::octaves); // below 1, and as many above

@@ -21,6 +21,7 @@ struct PriorKernel {
     PotentialParameters law;
     int neighbours = 26;
     std::shared_ptr<PotentialTable> table;
+    std::optional<In<float, 3>> outside; // see Neighbourhood
 
     explicit PriorKernel(int potential) {
         expect(potential >= 0 && potential <= int(Potential::tabulated), "potential: 0 to 5");
@@ -38,6 +39,11 @@ struct PriorKernel {
         std::copy_n(columns->data() + PotentialTable::size, PotentialTable::size, table->value);
         law.table = table.get();
     }
+    PriorKernel within(In<float, 3> border) const {
+        PriorKernel made = *this;
+        made.outside = border;
+        return made;
+    }
     PotentialParameters with(double edge) const {
         if (law.potential == Potential::tabulated && !table) throw std::invalid_argument("table: none given");
         PotentialParameters made = law;
@@ -46,10 +52,19 @@ struct PriorKernel {
     }
 };
 
+inline Neighbourhood neighbourhood_of(const int64_t shape[3], const Spacing& spacing, const PriorKernel& potential,
+                                      double edge) {
+    Neighbourhood n = neighbourhood(shape, spacing.data(), potential.with(edge), potential.neighbours);
+    if (!potential.outside) return n;
+    for (int k = 0; k < 3; k++) expect(int64_t(potential.outside->shape(k)) == shape[k], "outside: the volume's shape");
+    n.outside = potential.outside->data();
+    return n;
+}
+
 inline Neighbourhood neighbourhood_of(const In<float, 3>& f, const Spacing& spacing, const PriorKernel& potential,
                                       double edge) {
-    int64_t shape[3] = {int64_t(f.shape(0)), int64_t(f.shape(1)), int64_t(f.shape(2))};
-    return neighbourhood(shape, spacing.data(), potential.with(edge), potential.neighbours);
+    const int64_t shape[3] = {int64_t(f.shape(0)), int64_t(f.shape(1)), int64_t(f.shape(2))};
+    return neighbourhood_of(shape, spacing, potential, edge);
 }
 
 } // namespace palpate

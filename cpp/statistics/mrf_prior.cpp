@@ -128,7 +128,7 @@ void add_neighbours(const Neighbourhood& n, const float* f, int64_t z, int64_t y
 
 Neighbourhood neighbourhood(const int64_t shape[3], const double spacing[3], const PotentialParameters& law,
                             int neighbours) {
-    Neighbourhood n{shape[0], shape[1], shape[2], {}, law};
+    Neighbourhood n{shape[0], shape[1], shape[2], {}, law, nullptr};
     if (law.potential == Potential::quadratic) n.law.edge = 1;
     const int most = neighbours == 6 ? 1 : neighbours == 18 ? 2 : 3; // coordinates in which neighbours may differ
     double volume = spacing[0] * spacing[1] * spacing[2];
@@ -157,6 +157,19 @@ void prior_surrogate(const Neighbourhood& n, const float* f, float* gradient, fl
         for (int64_t z = std::max<int64_t>(0, begin - 1); z < end; z++)
             for (int64_t y = 0; y < n.ny; y++)
                 add_forward(n, f, z, y, begin, end - 1, {gradient, curvature}, discarded);
+        for (int64_t row = begin * n.ny; row < end * n.ny; row++) {
+            const int64_t here = row * n.nx;
+            leave_out_border(n, f + here, row / n.ny, row % n.ny, 0, n.nx, gradient + here, curvature + here);
+        }
+    });
+}
+
+void leave_out_border(const Neighbourhood& n, const float* row, int64_t z, int64_t y, int64_t begin, int64_t end,
+                      float* slope, float* curvature) {
+    for_each_at_border(n, z, y, begin, end, [&](int64_t x, float weight) {
+        const float k = weight * potential_curvature(n.law, row[x]);
+        slope[x - begin] -= k * row[x];
+        curvature[x - begin] -= k;
     });
 }
 

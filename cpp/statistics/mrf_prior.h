@@ -12,11 +12,28 @@ struct Neighbourhood {
     int64_t nz, ny, nx;
     float weight[3][3][3]; // ω of the step (dz, dy, dx) at [dz + 1][dy + 1][dx + 1], mm; 0 where no neighbour
     PotentialParameters law;
+    // (nz, ny, nx) Σ ω over the neighbours of each voxel that lie outside the object's support, where f is 0; such
+    // pairs do not count. Null where there is no support.
+    const float* outside = nullptr;
 };
 
 // ω = V / (d·d̄): V the volume of a voxel, d the distance of the pair, d̄ the smallest spacing. spacing: (z, y, x), mm.
 Neighbourhood neighbourhood(const int64_t shape[3], const double spacing[3], const PotentialParameters& law,
                             int neighbours);
+
+// Calls visit(x, Σ ω) for each of voxels begin .. end - 1 of a row that has neighbours outside the support.
+template <class Visit>
+void for_each_at_border(const Neighbourhood& n, int64_t z, int64_t y, int64_t begin, int64_t end, Visit visit) {
+    if (!n.outside) return;
+    const float* row = n.outside + (z * n.ny + y) * n.nx;
+    for (int64_t x = begin; x < end; x++)
+        if (row[x] != 0) visit(x, row[x]);
+}
+
+// Takes the pairs with voxels outside the support out of the sums of a row's voxels begin .. end - 1: there f is 0.
+// row: of f; slope, curvature: (end - begin).
+void leave_out_border(const Neighbourhood& n, const float* row, int64_t z, int64_t y, int64_t begin, int64_t end,
+                      float* slope, float* curvature);
 
 // Calls visit(first, there, count, weight) for each of the 13 steps that lead forward from a row of voxels: its voxels
 // from `first` on have `count` neighbours, which lie from `there` on, counted from the row's first voxel.

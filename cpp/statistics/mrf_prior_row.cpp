@@ -130,7 +130,8 @@ void prior_of_row(const Neighbourhood& n, const float* f, int64_t z, int64_t y, 
     if (n.law.potential == Potential::lange) {
         NeighbourRow rows[row_count];
         find_neighbour_rows(n, row, z, y, backwards, rows);
-        return lange_row(rows, n.law, begin, end, n.nx, slope, curvature);
+        lange_row(rows, n.law, begin, end, n.nx, slope, curvature);
+        return leave_out_border(n, row, z, y, begin, end, slope, curvature);
     }
     prior_across_rows(n, f, z, y, begin, end, slope, curvature);
     for (int64_t x = begin; x < end; x++) {
@@ -141,6 +142,7 @@ void prior_of_row(const Neighbourhood& n, const float* f, int64_t z, int64_t y, 
         slope[x - begin] += k * t;
         curvature[x - begin] += k;
     }
+    leave_out_border(n, row, z, y, begin, end, slope, curvature);
 }
 
 } // namespace palpate

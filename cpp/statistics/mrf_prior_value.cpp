@@ -124,6 +124,9 @@ double row_value(const Neighbourhood& n, const float* f, int64_t z, int64_t y) {
     for_each_forward_step(n, z, y, [&](int64_t first, int64_t there, int64_t count, double weight) {
         total += weight * sum(n.law, row + first, row + there, count);
     });
+    const float zero = 0;
+    for_each_at_border(n, z, y, 0, n.nx,
+                       [&](int64_t x, double weight) { total -= weight * sum(n.law, row + x, &zero, 1); });
     return total * n.law.edge * n.law.edge; // a quadratic one has edge 1: see neighbourhood()
 }
 

@@ -103,6 +103,12 @@ void prior_curvatures(const Neighbourhood& n, const float* f, const float* previ
         for_each_forward_step(n, z, y, [&](int64_t first, int64_t there, int64_t count, double weight) {
             bend_step(n.law, row.at(first), row.at(there), count, weight, sums);
         });
+        for_each_at_border(n, z, y, 0, n.nx, [&](int64_t x, double weight) {
+            const double bend = weight * potential_curvature(n.law, row.f[x]), dp = double(row.f[x]) - row.previous[x];
+            sums[0] -= bend * row.u[x] * row.u[x];
+            sums[1] -= bend * row.u[x] * dp;
+            sums[2] -= bend * dp * dp;
+        });
     });
 }
 

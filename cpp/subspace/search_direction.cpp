@@ -189,6 +189,7 @@ void search_direction(const Neighbourhood& n, const Majorizer& data, float beta,
                 NeighbourRow around[9];
                 const int count = neighbour_rows(n, z, y, around);
                 sum_neighbours(n.law, around, count, f + here, n.nx, rows.slope.data(), rows.bend.data());
+                leave_out_border(n, f + here, z, y, 0, n.nx, rows.slope.data(), rows.bend.data());
             }
             turn_row(rows.slope.data(), rows.bend.data(), rows.data.data(), beta, f + here, previous + here, n.nx,
                      u + here, &sums[2 * index]);

@@ -130,8 +130,8 @@ def iterates(
     support : str, Labels, Volume or array_like of bool, (z, y, x), optional
         Of "map" and "ml": where the object may be. Outside f = 0 at every level. "hull" is
         `support_hull`, which is not held where the object reaches beyond a side of the grid that rays cross. "none" is all of
-        the grid. A mask on the finest grid has 0 outside. A sheet over all of the field, such as a paddle, is taken out of
-        the incident beam, since it lies outside.
+        the grid. A mask on the finest grid has 0 outside. It is taken for the object's outline: the prior has no neighbours
+        beyond it. A sheet over all of the field, such as a paddle, is taken out of the incident beam, since it lies outside.
     resume : Step, optional
         The step after which to go on, exactly as if the run had never stopped.
     optimiser : str, optional
@@ -171,7 +171,7 @@ def iterates(
         inside, scan, flat = chosen_support(support, method, scan, grid)
         name = support if isinstance(support, str) else "mask"
         sheet = ", behind a sheet over all of the field" if scan is not measured else ""
-        notes["support"] = f"{name}, {inside.mean():.0%} of the voxels{sheet}"
+        notes["support"] = f"{name}, {(inside > 0).mean():.0%} of the voxels{sheet}"
     scans = pyramid(scan, grid, levels if method in ("map", "ml") else 1, downsample)
     A = Projector(scan.views, grid)  # raises GeometryError before any work
     if method == "fbp" or (method in ("map", "ml") and "descent" in optimizers):
@@ -312,7 +312,7 @@ def _run(
                 if last
                 else _initial_values(start, A, data, interpolation, inside)
             )
-            values = values if inside is None else values * inside
+            values = values if inside is None else values * (inside > 0)
             done, objective, before = 0, None, None
         remembers = method in ("map", "ml") and optimizers[level] != "descent"
         pace, own = None, None

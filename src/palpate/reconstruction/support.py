@@ -10,6 +10,7 @@ from palpate.arrays import AnyArray, Bool, Float32, Float64, UInt8, UInt16
 from palpate.errors import DataError, GeometryError
 from palpate.reconstruction.air_level import air_levels, expected_in_air, without_sheet
 from palpate.reconstruction.multiresolution import coarser_grid, coarser_scan
+from palpate.reconstruction.optimizers.problem import OUTLINE
 from palpate.reconstruction.prior_parameters import box_lengths
 from palpate.reconstruction.projector import Projector
 from palpate.scans.scan import Scan
@@ -128,7 +129,7 @@ def _with_margin(view: Views) -> Views:
 
 
 def chosen_support(support: Support, method: str, scan: Scan, grid: Grid) -> tuple[UInt8, Scan, bool]:
-    """(z, y, x): 1 inside, 0 outside; the scan without a sheet that lies outside; whether a flat start fits.
+    """(z, y, x): 0 outside, 1 inside a hull, `OUTLINE` inside a mask; the scan without a sheet that lies outside; whether a flat start fits.
 
     The hull is not held where rays bring attenuation from beyond the grid's sides: it would press that into the object.
     Raises `DataError`; warns of that, and of a mask that the counts contradict.
@@ -163,7 +164,8 @@ def chosen_support(support: Support, method: str, scan: Scan, grid: Grid) -> tup
     if not inside.any():
         raise DataError("support: the mask is empty; it is above 0 where the object may be")
     _warn_of_missed_object(inside, scan, grid)
-    return inside, scan if inside.all() else without_sheet(scan), not rays_leave_support(inside, scan.views, grid)
+    flat = not rays_leave_support(inside, scan.views, grid)
+    return OUTLINE * inside, scan if inside.all() else without_sheet(scan), flat
 
 
 def _warn_of_missed_object(inside: UInt8, scan: Scan, grid: Grid) -> None:

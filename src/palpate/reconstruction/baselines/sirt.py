@@ -49,7 +49,7 @@ def backproject(A: Projector, likelihood: Likelihood) -> Float32:
 
 def uniform_volume(A: Projector, likelihood: Likelihood, support: UInt8 | None = None) -> Float32:
     """A volume (z, y, x) of one value, 1/mm, whose line integrals are closest to the measured ones; 0 outside `support`."""
-    inside = np.ones(A.domain_shape, np.float32) if support is None else support.astype(np.float32)
+    inside = np.ones(A.domain_shape, np.float32) if support is None else (support > 0).astype(np.float32)
     length = (A(inside) * likelihood.measured).astype(np.float64)
     check_seen(length)
     value = max(0.0, float((length * likelihood.line_integrals).sum() / (length * length).sum()))

@@ -40,7 +40,8 @@ def coordinate_descent(
     pool = pool if pool is not None else VolumePool(A.grid.shape)
     values = np.ascontiguousarray(values, np.float32)
     l, slope, following = A(values), np.empty(A.range_shape, np.float32), np.empty(A.range_shape, np.float32)
-    penalty = Problem(A, likelihood, prior, beta, curvature).penalty
+    problem = Problem(A, likelihood, prior, beta, curvature, support)
+    penalty, law = problem.penalty, problem.law
     objective = value_and_slope(likelihood, l, slope) + penalty(values)
     kinds: tuple[Curvature, ...] = (curvature, "optimal") if curvature == "precomputed" else (curvature,)
     data, held = _core.icd.SurrogateImages(A.geometry), ""
@@ -51,7 +52,7 @@ def coordinate_descent(
             if kind != "precomputed" or kind != held:  # the precomputed curvature does not depend on l
                 data.set_curvature(np.ascontiguousarray(likelihood.curvature(l, kind)))
                 held = kind
-            _core.icd.sweep(data, values, *prior.law, beta, relaxation, support=support)
+            _core.icd.sweep(data, values, *law, beta, relaxation, support=support)
             A.project(values, following)
             now = value_and_slope(likelihood, following, slope) + penalty(values)
             if now <= objective or kind == kinds[-1]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -12,6 +13,9 @@ from palpate.reconstruction.models.likelihood import Curvature, Likelihood
 from palpate.reconstruction.models.mrf_prior import Prior
 from palpate.reconstruction.projector import Projector
 
+# In a support: a voxel within the object's own outline. Its neighbours outside do not count in R, which would draw the
+# object's rim towards the air. In a hull they do: much of it is air, as they are.
+OUTLINE = 2
 RISING = 1e30  # any gradient so steep that the prior does not outweigh it
 
 
@@ -20,7 +24,7 @@ class Problem:
     """Φ(f) = likelihood(A f) + β R(f), to be minimised over f >= 0, (z, y, x) 1/mm.
 
     beta: strength of the prior on this level, 0 for maximum likelihood. curvature: the kind that the user asked for.
-    support: (z, y, x), 0 where f = 0 is a constraint, else 1; None where there is none.
+    support: (z, y, x), 0 where f = 0 is a constraint, else 1, or `OUTLINE`; None where there is none.
     """
 
     A: Projector
@@ -36,17 +40,24 @@ class Problem:
 
     def penalty(self, f: Float32) -> float:
         """β R(f)."""
-        return self.beta * self.prior.value(f, self.A.grid) if self.beta > 0 else 0.0
+        return self.beta * _core.statistics.prior_value(f, self.A.grid.spacing, *self.law) if self.beta > 0 else 0.0
 
-    @property
+    @cached_property
     def law(self) -> tuple[_core.statistics.PriorKernel, float]:
         """The prior's, as the kernels take it; some law where there is no prior."""
-        return (self.prior if self.beta > 0 else Prior("quadratic")).law
+        kernel, edge = (self.prior if self.beta > 0 else Prior("quadratic")).law
+        if self.support is None:
+            return kernel, edge
+        inside = np.asarray(self.support > 0, np.float32)
+        pull = Prior("quadratic", neighbours=self.prior.neighbours).surrogate(inside, self.A.grid)[0]
+        return kernel.within(pull * (self.support == OUTLINE)), edge
 
     def gradient(self, f: Float32) -> Float32:
         """∇Φ(f), (z, y, x)."""
         slope = self.A.T(self.likelihood.slope(self.A(f)))
-        return slope + self.beta * self.prior.surrogate(f, self.A.grid)[0] if self.beta > 0 else slope
+        if self.beta == 0:
+            return slope
+        return slope + self.beta * _core.statistics.prior_surrogate(f, self.A.grid.spacing, *self.law)[0]
 
 
 def hold_outside(gradient: Float32, support: UInt8 | None) -> None:
