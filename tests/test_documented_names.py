@@ -13,7 +13,13 @@ from palpate import plugins
 
 REFERENCE = (Path(__file__).parents[1] / "docs" / "reference" / "index.md").read_text()
 OPTIONS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
-NOT_RUN = {"deformation_study", "head_study", "realtime_study", "tomosynthesis_study"}  # minutes each
+NOT_RUN = {
+    "deformation_study",
+    "detection_study",
+    "head_study",
+    "realtime_study",
+    "tomosynthesis_study",
+}  # minutes each
 RAISE_NOTHING = {"slab_phantom", "breast_phantom", "find_devices", "include"}
 
 

@@ -114,6 +114,7 @@ from .simulation.scoring import score as score
 from .simulation.session import Session as Session
 from .simulation.training_task import Task as Task
 from .studies.deformation.study import deformation_study as deformation_study
+from .studies.detection.study import detection_study as detection_study
 from .studies.head.study import head_study as head_study
 from .studies.realtime.study import realtime_study as realtime_study
 from .studies.tomosynthesis.study import tomosynthesis_study as tomosynthesis_study

@@ -1,0 +1,114 @@
+"""The detection study: one folder with runs, tables, figures, and one report."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from palpate.arrays import Float32
+from palpate.errors import DataError
+from palpate.report.stages import Progress, Stages, silent
+from palpate.studies.detection.acquisition import scatter_of
+from palpate.studies.detection.config import FULL, QUICK, Kind, Setting
+from palpate.studies.detection.judgement import Judgement
+from palpate.studies.detection.report_sections import TITLE, sections, shown_images
+from palpate.studies.detection.run import Record, scan_breast
+from palpate.studies.run_store import write_arrays
+from palpate.studies.study import Study
+
+FEWEST, MOST = 2, 1000
+
+
+def detection_study(
+    folder: str | Path,
+    *,
+    quick: bool = False,
+    seeds: int | None = None,
+    resume: bool = False,
+    docs: str | Path | None = None,
+    progress: Progress = silent,
+) -> Path:
+    """Ask model observers which masses and calcifications they find in each method's images of random breasts.
+
+    Breasts of three kinds are scanned with a polychromatic beam, scatter and quantum noise, at three doses, once with
+    signals and once without, under the same noise. MAP, SART, SIRT, filtered backprojection and total variation
+    reconstruct them, and the Reconstruction Toolkit where it is installed, each rival in several settings. A
+    channelised Hotelling observer, taught on other breasts, rates every place.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Receives report.html, and the folders tables, figures and runs.
+    quick : bool, optional
+        Use small breasts of one kind, for tests.
+    seeds : int, optional
+        Breasts of each kind, instead of 10.
+    resume : bool, optional
+        Go on from the breasts that are there.
+    docs : str or Path, optional
+        A folder that receives the page detection.md and its pictures.
+    progress : callable, optional
+        Called with what is done and the share done.
+
+    Returns
+    -------
+    Path
+        The report.
+
+    Raises
+    ------
+    DataError
+        If there are too few seeds for an observer to learn on other breasts.
+    FileError
+        If a folder cannot be written, or holds another study.
+
+    References
+    ----------
+    Barrett, Yao, Rolland & Myers, PNAS 90:9758, 1993. Burgess, Jacobson & Judy, Med. Phys. 28:419, 2001.
+
+    Examples
+    --------
+    >>> pp.detection_study("detection", quick=True)  # doctest: +SKIP
+    """
+    setting, option = (QUICK if quick else FULL), ""
+    if seeds is not None:
+        if not FEWEST <= seeds <= MOST:
+            raise DataError(f"seeds: expected {FEWEST} to {MOST} breasts of each kind, got {seeds}")
+        setting, option = replace(setting, seeds=seeds), f" --seeds {seeds}"
+    study = Study("detection", TITLE, Stages(Path(folder), resume, progress), quick, docs, option=option)
+    records = run_all(study.stages, setting, progress)
+    progress("report", 0.0)
+    judgement = Judgement(records, setting)
+    images = study.stages("shown.npz", lambda: shown_images(setting), write_arrays, _read)
+    tables = {"measures": judgement.rows, "claims": [vars(claim) | {"met": claim.met} for claim in judgement.claims]}
+    report = study.publish(tables, sections(judgement, images))
+    progress("report", 1.0)
+    return report
+
+
+def run_all(stages: Stages, setting: Setting, progress: Progress) -> dict[tuple[str, int], Record]:
+    """The record of every breast, each its own file, so that an interrupted study goes on."""
+    found = {}
+    for number, kind in enumerate(setting.kinds):
+        scatter = _scatter(stages, kind, number, setting)
+        for seed in range(setting.seeds):
+            name = f"{kind.name} breast {seed + 1} of {setting.seeds}"
+
+            def make(kind: Kind = kind, seed: int = seed, name: str = name, scatter: Float32 = scatter) -> Record:
+                return scan_breast(kind, seed, setting, scatter, lambda share: progress(name, share))
+
+            found[kind.name, seed] = stages(f"runs/{kind.name}-{seed}.npz", make, write_arrays, _read)
+    return found
+
+
+def _scatter(stages: Stages, kind: Kind, number: int, setting: Setting) -> Float32:
+    def make() -> Mapping[str, Float32]:
+        return {"scatter": scatter_of(kind, setting, 1000 * number)}
+
+    return np.asarray(stages(f"runs/scatter-{kind.name}.npz", make, write_arrays, _read)["scatter"], np.float32)
+
+
+def _read(path: Path) -> Record:
+    with np.load(path, allow_pickle=False) as file:
+        return {name: file[name] for name in file.files}
