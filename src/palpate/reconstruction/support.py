@@ -129,7 +129,7 @@ def _with_margin(view: Views) -> Views:
 
 
 def chosen_support(support: Support, method: str, scan: Scan, grid: Grid) -> tuple[UInt8, Scan, bool]:
-    """(z, y, x): 0 outside, 1 inside a hull, `OUTLINE` inside a mask; the scan without a sheet that lies outside; whether a flat start fits.
+    """(z, y, x): 0 outside, 1 inside a hull, `OUTLINE` inside a mask; the scan without a sheet; whether a flat start fits.
 
     The hull is not held where rays bring attenuation from beyond the grid's sides: it would press that into the object.
     Raises `DataError`; warns of that, and of a mask that the counts contradict.
