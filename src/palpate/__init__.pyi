@@ -68,11 +68,16 @@ from .scans.analytic_phantoms import Phantom as Phantom
 from .scans.analytic_phantoms import breast_phantom as breast_phantom
 from .scans.analytic_phantoms import slab_phantom as slab_phantom
 from .scans.bad_pixels import find_bad_pixels as find_bad_pixels
+from .scans.ball_calibration import BallCalibration as BallCalibration
+from .scans.ball_calibration import calibrate_from_balls as calibrate_from_balls
+from .scans.ball_calibration_plot import plot_ball_calibration as plot_ball_calibration
+from .scans.ball_file import read_balls as read_balls
 from .scans.correction_plot import plot_correction as plot_correction
 from .scans.detector_model import integrating_scan as integrating_scan
 from .scans.finding import Finding as Finding
 from .scans.geometry_file import read_geometry as read_geometry
 from .scans.geometry_plots import plot_geometry as plot_geometry
+from .scans.geometry_writer import write_geometry as write_geometry
 from .scans.importers import import_scan as import_scan
 from .scans.intensity_correction import equal_contrast as equal_contrast
 from .scans.intensity_correction import line_integrals as line_integrals

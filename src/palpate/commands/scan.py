@@ -1,4 +1,4 @@
-"""`palpate scan import|correct|check|simulate|template`: where every reconstruction starts."""
+"""`palpate scan import|correct|calibrate|check|simulate|template`: where every reconstruction starts."""
 
 import shlex
 from enum import StrEnum
@@ -10,8 +10,9 @@ import typer
 import palpate as pp
 from palpate.commands.findings import warn
 from palpate.commands.progress import doing
+from palpate.commands.scan_calibrate import calibrate_command
 
-MEANING = "Scan files: import, correct, check, simulate, or a geometry template."
+MEANING = "Scan files: import, correct, calibrate, check, simulate, or a geometry template."
 PICTURES = (".png", ".svg", ".pdf")
 FOUND = 3  # exit code of `palpate scan check` where something is wrong
 scan_app = typer.Typer(
@@ -142,6 +143,11 @@ def correct_command(
         typer.echo(f"{plot}: before and after")
     if check:
         warn(pp.check_scan(done.scan))
+
+
+scan_app.command("calibrate", short_help="Finds the geometry from a phantom of balls at known places.")(
+    calibrate_command
+)
 
 
 @scan_app.command("check", short_help="Looks for mistakes in geometry, counts and grid.")
