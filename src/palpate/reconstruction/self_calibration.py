@@ -48,16 +48,18 @@ def calibrate(
     *,
     drift: bool = True,
     shifts: bool = True,
-    rounds: int = 4,
+    rounds: int = 12,
     iterations: int = 10,
     likelihood: LikelihoodOf = "poisson",
     fine: float = 4.0,
+    memory: int = 4,
 ) -> Calibration:
     """Estimate a gain and a panel shift for each view, by turns with a reconstruction.
 
     In each round every view is compared with the re-projection of the volume from all views. Gain and shift follow by
-    least squares. Few iterations keep the volume smooth, so that it does not follow the error of a single view. What the
-    data cannot tell stays as it was: the mean gain, and shifts that a displacement of the object would cause.
+    least squares. Few iterations keep the volume smooth, so that it does not follow the error of a single view. Volume and
+    shifts by turns converge slowly, so the shifts are extrapolated from the last rounds. What the data cannot tell stays as
+    it was: the mean gain, and shifts that a displacement of the object would cause (`calibration_gauge`).
 
     Parameters
     ----------
@@ -75,6 +77,8 @@ def calibrate(
         As for `reconstruct`.
     fine : float, optional
         Detail coarser than about this many pixels is ignored.
+    memory : int, optional
+        Number of rounds from which shifts are extrapolated (Anderson's acceleration); 0 for none.
 
     Returns
     -------
@@ -85,6 +89,10 @@ def calibrate(
     ------
     DataError
         If a view shows too little detail.
+
+    References
+    ----------
+    Walker & Ni, SIAM Journal on Numerical Analysis 49(4), 2011.
 
     Examples
     --------
@@ -101,6 +109,8 @@ def calibrate(
     measured = line_integrals(scan)
     inner = np.stack([ndimage.binary_erosion(m, iterations=int(2 * fine), border_value=0) for m in scan.mask])
     volume: Literal["backprojection"] | Volume = "backprojection"  # few iterations: too smooth to follow a single view
+    tried: list[Float64] = []  # shifts of the last rounds, and what each round made of them
+    made: list[Float64] = []
     for _ in range(rounds):
         now = apply_calibration(scan, found)
         *_, volume = (
@@ -120,8 +130,20 @@ def calibrate(
             if shifts:
                 moves[k] += image_shift(measured[k], seen, region, fine) * scan.views.panels[k].pitch
         gains /= gains.mean()
-        found = Calibration(gains, without_displacement(scan.views, moves, grid))
+        tried, made = [*tried[-memory:], found.shifts], [*made[-memory:], without_displacement(scan.views, moves, grid)]
+        found = Calibration(gains, accelerated(tried, made) if memory else made[-1])
     return found
+
+
+def accelerated(tried: list[Float64], made: list[Float64]) -> Float64:
+    """The next point of a fixed-point iteration from the last ones: the combination whose step is shortest (Anderson)."""
+    steps = [np.ravel(m - t) for t, m in zip(tried, made, strict=True)]
+    if len(steps) < 2 or np.linalg.norm(steps[-1]) > 2 * np.linalg.norm(steps[-2]):
+        return made[-1]
+    change = np.stack([later - earlier for earlier, later in zip(steps, steps[1:], strict=False)], axis=1)
+    share = np.linalg.lstsq(change, steps[-1], rcond=1e-2)[0]
+    back = np.stack([later - earlier for earlier, later in zip(made, made[1:], strict=False)], axis=-1)
+    return np.asarray(made[-1] - back @ share)
 
 
 def apply_calibration(scan: Scan, refinement: Calibration) -> Scan:

@@ -121,7 +121,7 @@ def head_study(
         name: [next(list(f[name]) for g, f in inner.items() if k in g) for k in range(len(panel))] for name in methods()
     }
     voxel = " x ".join(f"{d:g}" for d in levels[0][1].spacing)
-    everyone = calibrate(*levels[-1], likelihood="least-squares")
+    everyone = calibrate(*levels[-1], rounds=4, memory=0, likelihood="least-squares")
     sections = report_sections.sections(outer, null, lists, everyone, _angles(scan), voxel)
     shown = {**images, report_sections.NULL: _neighbours(panel, middle)}
     volumes = {name: Volume(values, _shown(levels[0][1])[0]) for name, values in slices.items()}
@@ -225,7 +225,7 @@ def corrections(
 ) -> tuple[dict[str, list[list[float]]], dict[str, Calibration]]:
     """For each correction the scores of the left-out views on the coarse grid, and what was estimated without them."""
     ((coarse, grid),) = leave_out(levels[-1:], left)
-    both = calibrate(coarse, grid, likelihood="least-squares")
+    both = calibrate(coarse, grid, rounds=4, memory=0, likelihood="least-squares")
     still, even = np.zeros_like(both.shifts), np.ones_like(both.gains)
     found = dict(zip(CORRECTIONS, (Calibration(even, still), replace(both, gains=even), both), strict=True))
     scores, values = {}, None
