@@ -72,6 +72,8 @@ from .scans.ball_calibration import BallCalibration as BallCalibration
 from .scans.ball_calibration import calibrate_from_balls as calibrate_from_balls
 from .scans.ball_calibration_plot import plot_ball_calibration as plot_ball_calibration
 from .scans.ball_file import read_balls as read_balls
+from .scans.calibration_gauge import Gauge as Gauge
+from .scans.calibration_gauge import calibration_gauge as calibration_gauge
 from .scans.correction_plot import plot_correction as plot_correction
 from .scans.detector_model import integrating_scan as integrating_scan
 from .scans.finding import Finding as Finding

@@ -9,6 +9,7 @@ import typer
 import palpate as pp
 from palpate.commands.progress import progress
 
+MORE = 3.0  # times the noise: residuals above that have another cause
 PICTURES = (".png", ".svg", ".pdf")
 
 
@@ -53,11 +54,16 @@ def calibrate_command(
             seen, places, diameter=diameter, rigid=rigid, still_panel=still_panel, progress=say
         )
     used = np.asarray(np.isfinite(found.residuals).all(axis=2))
-    rest = float(np.sqrt(np.nanmean(found.residuals**2)))
+    rest, noise = (float(np.sqrt(np.nanmean(a**2))) for a in (found.residuals, found.noise))
     pp.write_geometry(output, found.views, geometry)
     typer.echo(
-        f"{output}: {used.sum()} shadows of {len(places)} balls in {len(used)} views, {rest:.3f} pixels RMS left"
+        f"{output}: {used.sum()} shadows of {len(places)} balls in {len(used)} views, {rest:.3f} pixels RMS left "
+        f"(by their noise {noise:.3f})"
     )
+    if rest > MORE * noise:
+        typer.echo(
+            "  more is left than noise explains: check the table of the balls" + " or fit without --rigid" * rigid
+        )
     for words in _summary(found):
         typer.echo(f"  {words}")
     if plot is not None:

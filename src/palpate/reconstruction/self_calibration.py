@@ -1,6 +1,7 @@
 """Self-calibration: estimates each view's gain and panel shift from the data."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -140,9 +141,9 @@ def accelerated(tried: list[Float64], made: list[Float64]) -> Float64:
     steps = [np.ravel(m - t) for t, m in zip(tried, made, strict=True)]
     if len(steps) < 2 or np.linalg.norm(steps[-1]) > 2 * np.linalg.norm(steps[-2]):
         return made[-1]
-    change = np.stack([later - earlier for earlier, later in zip(steps, steps[1:], strict=False)], axis=1)
+    change = np.stack([later - earlier for earlier, later in pairwise(steps)], axis=1)
     share = np.linalg.lstsq(change, steps[-1], rcond=1e-2)[0]
-    back = np.stack([later - earlier for earlier, later in zip(made, made[1:], strict=False)], axis=-1)
+    back = np.stack([later - earlier for earlier, later in pairwise(made)], axis=-1)
     return np.asarray(made[-1] - back @ share)
 
 

@@ -37,6 +37,9 @@ class BallCalibration:
         Measured shadows of the balls' centres, fractional (row, column); NaN where a ball was not used.
     residuals : ndarray, (views, balls, 2)
         Measured − re-projected, pixels; NaN likewise.
+    noise : ndarray, (views, balls, 2)
+        Standard deviation of each centre by the noise of its pixels alone, pixels. Residuals that are several times as
+        large tell that the table, or what was said of the motion, is not quite true.
     names : tuple of str
         What was fitted, with its unit.
     changes, deviations : ndarray, (n,)
@@ -47,14 +50,16 @@ class BallCalibration:
     Examples
     --------
     >>> nothing = np.full((5, 8, 2), np.nan)
-    >>> found = pp.BallCalibration(views, nothing, nothing, ("arc, %",), np.zeros(1), np.full(1, np.inf), ("arc by 1 %",))
+    >>> lost = ("arc longer by 1 %",)
+    >>> found = pp.BallCalibration(views, nothing, nothing, nothing, ("arc, %",), np.zeros(1), np.full(1, np.inf), lost)
     >>> found.undetermined
-    ('arc by 1 %',)
+    ('arc longer by 1 %',)
     """
 
     views: Views
     centres: Float64
     residuals: Float64
+    noise: Float64
     names: tuple[str, ...]
     changes: Float64
     deviations: Float64
@@ -148,6 +153,7 @@ def calibrate_from_balls(
         views_of(done.at, start),
         np.where(done.used[..., None], seen, np.nan),
         done.residuals,
+        np.where(done.used[..., None], sure, np.nan),
         done.names,
         done.changes,
         done.deviations,

@@ -43,7 +43,7 @@ def plot_ball_calibration(
     Examples
     --------
     >>> nothing = np.full((5, 8, 2), np.nan)
-    >>> found = pp.BallCalibration(views, nothing, nothing, (), np.zeros(0), np.zeros(0), ())
+    >>> found = pp.BallCalibration(views, nothing, nothing, nothing, (), np.zeros(0), np.zeros(0), ())
     >>> figure = pp.plot_ball_calibration(scan, np.zeros((8, 3)), found)
     """
     places = float64("balls", balls, (found.centres.shape[1], None))[:, :3]
@@ -78,7 +78,9 @@ def plot_ball_calibration(
     rms = np.sqrt(squares.sum(axis=1) / np.maximum(used.sum(axis=1), 1)[:, None])
     for column, words, colour in ((0, "rows", COLOURS[0]), (1, "columns", COLOURS[1])):
         course.plot(rms[:, column], "o-", ms=4, color=colour, label=words)
-    course.set(title=f"residual of each view ({used.sum()} shadows of balls)", xlabel="view", ylabel="RMS, pixels")
+    variance = (np.where(used[..., None], found.noise, 0) ** 2).sum(axis=(1, 2)) / np.maximum(2 * used.sum(axis=1), 1)
+    course.plot(np.sqrt(variance), "--", color=COLOURS[5], label="by the noise alone")
+    course.set(title=f"{used.sum()} shadows of balls", xlabel="view", ylabel="RMS, pixels")
     course.set_ylim(bottom=0)
     course.legend(fontsize=8)
     return figure

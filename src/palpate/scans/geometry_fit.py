@@ -11,7 +11,7 @@ from palpate.arrays import Bool, Float64
 FAR_OFF = 5.0  # times the scale: how far robust steps may go from the start without pull
 REWEIGHTED = 5  # times
 OUTLIER = 5.0  # times the usual residual
-SMALL = 0.15  # of its largest component: what a direction in words leaves out
+SMALL = 0.03  # of its largest component: what a direction in words leaves out
 PART = 0.1  # of a direction that is not told, in a number that then counts as undetermined
 
 
@@ -74,7 +74,7 @@ def fit_geometry(
     own = np.sqrt(variance * ((ways.T @ root) ** 2).sum(axis=1)) * scales
     lost = (turned[~told] ** 2).sum(axis=0) > PART**2
     numbers = y * scales
-    return GeometryFit(numbers, np.where(lost, np.inf, own), measured - predict(numbers), used, turned[~told])
+    return GeometryFit(numbers, np.where(lost, np.inf, own), measured - predict(numbers), used, _reduced(turned[~told]))
 
 
 def _robust(
@@ -96,6 +96,18 @@ def _robust(
         y = np.asarray(least_squares(held, y, held_jacobian, method="lm", xtol=1e-6, ftol=1e-6).x)
         typical = max(1.4826 * float(np.median(np.abs(rest(y)[used]))), 1.0)
     return y
+
+
+def _reduced(basis: Float64) -> Float64:
+    """The same space in reduced echelon form, so that each direction names as few numbers as can be."""
+    rows, free = basis.copy(), list(range(len(basis)))
+    while free:
+        i, column = np.unravel_index(np.argmax(np.abs(rows[free])), (len(free), rows.shape[1]))
+        pivot = free.pop(int(i))
+        rows[pivot] /= rows[pivot, column]
+        others = np.arange(len(rows)) != pivot
+        rows[others] -= rows[others, column][:, None] * rows[pivot]
+    return np.asarray(rows / np.linalg.norm(rows, axis=1, keepdims=True))
 
 
 def in_words(direction: Float64, scales: Float64, names: tuple[str, ...], units: tuple[str, ...]) -> str:

@@ -18,14 +18,14 @@ RIGID = (
     "panel along the row axis",
     "panel along the column axis",
     "panel towards the source",
-    "tilt about the row axis",
-    "tilt about the column axis",
-    "turn in its plane",
-    "place of the rotation axis, first",
-    "place of the rotation axis, second",
-    "tilt of the rotation axis, first",
-    "tilt of the rotation axis, second",
-    "arc",
+    "panel tilted about the row axis",
+    "panel tilted about the column axis",
+    "panel turned in its plane",
+    "rotation axis moved, first way",
+    "rotation axis moved, second way",
+    "rotation axis tilted, first way",
+    "rotation axis tilted, second way",
+    "arc longer",
 )
 RIGID_UNITS = ("mm",) * 6 + ("degrees",) * 3 + ("mm", "mm", "degrees", "degrees", "%")
 EXACT = 1e-4  # of the distances: how far a start may be from a true rotation

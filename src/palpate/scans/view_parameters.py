@@ -17,9 +17,9 @@ PARAMETERS = (
     "panel along the row axis",
     "panel along the column axis",
     "panel towards the source",
-    "tilt about the row axis",
-    "tilt about the column axis",
-    "turn in its plane",
+    "panel tilted about the row axis",
+    "panel tilted about the column axis",
+    "panel turned in its plane",
 )
 UNITS = ("mm",) * 6 + ("degrees",) * 3
 
