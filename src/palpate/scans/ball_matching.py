@@ -12,7 +12,7 @@ from palpate.arrays import Float64, Int64
 
 STARTS = 6  # common shifts that are tried
 SHRINK = 0.8
-FALSE = 0.1  # weight of the spots that are no ball
+FALSE = 0.1  # of the balls: as many spots at least are no ball
 
 
 def assign(expected: Float64, balls: Float64, found: Float64, reach: float, width: float) -> tuple[Int64, float]:
@@ -55,16 +55,17 @@ def _drift(
     n, ridge = len(expected), np.diag([0.0, 1.0, 1.0, 1.0])
     move = np.zeros((4, 2))
     move[0] = shift
-    spread, density = reach / 3, 1 / max(np.prod(np.ptp(found, axis=0)), 1e-9)
+    others = max(len(found) - n, 0) + FALSE * n  # spots that are no ball, anywhere
+    spread, density = reach / 3, others / max(np.prod(np.ptp(found, axis=0)), 1e-9)
     while spread > width / 3:
         gap = found[None] - (expected + field @ move)[:, None]
         near = np.exp(-0.5 * (gap**2).sum(axis=2) / spread**2) / (2 * np.pi * spread**2)
-        share = near / (near.sum(axis=0) + FALSE * n * density)
+        share = near / (near.sum(axis=0) + density)
         weight = share.sum(axis=1)
         wanted = share @ found - weight[:, None] * expected
         # The ridge holds the field near a common shift: its linear part is below a third of the reach.
         normal = (field.T * weight) @ field + ridge * (spread / (reach / 3)) ** 2
-        move = np.linalg.solve(normal + 1e-9 * np.eye(4), field.T @ wanted + ridge @ move * 0)
+        move = np.linalg.solve(normal + 1e-9 * np.eye(4), field.T @ wanted)
         spread *= SHRINK
     gap = np.linalg.norm(found[None] - (expected + field @ move)[:, None], axis=2)
     rows, columns = linear_sum_assignment(np.minimum(gap, 2 * width))

@@ -15,6 +15,7 @@ from palpate.scans.view_parameters import Poses
 
 CLEAR = 8.0  # standard deviations of a filtered image above which a spot is no noise
 SPOTS = 4  # times as many spots as balls are kept, the clearest
+FAINT = 0.25  # of the clearest spots' strength: fainter ones are edges of the holder
 STEPS = 25  # of Gauss-Newton
 SETTLED = 1e-3  # pixels
 SURE = 8.0  # standard deviations that a ball's attenuation must exceed 0
@@ -47,6 +48,9 @@ def spots(image: Float64, mask: Bool, radius: float, most: int) -> Float64:
     top = answer == ndimage.maximum_filter(answer, size=2 * int(np.ceil(r)) + 1)
     rows, columns = np.nonzero(top & (answer > CLEAR * noise) & mask)
     best = np.argsort(-answer[rows, columns])[: SPOTS * most]
+    strength = answer[rows[best], columns[best]]
+    if len(best):
+        best = best[strength > FAINT * np.median(strength[: (most + 1) // 2])]
     return np.stack([rows[best], columns[best]], axis=1).astype(np.float64)
 
 

@@ -16,6 +16,7 @@ ALONE, SHARED = (
     4,
 )  # points that a view must show: fitted by itself, so that a wrong assignment is seen; or with others
 STEP = 1e-3  # mm, degrees, %: for slopes by central differences
+WEAK = 0.6  # of the balls that the typical view shows: with fewer a view's first assignment may be wrong
 FLAT = 0.01  # of its width: a cloud of points thinner than that is flat
 
 
@@ -62,8 +63,8 @@ def fit_views(
     if rigid:
         return _as_rotation(at, points, seen, sure, there)
     if together:
-        return _over_still_panel(at, points, seen, sure, there)
-    return _each_by_itself(at, points, seen, sure, there & ~few[:, None])
+        return _over_still_panel(at, points, seen, sure, there, strict)
+    return _each_by_itself(at, points, seen, sure, there & ~few[:, None], strict)
 
 
 def _scales(at: Poses) -> Float64:
@@ -72,7 +73,7 @@ def _scales(at: Poses) -> Float64:
     return np.array([LENGTH * far] * 6 + [ANGLE] * 3)
 
 
-def _each_by_itself(at: Poses, points: Float64, seen: Float64, sure: Float64, there: Bool) -> FittedViews:
+def _each_by_itself(at: Poses, points: Float64, seen: Float64, sure: Float64, there: Bool, strict: bool) -> FittedViews:
     scales, numbers = _scales(at), np.full((len(seen), len(PARAMETERS)), np.nan)
     deviations, residuals, used = (
         np.full(numbers.shape, np.inf),
@@ -86,9 +87,7 @@ def _each_by_itself(at: Poses, points: Float64, seen: Float64, sure: Float64, th
         used[k, there[k]] = fit.used
         residuals[k, there[k]] = np.where(fit.used[:, None], fit.residuals, np.nan)
         lost += [(k, in_words(d, scales, PARAMETERS, UNITS)) for d in fit.directions]
-    fitted = np.flatnonzero(np.isfinite(numbers[:, 0]))
-    for k in np.flatnonzero(np.isnan(numbers[:, 0])).tolist():  # as its neighbour moved
-        numbers[k] = numbers[fitted[np.argmin(np.abs(fitted - k))]]
+    numbers = _like_neighbours(numbers, used, strict)
     names = tuple(f"view {k}: {n}, {u}" for k in range(len(seen)) for n, u in zip(PARAMETERS, UNITS, strict=True))
     words = tuple(f"{_flat(points)}view {k}: {text}" for k, text in lost)
     return FittedViews(moved(at, numbers), residuals, used, names, numbers.ravel(), deviations.ravel(), words)
@@ -106,7 +105,9 @@ def _alone(at: Poses, k: int, points: Float64, seen: Float64, sure: Float64, sca
     return fit_geometry(predict, slopes, seen, sure, scales)
 
 
-def _over_still_panel(at: Poses, points: Float64, seen: Float64, sure: Float64, there: Bool) -> FittedViews:
+def _over_still_panel(
+    at: Poses, points: Float64, seen: Float64, sure: Float64, there: Bool, strict: bool
+) -> FittedViews:
     views, alone = len(seen), _scales(at)
     scales = np.concatenate([np.tile(alone[:3], views), alone[3:]])
     view = np.nonzero(there)[0]
@@ -125,7 +126,22 @@ def _over_still_panel(at: Poses, points: Float64, seen: Float64, sure: Float64, 
     fit = fit_geometry(lambda p: shadows(moved(at, spread(p)), points)[there], slopes, seen[there], sure[there], scales)
     names = tuple(f"view {k}: {n}" for k in range(views) for n in PARAMETERS[:3]) + PARAMETERS[3:]
     units = UNITS[:3] * views + UNITS[3:]
-    return _shared(moved(at, spread(fit.numbers)), points, there, fit, names, units, scales)
+    used = np.zeros(there.shape, bool)
+    used[there] = fit.used
+    return _shared(
+        moved(at, _like_neighbours(spread(fit.numbers), used, strict)), points, there, fit, names, units, scales
+    )
+
+
+def _like_neighbours(numbers: Float64, used: Bool, strict: bool) -> Float64:
+    """Moves (views, 9) in which views that show far fewer balls than others take those of the nearest that does not."""
+    count = used.sum(axis=1)
+    weak = count < WEAK * np.median(count)
+    if strict or not weak.any():
+        return numbers
+    good = np.flatnonzero(~weak)
+    nearest = good[np.argmin(np.abs(np.arange(len(count))[:, None] - good), axis=1)]
+    return np.asarray(np.where(weak[:, None], numbers[nearest], numbers))
 
 
 def _as_rotation(at: Poses, points: Float64, seen: Float64, sure: Float64, there: Bool) -> FittedViews:
