@@ -5,10 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
+from support.shifted_scans import shifted_case
 
 import palpate as pp
 from palpate.errors import DataError
-from palpate.reconstruction.self_calibration import Calibration, interpolate_over_angle
+from palpate.reconstruction.self_calibration import Calibration, accelerated, interpolate_over_angle
 from palpate.scans.analytic_phantoms import Ellipsoid
 
 PITCH, BEAM = 3.0, 20_000.0
@@ -129,3 +130,33 @@ def test_what_cannot_be_refined_is_refused():
         pp.image_shift(blank, blank, everywhere)
     with pytest.raises(DataError, match="nothing to compare"):
         pp.view_gain(blank, blank, everywhere)
+
+
+@given(seed=st.integers(0, 10**6))
+@settings(max_examples=20, deadline=None)
+def test_extrapolation_ends_a_linear_iteration_after_as_many_steps_as_it_has_speeds(seed):
+    # x <- x + (b - A x) with A of three distinct eigenvalues; Anderson's method is then GMRES and ends after three steps.
+    rng = np.random.default_rng(seed)
+    Q = np.linalg.qr(rng.standard_normal((8, 8)))[0]
+    A = Q @ np.diag(np.repeat([0.2, 0.5, 0.9], [3, 3, 2])) @ Q.T
+    answer = rng.standard_normal(8)
+    x, tried, made = np.zeros(8), [], []
+    for _ in range(4):
+        tried, made = [*tried, x], [*made, x + A @ (answer - x)]
+        x = accelerated([t.reshape(4, 2) for t in tried], [m.reshape(4, 2) for m in made], noise=1e-13).ravel()
+    assert np.linalg.norm(x - answer) < 1e-6 * np.linalg.norm(answer)
+    assert np.linalg.norm(made[-2] - answer) > 1e-3 * np.linalg.norm(answer)
+
+
+def test_shifts_of_a_still_panel_are_found_at_low_dose():
+    # The case that converges slowest by turns: the depth of the object trades with shifts along the arc.
+    views, body, grid, true = shifted_case(0, "arc")
+    seen = pp.simulate_scan(body, pp.shift_panels(views, true), 2000, seed=0)
+    scan, errors = pp.Scan(seen.counts, seen.incident, views), []
+    want = pp.without_displacement(views, true, grid)
+    for memory in (0, 4):
+        found = pp.calibrate(scan, grid, drift=False, rounds=8, memory=memory)
+        errors.append(np.sqrt(np.mean((found.shifts - want) ** 2)) / views.panels[0].pitch[0])
+    assert np.sqrt(np.mean(want**2)) > 0.5
+    assert errors[1] < 0.05
+    assert errors[1] < 0.8 * errors[0]

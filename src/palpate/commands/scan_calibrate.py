@@ -30,7 +30,7 @@ def calibrate_command(
     ] = None,
     plot: Annotated[Path | None, typer.Option(help="Picture of balls and residuals (.png, .svg).")] = None,
 ) -> None:
-    """Example: [bold]palpate scan calibrate balls.h5 --balls balls.csv -o geometry.yaml --plot balls.png[/bold]
+    """Example: [bold]palpate scan calibrate balls.h5 --balls balls.csv -o geometry.yaml[/bold]
 
     Finds where focal spots and panels are, from a phantom of balls at known places.
 

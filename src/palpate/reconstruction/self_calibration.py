@@ -136,13 +136,16 @@ def calibrate(
     return found
 
 
-def accelerated(tried: list[Float64], made: list[Float64]) -> Float64:
-    """The next point of a fixed-point iteration from the last ones: the combination whose step is shortest (Anderson)."""
+def accelerated(tried: list[Float64], made: list[Float64], noise: float = 1e-2) -> Float64:
+    """The next point of a fixed-point iteration from the last ones: the combination whose step is shortest (Anderson).
+
+    noise: differences of steps smaller than this share of the largest are not used.
+    """
     steps = [np.ravel(m - t) for t, m in zip(tried, made, strict=True)]
     if len(steps) < 2 or np.linalg.norm(steps[-1]) > 2 * np.linalg.norm(steps[-2]):
         return made[-1]
     change = np.stack([later - earlier for earlier, later in pairwise(steps)], axis=1)
-    share = np.linalg.lstsq(change, steps[-1], rcond=1e-2)[0]
+    share = np.linalg.lstsq(change, steps[-1], rcond=noise)[0]
     back = np.stack([later - earlier for earlier, later in pairwise(made)], axis=-1)
     return np.asarray(made[-1] - back @ share)
 

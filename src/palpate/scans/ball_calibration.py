@@ -18,7 +18,7 @@ from palpate.scans.views import Views
 
 FEWEST = 6  # balls in the table
 REACH = 0.05  # of the distance from source to panel: how far a shadow may be from where the start puts it
-SHARE = 0.6  # of the balls that a view should show apart: fewer are too few to trust
+SHARE, ALL = 0.6, 0.85  # of the balls that a view, and all views, should show apart: fewer are too few to trust
 PLACE = 0.1  # mm: a ball farther from its place in the table leaves a residual that is refused
 BLUR = 0.3  # pixels of residual that are allowed beside it
 MOVED = 6.0  # times LENGTH and ANGLE: a fit that is farther from the start is not believed
@@ -217,14 +217,12 @@ def _measured(
 def _believe(done: FittedViews, start: Poses, places: Float64, radii: Float64, rigid: bool) -> None:
     """Raises `DataError` where the fit cannot be the geometry."""
     far = np.linalg.norm(start.source - start.middle, axis=1)
+    visible = [apart(done.at, k, places, radii, seen) for k, seen in enumerate(shadows(done.at, places))]
     advice = "the table, the diameter and the start" + (", or fit without rigid" if rigid else "")
     for k, gap in enumerate(np.linalg.norm(done.residuals, axis=2)):
-        there = apart(done.at, k, places, radii, shadows(done.at, places)[k])
-        used = int(np.count_nonzero(done.used[k]))
-        if used < SHARE * np.count_nonzero(there):
-            raise DataError(
-                f"view {k}: {used} of {np.count_nonzero(there)} balls are where the fit says; check {advice}"
-            )
+        used, there = np.count_nonzero(done.used[k]), np.count_nonzero(visible[k])
+        if used < SHARE * there:
+            raise DataError(f"view {k}: {used} of {there} balls are where the fit says; check {advice}")
         rest = float(np.sqrt(np.nanmean(gap**2) / 2))
         ray = (places - done.at.source[k]) @ done.at.axes[k, 2]
         enlarged = float(np.mean((done.at.middle[k] - done.at.source[k]) @ done.at.axes[k, 2] / ray))
@@ -243,3 +241,6 @@ def _believe(done: FittedViews, start: Poses, places: Float64, radii: Float64, r
                 f"view {k}: the fit is {step:.0f} mm and {turn:.1f} degrees from the start, too far to be believed; "
                 f"check {advice}"
             )
+    used, there = np.count_nonzero(done.used), np.count_nonzero(visible)
+    if used < ALL * there:  # such as a lattice that is taken for itself one period away
+        raise DataError(f"{used} of {there} shadows of balls are where the fit says; check {advice}")
