@@ -65,8 +65,11 @@ def displaced(views, turn, shift, centre):
     return pp.Views(to(views.source), panels[0] if same else panels)
 
 
-def ball_case(seed, motion, pitch):
-    """A random phantom of 16 to 27 balls of 2, 3 or 4 mm, a random `motion` (arc or orbit), tilted panel, wrong start."""
+def ball_case(seed, motion, pitch, worse=1.0):
+    """A random phantom of 16 to 27 balls of 2, 3 or 4 mm, a random `motion` (arc or orbit), tilted panel, wrong start.
+
+    worse: times the stated amounts by which the start is wrong.
+    """
     rng = np.random.default_rng(seed)
     sign = rng.choice([-1, 1], 4)
     if motion == "arc":
@@ -101,8 +104,9 @@ def ball_case(seed, motion, pitch):
             balls.append(ball)
     balls = np.array(balls)
     own = rng.uniform(0, 5) * direction(rng)  # the panel is tilted in truth, and the start knows that but for TILT
-    start = tilted(tilted(views(1), own), TILT * direction(rng), rng.uniform(-2, 2, 3))
-    start = displaced(start, TURNED * direction(rng), rng.uniform(-PLACED, PLACED, 3), balls.mean(axis=0))
+    start = tilted(tilted(views(worse), own), worse * TILT * direction(rng), worse * rng.uniform(-2, 2, 3))
+    placed = worse * rng.uniform(-PLACED, PLACED, 3)
+    start = displaced(start, worse * TURNED * direction(rng), placed, balls.mean(axis=0))
     return BallCase(tilted(views(0), own), start, balls, diameter, block)
 
 

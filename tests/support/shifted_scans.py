@@ -23,7 +23,7 @@ def shifted_case(seed, motion):
         grid = pp.Grid((60, 66, 66), (1.5, 1.5, 1.5), (-48.75, -48.75, -44.25))
         low, high = np.array([(-40, -40, -35), (40, 40, 35)])
     middle, half = (low + high) / 2, (high - low) / 2
-    largest = rng.uniform(0.5, 1.5)
+    largest = rng.uniform(0.9, 1.6)
     shifts = rng.uniform(-largest, largest, (len(views), 2)) * views.panels[0].pitch[0]
     parts = [(pp.Ellipsoid(middle, half * 1.15), 0.012)]
     for _ in range(30):

@@ -129,7 +129,10 @@ def calibrate(
             if drift:
                 gains[k] = view_gain(measured[k], seen, region)
             if shifts:
-                moves[k] += image_shift(measured[k], seen, region, fine) * scan.views.panels[k].pitch
+                weights = (
+                    np.exp(-seen / 2) if likelihood == "poisson" else None
+                )  # of line integrals: as the root of the counts
+                moves[k] += image_shift(measured[k], seen, region, fine, weights=weights) * scan.views.panels[k].pitch
         gains /= gains.mean()
         tried, made = [*tried[-memory:], found.shifts], [*made[-memory:], without_displacement(scan.views, moves, grid)]
         found = Calibration(gains, accelerated(tried, made) if memory else made[-1])
@@ -254,7 +257,12 @@ def view_gain(measured: AnyArray, expected: AnyArray, region: Bool) -> float:
 
 
 def image_shift(
-    measured: AnyArray, expected: AnyArray, region: Bool, fine: float = 4.0, smooth: float = 1.0
+    measured: AnyArray,
+    expected: AnyArray,
+    region: Bool,
+    fine: float = 4.0,
+    smooth: float = 1.0,
+    weights: AnyArray | None = None,
 ) -> Float64:
     """Return the shift from a measured image to an expected one, by least squares with the image gradients.
 
@@ -270,6 +278,8 @@ def image_shift(
         Detail coarser than about this many pixels is removed.
     smooth : float, optional
         Detail finer than about this many pixels is removed.
+    weights : ndarray, (rows, columns), optional
+        One over the standard deviation of each pixel, in any unit. The default is 1.
 
     Returns
     -------
@@ -295,10 +305,11 @@ def image_shift(
     """
     band = [ndimage.gaussian_filter(i, smooth) - ndimage.gaussian_filter(i, fine) for i in (measured, expected)]
     slopes = [np.gradient(band[1], axis=axis) for axis in (0, 1)]
-    columns = np.stack([image[region] for image in (band[1], *slopes)], axis=1).astype(np.float64)
+    weight = np.ones(np.count_nonzero(region)) if weights is None else weights[region].astype(np.float64)
+    columns = np.stack([image[region] * weight for image in (band[1], *slopes)], axis=1)
     if np.linalg.matrix_rank(columns.T @ columns) < 3:
         raise DataError("shift: the expected image has no detail in the region; nothing to register")
-    gain, *shift = np.linalg.lstsq(columns, band[0][region].astype(np.float64), rcond=None)[0].tolist()
+    gain, *shift = np.linalg.lstsq(columns, band[0][region] * weight, rcond=None)[0].tolist()
     moved: Float64 = np.array(shift) / max(gain, 0.1)
     return moved
 
