@@ -19,7 +19,7 @@ FAINT = 0.25  # of the clearest spots' strength: fainter ones are edges of the h
 STEPS = 25  # of Gauss-Newton
 SETTLED = 1e-3  # pixels
 SURE = 8.0  # standard deviations that a ball's attenuation must exceed 0
-RAYS = 3  # across a pixel; with one, the rim of a large shadow misplaces its centre by some hundredths of a pixel
+RAYS, SMALL = 5, 10.0  # across a pixel, so that the rim of a shadow is right; 3 above SMALL pixels of radius
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +145,8 @@ class _ShadowModel:
         self.to, self.radii, self.expected = balls - at.source[view], radii, expected
         self.R, self.C, self.level, self.ground = R, C, level, ground
         self.ways = np.stack([np.ones(len(v)), v / v.max(), u / u.max()], axis=1)
-        steps = (np.arange(RAYS) + 0.5) / RAYS - 0.5
+        rays = RAYS if shadow_radii(at, view, balls, radii).min() < SMALL else 3
+        steps = (np.arange(rays) + 0.5) / rays - 0.5
         self.offsets = np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)
 
     def chords(self, R: Float64, C: Float64) -> tuple[Float64, Float64, Float64]:
