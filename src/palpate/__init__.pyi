@@ -41,6 +41,8 @@ from .reconstruction.models.two_material_beam_hardening import (
 from .reconstruction.models.two_material_beam_hardening import (
     two_material_beam_hardening_likelihood as two_material_beam_hardening_likelihood,
 )
+from .reconstruction.posterior import Posterior as Posterior
+from .reconstruction.posterior import posterior as posterior
 from .reconstruction.projector import Projector as Projector
 from .reconstruction.reconstruct import iterates as iterates
 from .reconstruction.reconstruct import reconstruct as reconstruct

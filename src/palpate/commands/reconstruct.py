@@ -133,6 +133,11 @@ def reconstruct_command(
         str,
         typer.Option(help="Where the object may be: none (everywhere), hull (by its shadows), or a file of labels."),
     ] = "none",
+    samples: Annotated[
+        int,
+        typer.Option(help="Samples of the posterior; writes their standard deviation to NAME-std beside the output."),
+    ] = 0,
+    seed: Annotated[int, typer.Option(help="Of the samples' noise.")] = 0,
     resume: Annotated[bool, typer.Option("--resume", help="Go on from the checkpoint beside the output.")] = False,
     checkpoint_every: Annotated[int, typer.Option(help="Iterations between checkpoints.")] = 5,
     check: Annotated[bool, typer.Option(help="Look for mistakes before and after, and warn.")] = True,
@@ -144,11 +149,21 @@ def reconstruct_command(
     For what is small and faint, with a chosen resolution:
     palpate reconstruct breast.h5 -o breast.nii.gz --thickness 51.2 --resolution 0.6mm
 
+    With --samples 30 breast-std.nii.gz tells how uncertain each voxel is.
+
     Ctrl-C keeps the last iterate in a checkpoint beside the output; the
     same command with --resume goes on from it.
     """
     from palpate.reconstruction.air_level import without_sheet
     from palpate.reconstruction.checkpoint import checkpoint_path, fingerprint, read_checkpoint, with_checkpoints
+    from palpate.reconstruction.posterior import (
+        approximate_posterior,
+        check_sampling,
+        mean_and_std,
+        quadratic_prior,
+        sample_steps,
+        std_path,
+    )
     from palpate.reconstruction.prior_parameters import explain_prior
     from palpate.reconstruction.reconstruct import OLD_SPELLING, OPTIONS
     from palpate.reconstruction.region_of_interest import crop_to_region, reconstruct_full_field
@@ -156,6 +171,9 @@ def reconstruct_command(
     from palpate.volumes.io import writable_volume
 
     writable_volume(output)
+    if samples:
+        check_sampling(samples, seed)
+        writable_volume(std_path(output))
     if optimiser is not None:
         typer.echo(f"note: --optimiser: write --optimizer; {OLD_SPELLING}", err=True)
         optimizer = optimiser
@@ -174,8 +192,10 @@ def reconstruct_command(
     here = ("prior", "resolution", "optimizer", "optimiser", "iterations", "support", "resume")
     options: dict[str, Any] = {name: ctx.params[name] for name in OPTIONS if name in ctx.params and name not in here}
     width = None if resolution is None else _millimetres("--resolution", resolution)
-    kind = prior or (PriorName.lange if width is None else PriorName.quadratic)
+    kind = prior or (PriorName.lange if width is None and not samples else PriorName.quadratic)
     chosen = pp.Prior(kind.value, strength, edge, neighbours, exponent, width)
+    if samples:
+        quadratic_prior(chosen, width, method.value)
     options["prior"], options["optimizer"] = chosen, optimizer
     if check and not resume:
         warn(pp.check_scan(measured, grid))
@@ -191,6 +211,7 @@ def reconstruct_command(
     spectrum = Path(hardening).read_text() if hardening is not None and Path(hardening).is_file() else hardening
     stages = {"region": part, "halvings": halvings, "hardening": spectrum, "bones": first, "bone range": bone_range}
     named = {"start": "backprojection"} if start is StartImage.auto else {}  # as version 0.1 wrote it
+    named |= {"seed": str(seed)} if samples else {}
     notes = measured.notes
     run = fingerprint(measured, {"grid": grid, **options, **stages, **named})
     if hardening is not None:
@@ -209,14 +230,24 @@ def reconstruct_command(
             steps = reconstruct_full_field(measured, grid, halvings=halvings, **coarse, iterations=iterations)
             field = deque(_shown(steps, iterations), maxlen=1)[0]  # and no iterate before it
             measured, grid = pp.local_scan(measured, grid, part, field.volume), part
-        steps = pp.iterates(measured, grid, **options, iterations=iterations, resume=last)
+        reached = last if last is None or "mean" not in last.state else replace(last, finished=True)
+        steps = pp.iterates(measured, grid, **options, iterations=iterations, resume=reached)
         for step in _shown(with_checkpoints(steps, beside, run, checkpoint_every), iterations):
             last = step
+        if samples:
+            assert last is not None
+            laplace = approximate_posterior(measured, grid, last, options)
+            steps = with_checkpoints(sample_steps(laplace, last, samples, seed), beside, run, checkpoint_every)
+            for step in _sampled(steps, samples):
+                last = step
     except KeyboardInterrupt:
         kept = f"{beside} holds the last iterate: the same command with --resume goes on"
         raise KeyboardInterrupt(kept if beside.exists() else "before the first iterate") from None
     assert last is not None
     pp.write_volume(output, replace(last.volume, notes={**notes, **last.volume.notes}))
+    if samples:
+        _, std = mean_and_std(last)
+        pp.write_volume(std_path(output), replace(std, notes={**notes, **std.notes}))
     beside.unlink(missing_ok=True)
     if "sheet" in last.volume.notes.get("support", ""):
         measured = without_sheet(measured)
@@ -226,6 +257,12 @@ def reconstruct_command(
     typer.echo(f"{output}: {shape} voxels (z, y, x), objective {last.objective:.6g}, {last.seconds:.0f} s")
     if last.prior is not None:
         typer.echo(explain_prior(chosen, last.prior))
+    if samples:
+        import numpy as np
+
+        inside = std.values[last.volume.values > 0]
+        middle = f"median {np.median(inside):.2g} 1/mm where the volume is not 0" if inside.size else "no voxel above 0"
+        typer.echo(f"{std_path(output)}: standard deviation of {last.iteration} samples, {middle}")
 
 
 def corners(words: str) -> tuple[list[float], list[float]]:
@@ -295,4 +332,13 @@ def _shown(steps: "Iterator[pp.Step]", iterations: int) -> "Iterator[pp.Step]":
             words = f"level {step.level}, iteration {step.iteration}, objective {step.objective:.6g}"
             left = "" if step.finished else f", at most {rest:.0f} s left"
             say(words + left, 1.0 if step.finished else min(step.iteration / here, 0.99))
+            yield step
+
+
+def _sampled(steps: "Iterator[pp.Step]", samples: int) -> "Iterator[pp.Step]":
+    """The same steps of `sample_steps`, with progress."""
+    with progress() as say:
+        say("samples of the posterior", 0.0)
+        for step in steps:
+            say(f"sample {step.iteration} of {samples}", step.iteration / samples)
             yield step

@@ -28,8 +28,9 @@ def memory_gradient(
     previous: Float32 | None = None,
     pool: VolumePool | None = None,
     support: UInt8 | None = None,
+    linear: Float32 | None = None,
 ) -> Iterator[tuple[Float32, float]]:
-    """Minimises Φ(f) = likelihood(A f) + β R(f) over f >= 0 by the majorize-minimize memory gradient.
+    """Minimises Φ(f) = likelihood(A f) + β R(f) − ⟨linear, f⟩ over f >= 0 by the majorize-minimize memory gradient.
 
     Each iteration moves in the plane of two directions: u, the gradient divided by the curvature of a separable
     majoriser, and p, the last step. It goes to the minimum in that plane of a paraboloid above Φ (Chouzenoux, Idier &
@@ -44,7 +45,7 @@ def memory_gradient(
     gradient. pool: the source of the iterates' memory; None makes one. support: as in `coordinate_descent`.
     """
     pool = pool if pool is not None else VolumePool(A.grid.shape)
-    run = _MemoryGradient(Problem(A, likelihood, prior, beta, curvature, support), pool)
+    run = _MemoryGradient(Problem(A, likelihood, prior, beta, curvature, support, linear), pool)
     f, before = np.ascontiguousarray(values, np.float32), previous
     del values, previous  # the generator's arguments would keep a volume that is no longer needed
     objective = run.look(f, before)
@@ -64,7 +65,7 @@ class _MemoryGradient:
     def __init__(self, problem: Problem, pool: VolumePool) -> None:
         A, likelihood, curvature = problem.A, problem.likelihood, problem.curvature
         self.A, self.likelihood, self.beta, self.kind = A, likelihood, problem.beta, curvature
-        self.penalty, self.pool = problem.penalty, pool
+        self.penalty, self.add_linear, self.pool = problem.penalty, problem.add_linear, pool
         self.l, self.l_before, self.spare, self.slope = (np.zeros(A.range_shape, np.float32) for _ in range(4))
         self.bend = np.ascontiguousarray(likelihood.curvature(self.l, "precomputed"))
         self.majoriser, self.cell = majoriser(A, self.bend, STEP)
@@ -109,6 +110,7 @@ class _MemoryGradient:
         """
         spacing = self.A.grid.spacing
         self.A.backproject(self.slope, u)
+        self.add_linear(u)
         hold_outside(u, self.support)
         slopes = _core.subspace.search_direction(f, before, u, self.majoriser, self.cell, self.beta, spacing, *self.law)
         self.A.project(u, self.slope)

@@ -21,10 +21,11 @@ RISING = 1e30  # any gradient so steep that the prior does not outweigh it
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Φ(f) = likelihood(A f) + β R(f), to be minimised over f >= 0, (z, y, x) 1/mm.
+    """Φ(f) = likelihood(A f) + β R(f) − ⟨linear, f⟩, to be minimised over f >= 0, (z, y, x) 1/mm.
 
     beta: strength of the prior on this level, 0 for maximum likelihood. curvature: the kind that the user asked for.
-    support: (z, y, x), 0 where f = 0 is a constraint, else 1, or `OUTLINE`; None where there is none.
+    support: (z, y, x), 0 where f = 0 is a constraint, else 1, or `OUTLINE`; None where there is none. linear: (z, y, x), mm;
+    None is 0.
     """
 
     A: Projector
@@ -33,14 +34,18 @@ class Problem:
     beta: float
     curvature: Curvature
     support: UInt8 | None = None
+    linear: Float32 | None = None
 
     def objective(self, f: Float32) -> float:
         """Φ(f)."""
         return self.likelihood.value(self.A(f)) + self.penalty(f)
 
     def penalty(self, f: Float32) -> float:
-        """β R(f)."""
-        return self.beta * _core.statistics.prior_value(f, self.A.grid.spacing, *self.law) if self.beta > 0 else 0.0
+        """β R(f) − ⟨linear, f⟩."""
+        value = self.beta * _core.statistics.prior_value(f, self.A.grid.spacing, *self.law) if self.beta > 0 else 0.0
+        if self.linear is not None:  # slice by slice, so that the sum is one of doubles
+            value -= sum(float(np.vdot(e, g)) for e, g in zip(self.linear, f, strict=True))
+        return value
 
     @cached_property
     def law(self) -> tuple[_core.statistics.PriorKernel, float]:
@@ -55,9 +60,18 @@ class Problem:
     def gradient(self, f: Float32) -> Float32:
         """∇Φ(f), (z, y, x)."""
         slope = self.A.T(self.likelihood.slope(self.A(f)))
-        if self.beta == 0:
-            return slope
-        return slope + self.beta * _core.statistics.prior_surrogate(f, self.A.grid.spacing, *self.law)[0]
+        self.add_linear(slope)
+        return slope + self.prior_surrogate(f)[0] if self.beta > 0 else slope
+
+    def prior_surrogate(self, f: Float32) -> tuple[Float32, Float32]:
+        """The gradient of β R, and the curvature of a separable parabola above it."""
+        slope, bend = _core.statistics.prior_surrogate(f, self.A.grid.spacing, *self.law)
+        return np.float32(self.beta) * slope, np.float32(self.beta) * bend
+
+    def add_linear(self, gradient: Float32) -> None:
+        """Adds the gradient of −⟨linear, f⟩, in place."""
+        if self.linear is not None:
+            gradient -= self.linear
 
 
 def hold_outside(gradient: Float32, support: UInt8 | None) -> None:

@@ -1,0 +1,214 @@
+"""The posterior as a normal distribution about the MAP estimate, and draws from it by local perturbations."""
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import islice, product
+from typing import Self
+
+import numpy as np
+from scipy.sparse.linalg import LinearOperator, cg
+
+from palpate import _core
+from palpate.arrays import ArrayLike, Float32, float32
+from palpate.errors import DataError
+from palpate.reconstruction.models.likelihood import Likelihood, WeightedLeastSquares
+from palpate.reconstruction.models.mrf_prior import Prior
+from palpate.reconstruction.multiresolution import coarser_support, pyramid
+from palpate.reconstruction.optimizers.memory_gradient import majoriser, memory_gradient
+from palpate.reconstruction.optimizers.problem import Problem
+from palpate.reconstruction.projector import Projector
+from palpate.scans.scan import Scan
+from palpate.volumes.grid import Grid
+from palpate.volumes.resample import resample
+from palpate.volumes.volume import Volume
+
+STEP = 0.02  # of a line integral, for the difference quotient of a likelihood's slope
+PRECISE = 1e-5  # residual at which conjugate gradients end, relative
+MOST = 2000  # of their steps
+
+
+@dataclass(frozen=True, eq=False)
+class LaplaceApproximation:
+    """The normal distribution whose log-density has the objective's second derivatives at the MAP estimate.
+
+    Its precision matrix is H = Aᵀ W A + β K, with the likelihood's second derivatives W at the estimate and the Hessian K
+    of R. The finest level comes first; the coarser ones only give each draw a start.
+
+    levels: on each level the centre f̂, (z, y, x) 1/mm, and the problem Σ W (A f − A f̂)²/2 + β R(f) − ⟨linear, f⟩, whose
+    minimum over f >= 0 it is.
+    """
+
+    levels: Sequence[tuple[Float32, Problem]]
+
+    @classmethod
+    def of(cls, problem: Problem, volume: Volume, scan: Scan, levels: int) -> Self:
+        """About a volume that has come near to the minimum of a problem. scan: the problem's, for the coarser panels."""
+        centre, grid = volume.values, volume.grid
+        A, support = problem.A, problem.support
+        l = A(centre)
+        weights = second_derivative(problem.likelihood, l)
+        slope = problem.gradient(centre)
+        # Where f = 0 holds against a slope the draws shall feel it, too (the multiplier of Karush, Kuhn & Tucker). Elsewhere
+        # it is what the run has left; without it the draws lie about the volume that was given.
+        multiplier = np.where((centre <= 0) & (slope > 0), slope, np.float32(0))
+        beta, made = problem.beta, []
+        for level, (coarse, coarse_grid) in enumerate(pyramid(scan, grid, levels)):
+            if level:
+                thick = coarse_grid.shape[0] == grid.shape[0]
+                centre = resample(Volume(centre, grid), coarse_grid, "linear").values
+                multiplier = np.where(centre <= 0, restricted(multiplier, grid, coarse_grid), np.float32(0))
+                support = None if support is None else coarser_support(support, grid)
+                A, grid, weights = Projector(coarse.views, coarse_grid), coarse_grid, _pixel_sums(weights)
+                # For smooth volumes R of 2 x 2 x 2 voxels is that of the fine ones. Where slices stay as thick, pairs in
+                # depth keep half of their part in it, and those in the slice all of it: in between.
+                beta *= math.sqrt(2) if thick else 1
+            data = WeightedLeastSquares(A(centre), weights)
+            linear = np.float32(beta) * problem.prior.surrogate(centre, grid)[0] - multiplier
+            made.append((centre, Problem(A, data, problem.prior, beta, "precomputed", support, linear)))
+        return cls(made)
+
+    def draw(self, seed: int, number: int, iterations: int) -> Float32:
+        """Draw a volume, (z, y, x) 1/mm. Equal seeds and numbers give equal draws.
+
+        iterations: on the finest level; three times as many on level 1, and twice as many on each coarser one.
+        """
+        (_, fine), *_ = self.levels
+        stream = np.random.Generator(np.random.SFC64([seed, number, 0]))
+        noise = stream.standard_normal(fine.A.range_shape, np.float32) * np.sqrt(weighted_squares(fine).weights)
+        linear = prior_noise(fine.prior, fine.A.grid, fine.beta, (seed, number, 1))
+        perturbations, grid = [(noise, linear)], fine.A.grid
+        for _, problem in self.levels[1:]:
+            noise, linear = _pixel_sums(noise), restricted(linear, grid, problem.A.grid)
+            perturbations.append((noise, linear))
+            grid = problem.A.grid
+        change: Volume | None = None
+        for level in reversed(range(len(self.levels))):
+            centre, problem = self.levels[level]
+            noise, linear = perturbations[level]
+            start = centre
+            if change is not None:
+                start = np.maximum(centre + resample(change, problem.A.grid, "linear").values, 0)
+                start = start if problem.support is None else start * problem.support
+            most = iterations if level == 0 else 3 * iterations * 2 ** (level - 1)
+            values = _minimum(problem, noise, linear, start, most)
+            change = Volume(values - centre, problem.A.grid)
+        return values
+
+    def standard_deviation(self, weights: ArrayLike) -> float:
+        """Return the standard deviation √(gᵀ H⁻¹ g) of Σ g_j f_j, by one solve; voxels at 0 are held there."""
+        centre, problem = self.levels[0]
+        A, beta, free = problem.A, np.float32(problem.beta), centre > 0
+        g = float32("weights", weights, centre.shape) * free
+        if not g.any():
+            return 0.0
+        W = weighted_squares(problem).weights
+
+        def hessian(x: Float32) -> Float32:
+            f = np.ascontiguousarray(x.reshape(centre.shape), np.float32)
+            answer = A.T(W * A(f)) + beta * problem.prior.surrogate(f, A.grid)[0]
+            return np.where(free, answer, f).ravel()
+
+        diagonal = majoriser(A, W)[0] + 2 * beta * problem.prior.surrogate(centre, A.grid)[1]
+        size = g.size
+        inverse = LinearOperator(
+            (size, size), lambda x: (x.reshape(centre.shape) / np.where(free, diagonal, 1)).ravel()
+        )
+        x, unfinished = cg(
+            LinearOperator((size, size), hessian, dtype=np.float32), g.ravel(), rtol=PRECISE, maxiter=MOST, M=inverse
+        )
+        if unfinished:
+            raise DataError(f"standard deviation: conjugate gradients have not come to an end in {MOST} steps")
+        return math.sqrt(float(np.vdot(g.ravel().astype(np.float64), x)))
+
+
+def second_derivative(likelihood: Likelihood, l: Float32) -> Float32:
+    """(views, rows, columns), >= 0: h'' at line integrals, by central differences of the slope, which any likelihood has."""
+    step = np.float32(STEP)
+    difference = likelihood.slope(l + step) - likelihood.slope(l - step)
+    return np.asarray(np.maximum(difference / (2 * step), 0), np.float32)
+
+
+def _minimum(problem: Problem, noise: Float32, linear: Float32, start: Float32, most: int) -> Float32:
+    """The minimum of a problem whose gradient is perturbed by −Aᵀ noise − linear."""
+    data = weighted_squares(problem)
+    shift = np.divide(noise, data.weights, out=np.zeros_like(noise), where=data.weights > 0)
+    data = WeightedLeastSquares(data.line_integrals + shift, data.weights)
+    assert problem.linear is not None
+    linear = problem.linear + linear
+    run = memory_gradient(problem.A, data, problem.prior, problem.beta, start, support=problem.support, linear=linear)
+    values, least = start, math.inf
+    for f, objective in islice(run, most):
+        if objective >= least:
+            break
+        values, least = f, objective
+    return values
+
+
+def weighted_squares(problem: Problem) -> WeightedLeastSquares:
+    """The data term of a level."""
+    assert isinstance(problem.likelihood, WeightedLeastSquares)
+    return problem.likelihood
+
+
+def prior_noise(prior: Prior, grid: Grid, beta: float, seed: Sequence[int]) -> Float32:
+    """(z, y, x), mm, with the covariance β K: the slope of each pair is perturbed by noise of variance β ω.
+
+    The noise of a pair is uniform, which takes a quarter of the time: a voxel sums up that of its 6 to 26 pairs, and a draw
+    that of thousands, so that it is normal all the same. Slices have random streams of their own, so that the number of
+    threads does not matter.
+    """
+    one = np.zeros((3, 3, 3), np.float32)
+    one[1, 1, 1] = 1
+    weights = -prior.surrogate(one, Grid(one.shape, grid.spacing))[0]
+    forward = [
+        (step, weights[tuple(np.add(step, 1))]) for step in product((0, 1), (-1, 0, 1), (-1, 0, 1)) if step > (0, 0, 0)
+    ]
+    e = np.zeros(grid.shape, np.float32)
+    height, width = grid.shape[1:]
+
+    def perturb(z: int) -> None:
+        """The pairs within a slice, and those with the next."""
+        stream = np.random.Generator(np.random.SFC64([*seed, z]))
+        for (dz, dy, dx), weight in forward:
+            if weight > 0 and z + dz < len(e):
+                (here, there), (left, right) = _pairs(dy, height), _pairs(dx, width)
+                first = e[z, here, left]
+                noise = np.frombuffer(stream.bytes(2 * first.size), np.int16).reshape(first.shape).astype(np.float32)
+                noise *= np.float32(math.sqrt(3 * beta * weight) / 2**15)
+                first += noise
+                e[z + dz, there, right] -= noise
+
+    with ThreadPoolExecutor(_core.base.threads()) as pool:
+        for parity in (0, 1):  # a slice writes to itself and the next
+            deque(pool.map(perturb, range(parity, len(e), 2)), maxlen=0)
+    return e
+
+
+def _pairs(step: int, size: int) -> tuple[slice, slice]:
+    """Where the first and the second of two neighbours lie along an axis."""
+    return slice(max(-step, 0), size - max(step, 0)), slice(max(step, 0), size + min(step, 0))
+
+
+def restricted(volume: Float32, fine: Grid, coarse: Grid) -> Float32:
+    """The transpose of linear interpolation from a coarser grid: each voxel's value is shared among coarse ones."""
+    for axis in range(3):
+        if coarse.shape[axis] != fine.shape[axis]:
+            v = np.moveaxis(volume, axis, 0)
+            v = np.concatenate([v, np.zeros_like(v[:1])]) if len(v) % 2 else v
+            cells = np.float32(0.75) * (v[0::2] + v[1::2])
+            cells[1:] += np.float32(0.25) * v[1:-1:2]
+            cells[:-1] += np.float32(0.25) * v[2::2]
+            cells[0] += np.float32(0.25) * v[0]
+            cells[-1] += np.float32(0.25) * v[-1]
+            volume = np.asarray(np.moveaxis(cells, 0, axis), np.float32)
+    return np.ascontiguousarray(volume)
+
+
+def _pixel_sums(a: Float32) -> Float32:
+    """Over 2 x 2 pixels, those missing at odd sizes left out."""
+    for axis in (1, 2):
+        a = np.add.reduceat(a, np.arange(0, a.shape[axis], 2), axis=axis)
+    return np.ascontiguousarray(a)
