@@ -1,5 +1,6 @@
 #include "subspace/memory_gradient.h"
 #include "base/cpu_dispatch.h"
+#include "base/simd.h"
 #include "base/thread_pool.h"
 #include <algorithm>
 #include <vector>
@@ -8,7 +9,6 @@ namespace palpate {
 namespace {
 
 constexpr int64_t block = 4096; // elements a partial sum: few enough for float lanes
-constexpr int lanes = 8;
 
 // Partial sums of each block or row, added up in order.
 template <int count, class Part> void summed(int64_t parts, double* total, const Part& part) {
@@ -39,17 +39,30 @@ struct Row {
 template <Potential potential>
 PALPATE_INLINE void bend_row(const Row& a, const Row& b, int64_t count, const PotentialParameters& law, double weight,
                              double* sums) {
-    float lane[3][lanes] = {};
+    f32x8 vector_sums[3] = {}; // explicit: the compiler does not find vectors where the curvature is constant
     int64_t x = 0;
-    for (; x + lanes <= count; x += lanes)
-        for (int k = 0; k < lanes; k++) {
-            const float t = a.f[x + k] - b.f[x + k], bend = potential_curvature<potential>(law, t);
-            const float du = a.u[x + k] - b.u[x + k], dp = t - (a.previous[x + k] - b.previous[x + k]);
-            const float bu = bend * du;
-            lane[0][k] += bu * du;
-            lane[1][k] += bu * dp;
-            lane[2][k] += bend * dp * dp;
-        }
+    for (; x + lanes <= count; x += lanes) {
+        f32x8 t, du, dp, other, bend;
+        float difference[lanes], curvature[lanes];
+        load(t, a.f + x);
+        load(other, b.f + x);
+        t -= other;
+        load(du, a.u + x);
+        load(other, b.u + x);
+        du -= other;
+        load(dp, a.previous + x);
+        load(other, b.previous + x);
+        dp = t - (dp - other);
+        store(difference, t);
+        for (int k = 0; k < lanes; k++) curvature[k] = potential_curvature<potential>(law, difference[k]);
+        load(bend, curvature);
+        const f32x8 bu = bend * du;
+        vector_sums[0] += bu * du;
+        vector_sums[1] += bu * dp;
+        vector_sums[2] += bend * dp * dp;
+    }
+    float lane[3][lanes];
+    for (int i = 0; i < 3; i++) store(lane[i], vector_sums[i]);
     for (; x < count; x++) {
         const float t = a.f[x] - b.f[x], bend = potential_curvature<potential>(law, t);
         const float du = a.u[x] - b.u[x], dp = t - (a.previous[x] - b.previous[x]);
