@@ -164,6 +164,25 @@ def test_samples_keep_the_constraints():
     assert 0.05 < (found.samples[:, (truth == 0) & mask] == 0).mean() < 0.95
 
 
+def test_within_an_outline_the_prior_has_no_pairs_beyond_it_and_nor_has_its_noise(dense):
+    """The rim's standard deviation is that of the dense matrices of the voxels inside: 500 samples, 24 voxels."""
+    A, K = dense
+    mask = np.indices(GRID.shape)[1] > 1
+    inside = mask.ravel()
+    scan = scan_of(LEVEL * mask, seed=2)
+    found = pp.posterior(scan, GRID, samples=500, prior=prior_for(scan), support=mask, **EXACT)
+    pairs = K[np.ix_(inside, inside)]
+    np.fill_diagonal(pairs, 0)
+    pairs -= np.diag(pairs.sum(1))
+    weights = INCIDENT * np.exp(-A @ found.map.values.ravel().astype(float))
+    beta = found.laplace.levels[0][1].beta
+    exact = np.linalg.inv(A[:, inside].T @ (weights[:, None] * A[:, inside]) + beta * pairs)
+    ratio = found.std.values[mask] / np.sqrt(exact.diagonal())
+    rim = (np.indices(GRID.shape)[1] == 2)[mask]
+    assert ratio[rim].mean() == pytest.approx(1, abs=0.03)
+    assert ratio.mean() == pytest.approx(1, abs=0.02)
+
+
 def test_a_linear_term_has_its_gradient():
     scan = scan_of(np.full(GRID.shape, LEVEL), seed=1)
     rng = np.random.default_rng(0)

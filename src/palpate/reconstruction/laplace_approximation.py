@@ -4,7 +4,7 @@ import math
 from collections import deque
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice, product
 from typing import Self
 
@@ -15,10 +15,9 @@ from palpate import _core
 from palpate.arrays import ArrayLike, Float32, float32
 from palpate.errors import DataError
 from palpate.reconstruction.models.likelihood import Likelihood, WeightedLeastSquares
-from palpate.reconstruction.models.mrf_prior import Prior
 from palpate.reconstruction.multiresolution import coarser_support, pyramid
 from palpate.reconstruction.optimizers.memory_gradient import majoriser, memory_gradient
-from palpate.reconstruction.optimizers.problem import Problem
+from palpate.reconstruction.optimizers.problem import OUTLINE, Problem
 from palpate.reconstruction.projector import Projector
 from palpate.scans.scan import Scan
 from palpate.volumes.grid import Grid
@@ -66,8 +65,8 @@ class LaplaceApproximation:
                 # depth keep half of their part in it, and those in the slice all of it: in between.
                 beta *= math.sqrt(2) if thick else 1
             data = WeightedLeastSquares(A(centre), weights)
-            linear = np.float32(beta) * problem.prior.surrogate(centre, grid)[0] - multiplier
-            made.append((centre, Problem(A, data, problem.prior, beta, "precomputed", support, linear)))
+            here = Problem(A, data, problem.prior, beta, "precomputed", support)
+            made.append((centre, replace(here, linear=here.prior_surrogate(centre)[0] - multiplier)))
         return cls(made)
 
     def draw(self, seed: int, number: int, iterations: int) -> Float32:
@@ -78,7 +77,7 @@ class LaplaceApproximation:
         (_, fine), *_ = self.levels
         stream = np.random.Generator(np.random.SFC64([seed, number, 0]))
         noise = stream.standard_normal(fine.A.range_shape, np.float32) * np.sqrt(weighted_squares(fine).weights)
-        linear = prior_noise(fine.prior, fine.A.grid, fine.beta, (seed, number, 1))
+        linear = prior_noise(fine, (seed, number, 1))
         perturbations, grid = [(noise, linear)], fine.A.grid
         for _, problem in self.levels[1:]:
             noise, linear = _pixel_sums(noise), restricted(linear, grid, problem.A.grid)
@@ -91,7 +90,7 @@ class LaplaceApproximation:
             start = centre
             if change is not None:
                 start = np.maximum(centre + resample(change, problem.A.grid, "linear").values, 0)
-                start = start if problem.support is None else start * problem.support
+                start = start if problem.support is None else start * (problem.support > 0)
             most = iterations if level == 0 else 3 * iterations * 2 ** (level - 1)
             values = _minimum(problem, noise, linear, start, most)
             change = Volume(values - centre, problem.A.grid)
@@ -100,7 +99,7 @@ class LaplaceApproximation:
     def standard_deviation(self, weights: ArrayLike) -> float:
         """Return the standard deviation √(gᵀ H⁻¹ g) of Σ g_j f_j, by one solve; voxels at 0 are held there."""
         centre, problem = self.levels[0]
-        A, beta, free = problem.A, np.float32(problem.beta), centre > 0
+        A, free = problem.A, centre > 0
         g = float32("weights", weights, centre.shape) * free
         if not g.any():
             return 0.0
@@ -108,10 +107,10 @@ class LaplaceApproximation:
 
         def hessian(x: Float32) -> Float32:
             f = np.ascontiguousarray(x.reshape(centre.shape), np.float32)
-            answer = A.T(W * A(f)) + beta * problem.prior.surrogate(f, A.grid)[0]
+            answer = A.T(W * A(f)) + problem.prior_surrogate(f)[0]
             return np.where(free, answer, f).ravel()
 
-        diagonal = majoriser(A, W)[0] + 2 * beta * problem.prior.surrogate(centre, A.grid)[1]
+        diagonal = majoriser(A, W)[0] + 2 * problem.prior_surrogate(centre)[1]
         size = g.size
         inverse = LinearOperator(
             (size, size), lambda x: (x.reshape(centre.shape) / np.where(free, diagonal, 1)).ravel()
@@ -153,16 +152,17 @@ def weighted_squares(problem: Problem) -> WeightedLeastSquares:
     return problem.likelihood
 
 
-def prior_noise(prior: Prior, grid: Grid, beta: float, seed: Sequence[int]) -> Float32:
+def prior_noise(problem: Problem, seed: Sequence[int]) -> Float32:
     """(z, y, x), mm, with the covariance β K: the slope of each pair is perturbed by noise of variance β ω.
 
     The noise of a pair is uniform, which takes a quarter of the time: a voxel sums up that of its 6 to 26 pairs, and a draw
     that of thousands, so that it is normal all the same. Slices have random streams of their own, so that the number of
-    threads does not matter.
+    threads does not matter. Pairs across an object's outline do not count in R, and have none.
     """
+    grid, support = problem.A.grid, problem.support
     one = np.zeros((3, 3, 3), np.float32)
     one[1, 1, 1] = 1
-    weights = -prior.surrogate(one, Grid(one.shape, grid.spacing))[0]
+    weights = -problem.beta * problem.prior.surrogate(one, Grid(one.shape, grid.spacing))[0]
     forward = [
         (step, weights[tuple(np.add(step, 1))]) for step in product((0, 1), (-1, 0, 1), (-1, 0, 1)) if step > (0, 0, 0)
     ]
@@ -177,7 +177,10 @@ def prior_noise(prior: Prior, grid: Grid, beta: float, seed: Sequence[int]) -> F
                 (here, there), (left, right) = _pairs(dy, height), _pairs(dx, width)
                 first = e[z, here, left]
                 noise = np.frombuffer(stream.bytes(2 * first.size), np.int16).reshape(first.shape).astype(np.float32)
-                noise *= np.float32(math.sqrt(3 * beta * weight) / 2**15)
+                noise *= np.float32(math.sqrt(3 * weight) / 2**15)
+                if support is not None:
+                    a, b = support[z, here, left], support[z + dz, there, right]
+                    noise *= np.maximum(a, b) - np.minimum(a, b) != OUTLINE
                 first += noise
                 e[z + dz, there, right] -= noise
 
