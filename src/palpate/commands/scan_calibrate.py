@@ -3,7 +3,6 @@
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
 
 import palpate as pp
@@ -23,7 +22,7 @@ def calibrate_command(
     ] = False,
     still_panel: Annotated[
         bool | None,
-        typer.Option("--still-panel/--moving-panel", help="One panel for all views. None: as the start says."),
+        typer.Option("--still-panel/--moving-panel", help="One panel for all views. Default: as the start says."),
     ] = None,
     geometry: Annotated[
         Path | None, typer.Option(help="Geometry file whose other lines (stack, incident) are kept.")
@@ -37,6 +36,8 @@ def calibrate_command(
     The start may be off by 2 % of the distances, tilts of 1 degree and
     2 degrees of arc. docs/geometry.md tells what the balls cannot show.
     """
+    import numpy as np
+
     from palpate.atomic_write import replacing, writable
     from palpate.errors import DataError
 
