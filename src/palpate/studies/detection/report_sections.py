@@ -59,7 +59,7 @@ def _conclusions(judgement: Judgement) -> Section:
     text = [
         f"The default of this study is MAP with a quadratic prior whose resolution is {WIDTH:g} voxels, within the object's "
         f"hull. At each dose and for each measure it is compared with the best rival, chosen by the result itself. "
-        f"{len(met)} of {len(claims)} targets are met.",
+        f"{len(met)} of {len(claims)} targets are met. What palpate does if nothing is asked is {EDGES}.",
         f"A target is met if the lower end of the 95 % interval lies above it, or below it by at most {SLACK:g}. The "
         f"interval is that of {RESAMPLES} draws of breasts with replacement within each kind, the same for both. Targets, "
         f"breasts and observers were fixed before these breasts were looked at.",
