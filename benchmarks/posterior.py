@@ -5,7 +5,7 @@
 covariance: 5,000 samples on 6 x 8 x 8 voxels against (Aᵀ W A + β K)⁻¹ of dense matrices. A is the tests' oracle (Siddon's
 method), K comes from the formula of the pairs' weights. ranks: truths drawn from the prior, Poisson counts, and the rank of
 each truth among 15 samples; χ² over the 16 ranks of each functional. spread: standard deviation of samples after the few
-default iterations over that of converged ones of the same noise. cost: CPU time of 30 samples over that of a default
+default iterations over that of converged ones of the same noise. cost: time of 30 samples over that of a default
 run, in turn, median and range of repeats. No constant was chosen on these seeds.
 """
 
@@ -168,7 +168,7 @@ def spread(draws: int = 2) -> None:
 
 def cost(repeats: int = 5, samples: int = 30) -> None:
     """Prints the table."""
-    print("| prior | voxels | default run, CPU s | the same prior's run, CPU s | 30 samples, CPU s | in default runs |")
+    print("| prior | voxels | default run, s | the same prior's run, s | 30 samples, s | in default runs |")
     print("|---|---|---|---|---|---|")
     for name, (voxel, options) in PRIORS.items():
         scan, grid = breast(voxel)
@@ -184,17 +184,17 @@ def cost(repeats: int = 5, samples: int = 30) -> None:
 
 
 def seconds(scan: pp.Scan, grid: pp.Grid, options: dict[str, Any], samples: int) -> tuple[float, ...]:
-    """CPU time of a default run, of one with the options, of what prepares the samples, and of some samples."""
-    at = [time.process_time()]
+    """Seconds of a default run, of one with the options, of what prepares the samples, and of some samples."""
+    at = [time.perf_counter()]
     deque(pp.iterates(scan, grid), maxlen=0)
-    at.append(time.process_time())
+    at.append(time.perf_counter())
     last = deque(pp.iterates(scan, grid, **options), maxlen=1)[0]
-    at.append(time.process_time())
+    at.append(time.perf_counter())
     laplace = approximate_posterior(scan, grid, last, options)
-    at.append(time.process_time())
+    at.append(time.perf_counter())
     for number in range(samples):
         laplace.draw(106, number, ITERATIONS)
-    at.append(time.process_time())
+    at.append(time.perf_counter())
     return tuple(np.diff(at))
 
 
