@@ -40,7 +40,7 @@ def register_optimizer(name: str) -> Callable[[T], T]:
     callable
         A decorator of the class. The class is made once for each resolution level, as `Own(problem, values, state)`:
         `palpate.reconstruction.optimizers.problem` has the types. `problem` holds the projector, the likelihood and the
-        prior, and in `problem.support` (0 or more, or None) where f = 0 must hold. `values` is the start, (z, y, x) 1/mm.
+        prior, and `problem.support`: 0 where f = 0 must hold, or None. `values` is the start, (z, y, x) 1/mm.
         `state` is empty, or what `state()` returned when the run was stopped. `update()` returns the next iterate and
         the objective there. `state()` returns arrays by name: all that `update` needs besides the iterate to go on to
         the bit.

@@ -16,7 +16,7 @@ from palpate.studies.detection.acquisition import DENSE, expose, lines, noise, p
 from palpate.studies.detection.breast import random_breast, random_field
 from palpate.studies.detection.config import MASS, QUICK, RESAMPLES, SLACK, TARGETS
 from palpate.studies.detection.judgement import Judgement
-from palpate.studies.detection.methods import DEFAULT, OURS
+from palpate.studies.detection.methods import JUDGED, OURS
 from palpate.studies.detection.observers import (
     Observer,
     Seen,
@@ -76,8 +76,8 @@ def test_added_lengths_are_the_volumes_of_what_was_added(case):
     profile = 4 * np.pi * np.trapezoid(r**2 * (1 - r**2) ** 1.5, r)
     for name, diameter, volume in (("0.4 mm", 0.4, np.pi * 0.4**3 / 6), (MASS, 5.0, 2.5**3 * profile)):
         signals = Signals(np.array([[1.3, 9.1, 20.0]]), [name], np.array([diameter]))
-        masses, stones = added_lengths(signals, views, (1, *views.panels[0].shape))
-        found = (masses if name == MASS else stones).sum() * np.prod(views.panels[0].pitch) * (630 / 650) ** 2
+        masses, calcified = added_lengths(signals, views, (1, *views.panels[0].shape))
+        found = (masses if name == MASS else calcified).sum() * np.prod(views.panels[0].pitch) * (630 / 650) ** 2
         assert found == pytest.approx(volume, rel=0.02)
 
 
@@ -112,11 +112,11 @@ def test_a_calcification_lowers_what_its_shadow_counts_and_nothing_else(case):
     without, with_it = (expose(lengths, np.zeros_like(lengths[0]), views, s).signal for s in (None, some))
     changed = with_it < without * (1 - 1e-6)
     assert 0 < changed.sum() < 16 * len(views)
-    stones = added_lengths(some, views, without.shape)[1]
-    assert (stones[changed] > 0).all()
+    calcified = added_lengths(some, views, without.shape)[1]
+    assert (calcified[changed] > 0).all()
     keV, _ = lines()
     steep = attenuation("calcium oxalate", keV)
-    drop = -np.log(with_it[changed] / without[changed]) / (DENSE * stones[changed])
+    drop = -np.log(with_it[changed] / without[changed]) / (DENSE * calcified[changed])
     assert steep.min() < drop.min() < drop.max() < steep.max()
 
 
@@ -126,8 +126,8 @@ def test_with_and_without_signals_the_noise_is_one(case):
     lengths = path_lengths(breast, views)
     normal = np.random.default_rng(0).standard_normal(lengths[0].shape, np.float32)
     far = np.ones(lengths[0].shape, bool)
-    masses, stones = added_lengths(signals, views, far.shape)
-    far &= (masses == 0) & (stones == 0)
+    masses, calcified = added_lengths(signals, views, far.shape)
+    far &= (masses == 0) & (calcified == 0)
     scans = [noise(expose(lengths, np.zeros_like(normal), views, s), 5000, KIND.thick, normal) for s in (None, signals)]
     np.testing.assert_array_equal(scans[0].counts[far], scans[1].counts[far])
     assert scans[0].background.mean() > 20  # scatter is estimated even where there is none
@@ -220,7 +220,7 @@ def test_every_target_is_judged_by_the_tables(study):
         }
         rivals = {name: value for name, value in reached.items() if name not in OURS and name != "projections"}
         assert len(rivals) >= 11
-        own, best = reached[DEFAULT], max(rivals.values())
+        own, best = reached[JUDGED], max(rivals.values())
         assert rivals[claim["rival"]] == best
         expected = own - best if claim["measure"].endswith(" found") else own / best
         assert float(claim["value"]) == pytest.approx(expected, rel=1e-9, abs=1e-12)
@@ -256,7 +256,7 @@ def test_an_interval_holds_the_value_of_a_known_ratio():
     records = {}
     for seed in range(12):
         record = {}
-        for method, factor in ((DEFAULT, 1.0), ("rival", 2.0)):
+        for method, factor in ((JUDGED, 1.0), ("rival", 2.0)):
             for size, observer in ((MASS, MASS), ("0.3 mm", "calcification"), ("0.4 mm", "calcification")):
                 for what, n, gain in (
                     (f"{size}|present", 20, 1.0),
@@ -267,13 +267,13 @@ def test_an_interval_holds_the_value_of_a_known_ratio():
             record[f"2500|{method}|rmse"] = np.array(1.0)
         records["kind", seed] = record
     judgement = Judgement(records, QUICK)
-    own, other = (judgement._scores(2500, name, MASS) for name in (DEFAULT, "rival"))
+    own, other = (judgement._scores(2500, name, MASS) for name in (JUDGED, "rival"))
     at = judgement.resamples
     assert len(at) == RESAMPLES
     ratios = [d_a([own[k] for k in a]) / d_a([other[k] for k in a]) for a in at[:200]]
     low, high = np.quantile(ratios, [0.025, 0.975])
     assert low < 2 < high < 3.5
-    measure = judgement.measures(2500, DEFAULT)["mass d_A"]
+    measure = judgement.measures(2500, JUDGED)["mass d_A"]
     assert [measure(a) for a in at[:5]] == pytest.approx([d_a([own[k] for k in a]) for a in at[:5]], rel=1e-9)
     areas = roc_areas(own)
     assert areas.shape == (12, 12)

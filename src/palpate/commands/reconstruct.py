@@ -135,7 +135,9 @@ def reconstruct_command(
     ] = "none",
     samples: Annotated[
         int,
-        typer.Option(help="Samples of the posterior; writes their standard deviation to NAME-std beside the output."),
+        typer.Option(
+            help="Samples of the posterior, by a quadratic prior; writes their standard deviation to NAME-std."
+        ),
     ] = 0,
     seed: Annotated[int, typer.Option(help="Of the samples' noise.")] = 0,
     resume: Annotated[bool, typer.Option("--resume", help="Go on from the checkpoint beside the output.")] = False,

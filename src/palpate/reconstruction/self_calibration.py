@@ -129,9 +129,8 @@ def calibrate(
             if drift:
                 gains[k] = view_gain(measured[k], seen, region)
             if shifts:
-                weights = (
-                    np.exp(-seen / 2) if likelihood == "poisson" else None
-                )  # of line integrals: as the root of the counts
+                # Of line integrals: as the root of the counts.
+                weights = np.exp(-seen / 2) if likelihood == "poisson" else None
                 moves[k] += image_shift(measured[k], seen, region, fine, weights=weights) * scan.views.panels[k].pitch
         gains /= gains.mean()
         tried, made = [*tried[-memory:], found.shifts], [*made[-memory:], without_displacement(scan.views, moves, grid)]

@@ -193,7 +193,7 @@ def _first_look(scan: Scan, at: Poses, k: int, places: Float64, radii: Float64) 
         return np.full(expected.shape, np.nan), np.full(expected.shape, np.nan)
     pitch, far = at.pitch[k], float(np.linalg.norm(at.source[k] - at.middle[k]))
     width = 2 * float(np.median(size)) * float(pitch.min())
-    chosen, _ = assign(expected * pitch, places, found * pitch, REACH * far, width)
+    chosen = assign(expected * pitch, places, found * pitch, REACH * far, width)
     begin = np.where(chosen[:, None] >= 0, found[chosen], -1e6)  # far outside: not fitted
     return _measured(scan, at, k, places, radii, expected, begin)
 

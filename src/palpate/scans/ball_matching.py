@@ -15,8 +15,8 @@ SHRINK = 0.8
 FALSE = 0.1  # of the balls: as many spots at least are no ball
 
 
-def assign(expected: Float64, balls: Float64, found: Float64, reach: float, width: float) -> tuple[Int64, float]:
-    """(N,): index of each ball's spot, -1 for none, and the root mean square of what the linear field leaves.
+def assign(expected: Float64, balls: Float64, found: Float64, reach: float, width: float) -> Int64:
+    """(N,): index of each ball's spot, -1 for none.
 
     expected (N, 2), found (M, 2): places on the panel. balls (N, 3): mm. reach: how far from each other a shadow and its
     spot may be expected; width: how far from its place a spot may lie at the end. All three in one unit.
@@ -29,7 +29,7 @@ def assign(expected: Float64, balls: Float64, found: Float64, reach: float, widt
         more = np.count_nonzero(chosen >= 0) - np.count_nonzero(best >= 0)
         if more > 0 or (more == 0 and rest < least):
             best, least = chosen, rest
-    return best, least
+    return best
 
 
 def _common_shifts(expected: Float64, found: Float64, reach: float, width: float) -> list[Float64]:

@@ -7,27 +7,19 @@ from scipy.spatial.transform import Rotation
 
 from palpate.arrays import Float64
 from palpate.errors import GeometryError
-from palpate.scans.view_parameters import Poses
+from palpate.scans.view_parameters import PARAMETERS, UNITS, Poses
 
 # Source, panel and axis as they are in the middle view, along that panel's own axes. Of the axis: its place and direction
 # in the two directions across it.
 RIGID = (
-    "source along the row axis",
-    "source along the column axis",
-    "source away from the panel",
-    "panel along the row axis",
-    "panel along the column axis",
-    "panel towards the source",
-    "panel tilted about the row axis",
-    "panel tilted about the column axis",
-    "panel turned in its plane",
+    *PARAMETERS,
     "rotation axis moved, first way",
     "rotation axis moved, second way",
     "rotation axis tilted, first way",
     "rotation axis tilted, second way",
     "arc longer",
 )
-RIGID_UNITS = ("mm",) * 6 + ("degrees",) * 3 + ("mm", "mm", "degrees", "degrees", "%")
+RIGID_UNITS = (*UNITS, "mm", "mm", "degrees", "degrees", "%")
 EXACT = 1e-4  # of the distances: how far a start may be from a true rotation
 
 

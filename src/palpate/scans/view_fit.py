@@ -11,10 +11,8 @@ from palpate.scans.rigid_motion import RIGID, RIGID_UNITS, rigid_motion
 from palpate.scans.view_parameters import PARAMETERS, UNITS, Poses, moved, shadow_slopes, shadows
 
 LENGTH, ANGLE, ARC = 0.02, 1.0, 10.0  # how far the start may be off: of the distance source-panel, degrees, %
-ALONE, SHARED = (
-    8,
-    4,
-)  # points that a view must show: fitted by itself, so that a wrong assignment is seen; or with others
+# Points that a view must show: fitted by itself, so that a wrong assignment is seen; or with others.
+ALONE, SHARED = 8, 4
 STEP = 1e-3  # mm, degrees, %: for slopes by central differences
 WEAK = 0.6  # of the balls that the typical view shows: with fewer a view's first assignment may be wrong
 FLAT = 0.01  # of its width: a cloud of points thinner than that is flat

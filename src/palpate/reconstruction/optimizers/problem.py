@@ -51,7 +51,7 @@ class Problem:
     def law(self) -> tuple[_core.statistics.PriorKernel, float]:
         """The prior's, as the kernels take it; some law where there is no prior."""
         kernel, edge = (self.prior if self.beta > 0 else Prior("quadratic")).law
-        if self.support is None:
+        if self.support is None or not (self.support == OUTLINE).any():
             return kernel, edge
         inside = np.asarray(self.support > 0, np.float32)
         pull = Prior("quadratic", neighbours=self.prior.neighbours).surrogate(inside, self.A.grid)[0]

@@ -76,9 +76,9 @@ def path_lengths(breast: Breast, views: Views) -> tuple[Float32, Float32]:
 def expose(lengths: tuple[Float32, Float32], scatter: Float32, views: Views, signals: Signals | None) -> Exposure:
     """The panel behind a breast, with signals or without."""
     fat, gland = lengths
-    stones = np.zeros_like(fat)
+    calcified = np.zeros_like(fat)
     if signals is not None:
-        masses, stones = added_lengths(signals, views, fat.shape)
+        masses, calcified = added_lengths(signals, views, fat.shape)
         fat, gland = fat - masses, gland + masses
     keV, photons = lines()
     energy = photons * keV / (photons @ keV)  # share of the open beam's signal
@@ -86,7 +86,7 @@ def expose(lengths: tuple[Float32, Float32], scatter: Float32, views: Views, sig
     signal, variance = scatter.copy(), scatter * float((photons @ keV**2) / (photons @ keV) / mean)
     for e, share in zip(keV, energy, strict=True):
         a, g, c = (np.float32(attenuation(m, e)) for m in MATERIALS)
-        passed = np.float32(share) * np.exp(-(a * fat + g * gland + c * DENSE * stones))
+        passed = np.float32(share) * np.exp(-(a * fat + g * gland + c * DENSE * calcified))
         signal += passed
         variance += passed * np.float32(e / mean)  # each quantum counts by its energy
     return Exposure(views, signal, variance, scatter)

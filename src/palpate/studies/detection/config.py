@@ -1,4 +1,4 @@
-"""What is scanned, how, and how often; and what the default has to reach: the full study, and a small one for tests."""
+"""What is scanned, how, and how often; and what MAP has to reach: the full study, and a small one for tests."""
 
 from dataclasses import dataclass
 
@@ -11,12 +11,12 @@ from palpate.volumes.grid import Grid
 KV, BEAM, GRID = 30.0, "W/Rh", "none"
 GAP = 15.0  # mm from the panel to the breast
 RADIUS = 650.0  # mm of the arc of focal spots about the panel's edge at the chest wall
-SHIFT = (0.07, 0.11, 0.0)  # mm in x, y, z, so that no voxel lies as those of the breast do
+SHIFT = (0.07, 0.11, 0.0)  # mm in x, y, z: voxels lie otherwise than those of the breast, slices between the plates
 MARGIN = 6.0  # mm of air in the images
-WIDTH = 1.3  # resolution of the default, in voxels across
+WIDTH = 1.3  # resolution of what is judged, in voxels across
 FALSE = 1e-3  # of the places without a signal that an observer may take for one
 RESAMPLES = 1000  # of the bootstrap
-SLACK = 0.05  # a target is met if the lower end of its 95 % interval is above it by no less than -SLACK
+SLACK = 0.05  # how far the lower end of a 95 % interval may lie below a target that is met
 MASS, CALCIFICATION = "mass", "calcification"
 
 
@@ -34,7 +34,7 @@ class Kind:
 
 @dataclass(frozen=True)
 class Target:
-    """What the default must reach against the best rival. measure: of `measures`. ratio: or else a difference. low: at
+    """What MAP by resolution must reach against the best rival. measure: of `measures`. ratio: or else a difference. low: at
     the lowest dose, if another."""
 
     measure: str
@@ -61,8 +61,8 @@ class Setting:
 
     fine: mm, a voxel of the breast. voxel, slice_: mm, of the images. pixel: mm. angles: of the views, degrees.
     masses, calcifications: places a breast, at most; of each size. mass: diameter, mm, and the gland that it adds in its
-    middle. sizes:
-    diameters of calcifications, mm. lattice: mm between places without a signal. scatter: photons of each Monte Carlo.
+    middle. sizes: diameters of calcifications, mm. lattice: mm between places without a signal. scatter: photons of each
+    Monte Carlo.
     """
 
     quick: bool

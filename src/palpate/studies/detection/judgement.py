@@ -1,4 +1,4 @@
-"""What the records say: measures of each method, and the default against the best rival with intervals."""
+"""What the records say: measures of each method, and MAP by resolution against the best rival with intervals."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from palpate.studies.detection.config import (
     Setting,
     Target,
 )
-from palpate.studies.detection.methods import DEFAULT, OURS
+from palpate.studies.detection.methods import JUDGED, OURS
 from palpate.studies.detection.observers import Scores, Seen, detectability, found_share, hotelling_scores, roc_areas
 from palpate.studies.detection.run import FREE, PROJECTIONS, Record
 from palpate.studies.detection.signals import size_name
@@ -29,7 +29,7 @@ Measure = Callable[[Int64], float]  # of the breasts with these numbers
 
 @dataclass(frozen=True)
 class Claim:
-    """The default against the best rival at a dose: a ratio or a difference, its 95 % interval, and what was asked."""
+    """MAP by resolution against the best rival at a dose: a ratio or a difference, its 95 % interval, and what was asked."""
 
     measure: str
     dose: int
@@ -113,7 +113,7 @@ class Judgement:
     def _claim(self, target: Target, dose: int) -> Claim:
         reached = {row["method"]: row.get(target.measure, 0.0) for row in self.rows if row["dose"] == dose}
         rival = max(self.rivals, key=lambda name: reached[name])
-        own, other = (self.measures(dose, name)[target.measure] for name in (DEFAULT, rival))
+        own, other = (self.measures(dose, name)[target.measure] for name in (JUDGED, rival))
 
         def compared(at: Int64) -> float:
             a, b = own(at), other(at)

@@ -1,4 +1,4 @@
-"""Who reconstructs: the default, what it is compared with, and its rivals, each with all its candidates."""
+"""Who reconstructs: what is judged, two more of ours, and its rivals, each in all its settings."""
 
 from collections.abc import Iterator
 from itertools import islice
@@ -19,8 +19,8 @@ from palpate.studies.detection.config import WIDTH
 from palpate.studies.rtk_reference import installed, rtk_sart
 from palpate.volumes.grid import Grid
 
-DEFAULT, NO_HULL, EDGES = "MAP by resolution, hull", "MAP by resolution", "MAP for smooth objects"
-OURS = DEFAULT, NO_HULL, EDGES
+JUDGED, NO_HULL, EDGES = "MAP by resolution, hull", "MAP by resolution", "MAP for smooth objects"
+OURS = JUDGED, NO_HULL, EDGES
 SART_PASSES, SIRT_ITERATIONS = (1, 2, 3), (5, 10, 20, 40)
 CUTOFFS = (1.0, 0.6)
 STRENGTHS = (0.0001, 0.0005)  # of total variation, from the first pass of SART
@@ -30,7 +30,7 @@ TV_ITERATIONS = 15
 def images(scan: Scan, grid: Grid) -> Iterator[tuple[str, Float32]]:
     """(method, candidate) and its image, (z, y, x): ours first, then the rivals, each in all its settings."""
     prior = Prior("quadratic", resolution=WIDTH * grid.spacing[2])
-    yield DEFAULT, reconstruct(scan, grid, prior=prior, support="hull").values
+    yield JUDGED, reconstruct(scan, grid, prior=prior, support="hull").values
     yield NO_HULL, reconstruct(scan, grid, prior=prior).values
     yield EDGES, reconstruct(scan, grid).values
     A, data = Projector(scan.views, grid), Transmission.of(scan)

@@ -97,10 +97,10 @@ class Seen:
 
 @dataclass(frozen=True, eq=False)
 class Scores:
-    """The observer's rating of each place of one breast; free places have mean 0 and deviation 1."""
+    """The observer's rating of each place of one breast, with a signal and free of any; of those that taught it, free
+    places have mean 0 and deviation 1."""
 
     present: Float64
-    absent: Float64
     free: Float64
 
 
@@ -117,7 +117,7 @@ def hotelling_scores(breasts: Sequence[Seen], folds: int) -> list[Scores]:
         weights = np.linalg.solve(covariance, gain / scale) / scale
         rated = free @ weights
         middle, spread = rated.mean(), rated.std()
-        found.append(Scores(*((values @ weights - middle) / spread for values in (own.present, own.absent, own.free))))
+        found.append(Scores(*((values @ weights - middle) / spread for values in (own.present, own.free))))
     return found
 
 

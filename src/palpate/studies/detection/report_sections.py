@@ -1,19 +1,19 @@
-"""The detection study's report: what the default reaches, every method's measures, images, and what was not modelled."""
+"""The detection study's report: what MAP by resolution reaches, all measures, images, and what was not modelled."""
 
 from collections.abc import Mapping
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from palpate.arrays import AnyArray
+from palpate.arrays import AnyArray, Float32
 from palpate.report.figures import slice_table
 from palpate.report.html_report import Section
 from palpate.report.plot_axes import canvas, finish
 from palpate.report.tables import where
-from palpate.studies.detection.acquisition import expose, noise, path_lengths, scatter_of
-from palpate.studies.detection.config import BEAM, FALSE, GAP, KV, MASS, RADIUS, RESAMPLES, SLACK, WIDTH, Setting
+from palpate.studies.detection.acquisition import DENSE, expose, noise, path_lengths
+from palpate.studies.detection.config import BEAM, FALSE, GAP, KV, MASS, RADIUS, RESAMPLES, SLACK, WIDTH, Kind, Setting
 from palpate.studies.detection.judgement import Claim, Judgement
-from palpate.studies.detection.methods import DEFAULT, EDGES, OURS, images
+from palpate.studies.detection.methods import EDGES, JUDGED, OURS, images
 from palpate.studies.detection.run import PROJECTIONS, random_case, true_image
 from palpate.volumes.grid import Grid
 from palpate.volumes.notebook_figure import line_style
@@ -21,16 +21,21 @@ from palpate.volumes.volume import Volume
 
 TITLE = "Which lesions are found: random breasts, model observers"
 SHOWN = 0  # seed of the breast that is shown, of the middle kind
-ROWS = DEFAULT, EDGES, "SART, 1 pass", "SIRT, 20 iterations", "FBP, cutoff 1"
+ROWS = JUDGED, EDGES, "SART, 1 pass", "SIRT, 20 iterations", "FBP, cutoff 1"
 DIFFERENCE = " found"  # what a measure ends with whose rivals are compared by difference
 
 
-def shown_images(setting: Setting) -> dict[str, AnyArray]:
+def shown_kind(setting: Setting) -> Kind:
+    """Of the breast that is shown."""
+    return setting.kinds[len(setting.kinds) // 2]
+
+
+def shown_images(setting: Setting, scatter: Float32) -> dict[str, AnyArray]:
     """Slices through the middle mass of one breast, by "dose|method", and "truth", (y, x) 1/mm."""
-    kind = setting.kinds[len(setting.kinds) // 2]
+    kind = shown_kind(setting)
     breast, signals, _ = random_case(kind, SHOWN, setting)
     views, grid = setting.views(kind), setting.grid(kind)
-    exposure = expose(path_lengths(breast, views), scatter_of(kind, setting, 0), views, signals)
+    exposure = expose(path_lengths(breast, views), scatter, views, signals)
     masses = signals.centre[[name == MASS for name in signals.size]]
     at = int(np.argmin(np.abs(grid.axis("z") - np.median(masses[:, 2]))))
     found = {"truth": true_image(breast, kind, grid)[0][at]}
@@ -57,8 +62,8 @@ def _conclusions(judgement: Judgement) -> Section:
     met = [claim for claim in claims if claim.met]
     missed = [claim for claim in claims if not claim.met]
     text = [
-        f"The default of this study is MAP with a quadratic prior whose resolution is {WIDTH:g} voxels, within the object's "
-        f"hull. At each dose and for each measure it is compared with the best rival, chosen by the result itself. "
+        f"Judged is MAP with a quadratic prior whose resolution is {WIDTH:g} voxels, within the object's hull. "
+        f"At each dose and for each measure it is compared with the best rival, chosen by the result itself. "
         f"{len(met)} of {len(claims)} targets are met. What palpate does if nothing is asked is {EDGES}.",
         f"A target is met if the lower end of the 95 % interval lies above it, or below it by at most {SLACK:g}. The "
         f"interval is that of {RESAMPLES} draws of breasts with replacement within each kind, the same for both. Targets, "
@@ -66,10 +71,13 @@ def _conclusions(judgement: Judgement) -> Section:
     ]
     if missed:
         text.append(f"Missed: {'; '.join(map(_sentence, missed))}.")
-    head = ["photons", "measure", "best rival", "default over rival", "95 %", "asked", "met"]
+    head = ["quanta", "measure", "best rival", "MAP and rival", "95 %", "asked", "met"]
     body = [[f"{c.dose:,}", c.measure, c.rival, *_numbers(c), "yes" if c.met else "no"] for c in claims]
     return Section(
-        "Conclusions", text, [head, *body], [(_ratios(judgement), "Default over the best rival, 95 % intervals.")]
+        "Conclusions",
+        text,
+        [head, *body],
+        [(_ratios(judgement), "MAP by resolution and the best rival, 95 % intervals.")],
     )
 
 
@@ -100,7 +108,7 @@ def _ratios(judgement: Judgement) -> Figure:
         axes.axhline(0 if ends else 1, color="#1c2530", lw=0.5, ls=":")
         axes.set_xticks(range(len(shown)), shown)
         what = "difference of the shares found" if ends else "ratio"
-        finish(axes, f"default and best rival: {what}", "", "default − rival" if ends else "default / rival")
+        finish(axes, f"MAP by resolution and best rival: {what}", "", "MAP − rival" if ends else "MAP / rival")
     panels[0].legend(frameon=False, fontsize=8)
     return figure
 
@@ -116,8 +124,8 @@ def _set_up(setting: Setting) -> Section:
             f"{setting.seeds} breasts of each kind: {breasts}. Gland and fat have the texture of a random field whose power "
             f"falls with the cube of frequency, crossed by ligaments and wrapped in skin, in voxels of {setting.fine:g} mm.",
             f"Up to {setting.masses} masses of {setting.mass[0]:g} mm a breast add gland in place of fat, most in their "
-            f"middle ({setting.mass[1]:.0%}). Up to {setting.calcifications} spheres of calcium oxalate of each of {sizes} "
-            f"mm are the calcifications. Path lengths within them are in closed form.",
+            f"middle ({setting.mass[1]:.0%}). Up to {setting.calcifications} spheres of each of {sizes} mm are the "
+            f"calcifications, {DENSE:.0%} of whose length is calcium oxalate. Path lengths within them are in closed form.",
             f"{len(setting.angles)} views over {max(setting.angles) - min(setting.angles):g}° at {RADIUS:g} mm, pixels of "
             f"{setting.pixel:g} mm, {KV:g} kV {BEAM}, {GAP:g} mm of air below the breast, no grid. The panel integrates "
             f"energy; scatter is that of a Monte Carlo of a body of the same outline with fat outside and a denser core. The "
@@ -153,7 +161,7 @@ def _measures(judgement: Judgement, dose: int) -> Section:
 
 
 def _images(setting: Setting, shown: Mapping[str, AnyArray]) -> Section:
-    kind = setting.kinds[len(setting.kinds) // 2]
+    kind = shown_kind(setting)
     (_, dy, dx), doses = setting.grid(kind).spacing, (setting.doses[0], setting.doses[-1])
     grid = Grid((1, *shown["truth"].shape), (1.0, dy, dx))
 

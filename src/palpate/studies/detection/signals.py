@@ -33,7 +33,7 @@ def size_name(diameter: float) -> str:
 
 
 def random_signals(breast: Breast, setting: Setting, rng: np.random.Generator) -> Signals:
-    """Masses and calcifications of all sizes by turns, as many as the setting asks for, or as many as have room."""
+    """Masses, then calcifications of all sizes, as many as the setting asks for or as have room."""
     calcifications = [(size_name(d), d, setting.calcifications) for d in setting.sizes]
     low, high = breast.grid.bounds
     places = np.zeros((0, 3))
@@ -67,7 +67,7 @@ def places_without_signal(breast: Breast, setting: Setting, rng: np.random.Gener
 
 def added_lengths(signals: Signals, views: Views, shape: tuple[int, int, int]) -> tuple[Float32, Float32]:
     """(views, rows, columns) each, mm, means over each pixel: of gland in place of fat in masses, of calcification."""
-    masses, stones = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+    masses, calcified = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
     sub = (np.arange(SUBRAYS) + 0.5) / SUBRAYS - 0.5
     for k, (source, panel) in enumerate(zip(views.source, views.panels, strict=True)):
         for centre, name, diameter in zip(signals.centre, signals.size, signals.diameter, strict=True):
@@ -88,5 +88,7 @@ def added_lengths(signals: Signals, views: Views, shape: tuple[int, int, int]) -
             length = chord if name != MASS else radius * beta(0.5, POWER + 1) * rest ** (POWER + 0.5)
             n = last - first
             mean = length.reshape(n[0], SUBRAYS, n[1], SUBRAYS).mean(axis=(1, 3))
-            (masses if name == MASS else stones)[k, first[0] : last[0], first[1] : last[1]] += mean.astype(np.float32)
-    return masses, stones
+            (masses if name == MASS else calcified)[k, first[0] : last[0], first[1] : last[1]] += mean.astype(
+                np.float32
+            )
+    return masses, calcified

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from palpate.report.stages import Progress, Stages, silent
 from palpate.studies.detection.acquisition import scatter_of
 from palpate.studies.detection.config import FULL, QUICK, Kind, Setting
 from palpate.studies.detection.judgement import Judgement
-from palpate.studies.detection.report_sections import TITLE, sections, shown_images
+from palpate.studies.detection.report_sections import TITLE, sections, shown_images, shown_kind
 from palpate.studies.detection.run import Record, scan_breast
 from palpate.studies.run_store import write_arrays
 from palpate.studies.study import Study
@@ -43,7 +44,7 @@ def detection_study(
     quick : bool, optional
         Use small breasts of one kind, for tests.
     seeds : int, optional
-        Breasts of each kind, instead of 10.
+        Breasts of each kind, instead of 7 (of 3 with `quick`).
     resume : bool, optional
         Go on from the breasts that are there.
     docs : str or Path, optional
@@ -77,27 +78,27 @@ def detection_study(
             raise DataError(f"seeds: expected {FEWEST} to {MOST} breasts of each kind, got {seeds}")
         setting, option = replace(setting, seeds=seeds), f" --seeds {seeds}"
     study = Study("detection", TITLE, Stages(Path(folder), resume, progress), quick, docs, option=option)
-    records = run_all(study.stages, setting, progress)
+    scatter = {kind.name: _scatter(study.stages, kind, k, setting) for k, kind in enumerate(setting.kinds)}
+    records = run_all(study.stages, setting, scatter, progress)
+    make = partial(shown_images, setting, scatter[shown_kind(setting).name])
+    images = study.stages("shown.npz", make, write_arrays, _read)
     progress("report", 0.0)
     judgement = Judgement(records, setting)
-    images = study.stages("shown.npz", lambda: shown_images(setting), write_arrays, _read)
     tables = {"measures": judgement.rows, "claims": [vars(claim) | {"met": claim.met} for claim in judgement.claims]}
     report = study.publish(tables, sections(judgement, images))
     progress("report", 1.0)
     return report
 
 
-def run_all(stages: Stages, setting: Setting, progress: Progress) -> dict[tuple[str, int], Record]:
+def run_all(
+    stages: Stages, setting: Setting, scatter: Mapping[str, Float32], progress: Progress
+) -> dict[tuple[str, int], Record]:
     """The record of every breast, each its own file, so that an interrupted study goes on."""
     found = {}
-    for number, kind in enumerate(setting.kinds):
-        scatter = _scatter(stages, kind, number, setting)
+    for kind in setting.kinds:
         for seed in range(setting.seeds):
-            name = f"{kind.name} breast {seed + 1} of {setting.seeds}"
-
-            def make(kind: Kind = kind, seed: int = seed, name: str = name, scatter: Float32 = scatter) -> Record:
-                return scan_breast(kind, seed, setting, scatter, lambda share: progress(name, share))
-
+            tell = partial(progress, f"{kind.name} breast {seed + 1} of {setting.seeds}")
+            make = partial(scan_breast, kind, seed, setting, scatter[kind.name], tell)
             found[kind.name, seed] = stages(f"runs/{kind.name}-{seed}.npz", make, write_arrays, _read)
     return found
 
