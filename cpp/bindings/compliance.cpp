@@ -1,6 +1,7 @@
 #include "bindings/module.h"
 #include "compliance/compliance_model.h"
 #include <algorithm>
+#include <nanobind/stl/vector.h>
 #include <stdexcept>
 
 using namespace nb::literals;
@@ -44,6 +45,17 @@ RelaxationSpectrum spectrum(In<double, 2> relaxation) {
     return RelaxationSpectrum(series);
 }
 
+LoadRecursion creep(In<double, 1> times, In<double, 2> mix, size_t samples) {
+    expect(within(double(times.size()), 1.0, double(LoadRecursion::max_fields)), "times: 1 to 7");
+    expect(within(double(samples), 2.0, double(LoadRecursion::max_samples)), "factors: 2 to 8");
+    expect(mix.shape(0) == times.size() && mix.shape(1) == samples, "mix: expected shape (times, samples)");
+    for (size_t k = 0; k < times.size(); k++) {
+        expect(within(times(k), 1e-3, 1e9), "times: 0.001 to 1000000000 s");
+        for (size_t s = 0; s < samples; s++) expect(within(mix(k, s), -1e6, 1e6), "mix: -1000000 to 1000000");
+    }
+    return LoadRecursion::of(listed(times), std::vector<double>(mix.data(), mix.data() + mix.size()));
+}
+
 std::vector<int> vertex_list(const ComplianceState& s, In<int32_t, 1> vertices) {
     expect_numbers(vertices, s.field.size() / 3, "vertices: one that is not there");
     return listed(vertices);
@@ -61,12 +73,20 @@ void bind_compliance(nb::module_& m) {
                                             "Tables that grow where they are needed, and a force.")
         .def_ro("stale", &ComplianceState::stale, "The last answer lacked tables.")
         .def_prop_ro(
-            "bytes", [](const ComplianceState& s) { return s.greens.bytes.load(); }, "Of the tables.")
+            "bytes",
+            [](const ComplianceState& s) {
+                size_t sum = 0;
+                for (const GreensFunctions* greens : s.greens) sum += greens->bytes.load();
+                return sum;
+            },
+            "Of the tables.")
         .def_prop_ro(
             "made",
             [](const ComplianceState& s) {
-                return nb::make_tuple(s.greens.blocks_computed.load(), s.greens.columns_computed.load(),
-                                      s.greens.evicted.load());
+                int64_t blocks = 0, columns = 0, evicted = 0;
+                for (const GreensFunctions* greens : s.greens)
+                    blocks += greens->blocks_computed, columns += greens->columns_computed, evicted += greens->evicted;
+                return nb::make_tuple(blocks, columns, evicted);
             },
             nb::sig("def made(self, /) -> tuple[int, int, int]"), "Nodes' blocks and columns made, and evictions.")
         .def(
@@ -74,22 +94,26 @@ void bind_compliance(nb::module_& m) {
             [](ComplianceState& s, In<int32_t, 1> vertices, double reach) {
                 expect(within(reach, 0.0, 1e9), "reach: 0 mm or more");
                 nb::gil_scoped_release free;
-                in_batches(vertex_list(s, vertices),
-                           [&](const int* v, int n) { s.greens.compute_blocks(v, n, reach); });
+                in_batches(vertex_list(s, vertices), [&](const int* v, int n) {
+                    for (GreensFunctions* greens : s.greens) greens->compute_blocks(v, n, reach);
+                });
             },
             "vertices"_as_is, "reach"_a, "Blocks of these vertices with all others within `reach` mm.")
         .def(
             "make_columns",
             [](ComplianceState& s, In<int32_t, 1> vertices) {
                 nb::gil_scoped_release free;
-                in_batches(vertex_list(s, vertices), [&](const int* v, int n) { s.greens.compute_columns(v, n); });
+                in_batches(vertex_list(s, vertices), [&](const int* v, int n) {
+                    for (GreensFunctions* greens : s.greens) greens->compute_columns(v, n);
+                });
             },
             "vertices"_as_is, "Columns of these vertices, for displays.")
         .def(
             "has_columns",
             [](const ComplianceState& s, In<int32_t, 1> vertices) {
                 bool all = true;
-                for (int v : vertex_list(s, vertices)) all = all && s.greens.columns(v);
+                for (int v : vertex_list(s, vertices))
+                    for (const GreensFunctions* greens : s.greens) all = all && greens->columns(v);
                 return all;
             },
             "vertices"_as_is);
@@ -132,5 +156,22 @@ void bind_compliance(nb::module_& m) {
                 expect(modes.shape.size() == 3 * size_t(modes.count()) * nodes.shape(0), "modes: of another mesh");
                 new (self) ComplianceModel(elastic(factor, free, vertices, nodes), budget, modes);
             },
-            "factor"_a, "free"_as_is, "vertices"_as_is, "nodes"_as_is, "budget"_a, "modes"_a, nb::keep_alive<1, 2>());
+            "factor"_a, "free"_as_is, "vertices"_as_is, "nodes"_as_is, "budget"_a, "modes"_a, nb::keep_alive<1, 2>())
+        .def(
+            "__init__",
+            [](ComplianceModel* self, const std::vector<const SparseCholesky*>& factors, In<int32_t, 1> free,
+               In<int32_t, 1> vertices, In<double, 2> nodes, size_t budget, In<double, 1> times, In<double, 2> mix) {
+                const LoadRecursion recursion = creep(times, mix, factors.size());
+                std::vector<FactoredStiffness> samples;
+                for (const SparseCholesky* factor : factors) {
+                    expect(factor && factor->tree.nodes() == factors[0]->tree.nodes(), "factors: of different bodies");
+                    samples.push_back(elastic(*factor, free, vertices, nodes));
+                }
+                new (self) ComplianceModel(std::move(samples), budget, recursion);
+            },
+            "factors"_a, "free"_as_is, "vertices"_as_is, "nodes"_as_is, "budget"_a, "times"_as_is, "mix"_as_is,
+            nb::keep_alive<1, 2>(),
+            "factors: (samples) of the stiffness at some values of the Laplace variable, from 0 to infinity. times: "
+            "(fields) s. mix: (fields, samples): the compliances that creep with these times are sums of the "
+            "samples'.");
 }

@@ -18,7 +18,7 @@ bool invert(double* a, int n, double* out) {
 }
 
 // Makes spare_blocks those of the vertices, unless `blocks` are: then false.
-bool carry_to_spare(ComplianceState& s, const PatchVertices& to) {
+bool carry_to_spare(ComplianceState::Sample& s, const PatchVertices& to) {
     if (s.blocks.covers(to.vertex, to.count)) return false;
     if (!s.spare_blocks.covers(to.vertex, to.count)) s.spare_blocks.carry_over(s.blocks, to.vertex, to.count);
     return true;
@@ -26,33 +26,49 @@ bool carry_to_spare(ComplianceState& s, const PatchVertices& to) {
 
 } // namespace
 
-ComplianceState::ComplianceState(const FactoredStiffness& stiffness, size_t budget, const LoadRecursion& recursion,
-                                 const VibrationModes& modes)
-    : values(size, 0.0), greens(stiffness, budget), weight(TissueModel::max_patches * capacity),
-      field(3 * size_t(stiffness.vertices())) {
-    u.assign(3 * size_t(stiffness.nodes()), 0);
+ComplianceState::ComplianceState(const std::vector<FactoredStiffness>& bodies, size_t budget,
+                                 const LoadRecursion& recursion, const VibrationModes& modes)
+    : values(size, 0.0), weight(TissueModel::max_patches * capacity), field(3 * size_t(bodies[0].vertices())) {
+    for (const FactoredStiffness& body : bodies) {
+        samples.push_back(std::make_unique<Sample>(body, budget / bodies.size()));
+        greens.push_back(&samples.back()->greens);
+    }
+    u.assign(3 * size_t(bodies[0].nodes()), 0);
+    elastic.resize(3 * samples.size() * capacity);
     if (recursion.fields == 0) return;
-    history = std::make_unique<LoadHistory>(stiffness, recursion);
+    history = std::make_unique<LoadHistory>(bodies[0], recursion);
+    acting.resize(3 * ContactSnapshot::capacity), part.resize(field.size());
     if (modes.count() > 0) motion = std::make_unique<ModalMotion>(modes);
     shapes.resize(3 * size_t(modes.count()) * TissueModel::max_patches);
     values.reserve(size + history->most_numbers() + size_t(modes.width + recursion.fields) * modes.count());
 }
 ComplianceState::~ComplianceState() = default;
 
+bool ComplianceState::blocks_known() const {
+    return std::all_of(samples.begin(), samples.end(), [](const auto& one) { return one->blocks.missing == 0; });
+}
+
 void ComplianceState::reset() {
     if (history) history->reset();
     if (motion) motion->reset();
+    snapshot.count = snapshot.loads = 0;
     values.assign(size, 0.0);
 }
 
 ComplianceModel::ComplianceModel(FactoredStiffness s, size_t budget, const RelaxationSpectrum& spectrum)
-    : stiffness(std::move(s)), recursion(LoadRecursion::of(spectrum)), budget(budget) {}
+    : samples{std::move(s)}, stiffness(samples[0]), recursion(LoadRecursion::of(spectrum)), budget(budget) {}
 
 ComplianceModel::ComplianceModel(FactoredStiffness s, size_t budget, VibrationModes vibration)
-    : stiffness(std::move(s)), recursion(vibration.loads), modes(std::move(vibration)), budget(budget) {}
+    : samples{std::move(s)}, stiffness(samples[0]), recursion(vibration.loads), modes(std::move(vibration)),
+      budget(budget) {}
+
+ComplianceModel::ComplianceModel(std::vector<FactoredStiffness> all, size_t budget, const LoadRecursion& creep)
+    : samples(std::move(all)), stiffness(samples.at(0)), recursion(creep), budget(budget) {
+    if (int(samples.size()) != creep.samples) throw std::invalid_argument("ComplianceModel: a factor for each sample");
+}
 
 std::unique_ptr<ModelState> ComplianceModel::make_state() const {
-    auto state = std::make_unique<ComplianceState>(stiffness, budget, recursion, modes);
+    auto state = std::make_unique<ComplianceState>(samples, budget, recursion, modes);
     state->owner = this;
     return state;
 }
@@ -80,11 +96,25 @@ bool ComplianceModel::relax(ModelState& state, const ContactPatch* patches, int 
         std::fill_n(displacement, 3 * observed, 0.0);
         std::fill_n(force, 3 * observed, 0.0);
     }
-    if (s.tables == TablePolicy::background) {
-        s.snapshots.write_slot().copy(s.snapshot);
-        s.snapshots.publish();
-    }
+    if (s.tables == TablePolicy::background) publish_snapshots(s);
     return good;
+}
+
+// The loads that a sample's field is due to, at the snapshot's vertices.
+const double* ComplianceModel::acting_loads(ComplianceState& s, int sample) const {
+    if (!s.history) return s.snapshot.load;
+    for (int k = 0; k < s.snapshot.loads; k++)
+        s.history->acting_load(s.history->slot_of(s.snapshot.vertex[k]), sample, &s.acting[3 * size_t(k)]);
+    return s.acting.data();
+}
+
+void ComplianceModel::publish_snapshots(ComplianceState& s) const {
+    for (size_t k = 0; k < s.samples.size(); k++) {
+        ContactSnapshot& to = s.samples[k]->snapshots.write_slot();
+        to.copy(s.snapshot);
+        if (s.history) std::copy_n(acting_loads(s, int(k)), 3 * to.loads, to.load);
+        s.samples[k]->snapshots.publish();
+    }
 }
 
 // Takes over the patches and the blocks that they share with those before; false if they have too many nodes together.
@@ -96,7 +126,8 @@ bool ComplianceModel::set_patches(ComplianceState& s, const ContactPatch* patche
         const int p = vertices.source[k] / capacity;
         s.weight[p * capacity + vertices.index[k]] = patches[p].weight[vertices.source[k] % capacity];
     }
-    if (carry_to_spare(s, vertices)) std::swap(s.blocks, s.spare_blocks);
+    for (const auto& one : s.samples)
+        if (carry_to_spare(*one, vertices)) std::swap(one->blocks, one->spare_blocks);
     for (int p = 0; s.motion && p < count; p++)
         modes.project(patches[p].node, patches[p].weight, patches[p].count, s.shape(p));
     return true;
@@ -123,7 +154,7 @@ void ComplianceModel::release(ComplianceState& s) const {
     s.snapshot.count = s.snapshot.loads = 0;
     s.stale = s.blending = false;
     if (!s.history) return;
-    s.history->enter(s.greens, nullptr, 0, false);
+    s.history->enter(s.greens.data(), nullptr, 0, false);
     s.history->advance(nullptr, nullptr, true);
     if (s.motion) s.motion->advance(nullptr);
     write_history(s);
@@ -136,10 +167,11 @@ const double* ComplianceModel::contact_stiffness(const ComplianceState& state) {
 // Looks for the blocks between the patches' nodes, and between those and what the history knows of.
 void ComplianceModel::find_blocks(ComplianceState& s) const {
     const auto known = [&] {
-        if (s.tables != TablePolicy::unavailable) s.blocks.fetch(s.greens);
-        const bool fetched = s.tables != TablePolicy::unavailable && s.blocks.missing == 0;
+        for (const auto& one : s.samples)
+            if (s.tables != TablePolicy::unavailable) one->blocks.fetch(one->greens);
+        const bool fetched = s.tables != TablePolicy::unavailable && s.blocks_known();
         if (!s.history) return fetched;
-        return s.history->enter(s.greens, s.blocks.vertex.data(), s.blocks.count, fetched) && fetched;
+        return s.history->enter(s.greens.data(), s.blocks().vertex.data(), s.blocks().count, fetched) && fetched;
     };
     s.stale = !known();
     if (!s.stale || s.tables != TablePolicy::on_demand) return;
@@ -149,19 +181,33 @@ void ComplianceModel::find_blocks(ComplianceState& s) const {
 
 // In lockstep: computes the blocks that are missing.
 void ComplianceModel::compute_missing(ComplianceState& s) const {
-    std::vector<int> vertices(s.blocks.vertex.begin(), s.blocks.vertex.begin() + s.blocks.count);
+    std::vector<int> vertices(s.blocks().vertex.begin(), s.blocks().vertex.begin() + s.blocks().count);
     for (int k = 0; s.history && k < s.history->size(); k++)
-        if (!s.blocks.contains(s.history->vertex(k))) vertices.push_back(s.history->vertex(k));
+        if (!s.blocks().contains(s.history->vertex(k))) vertices.push_back(s.history->vertex(k));
     double reach = 0;
     for (int v : vertices)
         for (int w : vertices) reach = std::max(reach, stiffness.distance(v, w));
-    s.greens.mark_used(vertices.data(), int(vertices.size()));
-    std::vector<int> missing;
-    for (int v : vertices)
-        if (!s.greens.has_blocks(v, reach)) missing.push_back(v);
     constexpr size_t batch = GreensFunctions::batch;
-    for (size_t k = 0; k < missing.size(); k += batch)
-        s.greens.compute_blocks(&missing[k], int(std::min(batch, missing.size() - k)), 1.25 * reach);
+    for (GreensFunctions* greens : s.greens) {
+        greens->mark_used(vertices.data(), int(vertices.size()));
+        std::vector<int> missing;
+        for (int v : vertices)
+            if (!greens->has_blocks(v, reach)) missing.push_back(v);
+        for (size_t k = 0; k < missing.size(); k += batch)
+            greens->compute_blocks(&missing[k], int(std::min(batch, missing.size() - k)), 1.25 * reach);
+    }
+}
+
+// Of two patches, in a tick: sum over the samples of their response times W_a' G_s W_b.
+void ComplianceModel::patch_compliance(const ComplianceState& s, int a, int b, double out[9]) const {
+    const double *v = &s.weight[a * capacity], *w = &s.weight[b * capacity];
+    std::fill_n(out, 9, 0.0);
+    for (size_t k = 0; k < s.samples.size(); k++) {
+        double part[9];
+        a == b ? s.samples[k]->blocks.compliance(v, part) : s.samples[k]->blocks.compliance(v, w, part);
+        const double response = recursion.response(int(k));
+        for (int c = 0; c < 9; c++) out[c] += response * part[c];
+    }
 }
 
 // The exact stiffness plus what is left of its difference to the last one; if blocks are missing, the last one.
@@ -178,9 +224,7 @@ bool ComplianceModel::update_stiffness(ComplianceState& s, int prescribed, const
     double C[most * most], exact[most * most], part[9];
     for (int a = 0; a < prescribed; a++)
         for (int b = 0; b <= a; b++) {
-            const double *v = &s.weight[a * capacity], *w = &s.weight[b * capacity];
-            a == b ? s.blocks.compliance(v, part) : s.blocks.compliance(v, w, part);
-            for (int k = 0; s.history && k < 9; k++) part[k] *= recursion.drive[0];
+            patch_compliance(s, a, b, part);
             if (s.motion) modes.add_compliance(s.shape(a), s.shape(b), part);
             for (int k = 0; k < 9; k++) C[(3 * a + k / 3) * n + 3 * b + k % 3] = part[k];
         }
@@ -203,9 +247,9 @@ void ComplianceModel::apply_stiffness(ComplianceState& s, int prescribed, const 
         values[ComplianceState::displacement_at + k] = displacement[k];
     }
     const int patches = prescribed > 0 ? prescribed : int(values[ComplianceState::observed_at]);
-    s.snapshot.count = s.snapshot.loads = s.blocks.count;
-    std::copy_n(s.blocks.vertex.data(), s.blocks.count, s.snapshot.vertex);
-    for (int i = 0; i < s.blocks.count; i++) {
+    s.snapshot.count = s.snapshot.loads = s.blocks().count;
+    std::copy_n(s.blocks().vertex.data(), s.blocks().count, s.snapshot.vertex);
+    for (int i = 0; i < s.blocks().count; i++) {
         double sum = 0, load[3] = {0, 0, 0};
         for (int a = 0; a < patches; a++) {
             const double w = s.weight[a * capacity + i];
@@ -230,7 +274,7 @@ void ComplianceModel::observe(ComplianceState& s, int prescribed, int observed, 
             std::fill_n(mean, 3, 0.0);
             for (int a = 0; a < prescribed; a++) {
                 double part[9];
-                s.blocks.compliance(&s.weight[o * capacity], &s.weight[a * capacity], part);
+                patch_compliance(s, o, a, part);
                 for (int k = 0; k < 9; k++) mean[k / 3] -= part[k] * force[3 * a + k % 3];
             }
         }
@@ -243,19 +287,24 @@ void ComplianceModel::observe(ComplianceState& s, int prescribed, int observed, 
 void ComplianceModel::prefetch(ModelState& state, const ContactPatch* patches, int count) const {
     auto& s = static_cast<ComplianceState&>(state);
     PatchVertices vertices;
-    if (vertices.gather(stiffness, patches, count) && carry_to_spare(s, vertices)) s.spare_blocks.fetch(s.greens);
+    if (!vertices.gather(stiffness, patches, count)) return;
+    for (const auto& one : s.samples)
+        if (carry_to_spare(*one, vertices)) one->spare_blocks.fetch(one->greens);
 }
 
 void ComplianceModel::begin_realtime(ModelState& state) const {
     auto& s = static_cast<ComplianceState&>(state);
-    s.precompute = std::make_unique<PrecomputeThread>(stiffness, s.greens, modes, s.snapshots);
+    for (size_t k = 0; k < s.samples.size(); k++) {
+        ComplianceState::Sample& one = *s.samples[k];
+        one.precompute = std::make_unique<PrecomputeThread>(samples[k], one.greens, modes, one.snapshots);
+    }
     s.tables = TablePolicy::background;
 }
 
 void ComplianceModel::end_realtime(ModelState& state) const {
     auto& s = static_cast<ComplianceState&>(state);
     s.tables = TablePolicy::on_demand;
-    s.precompute.reset();
+    for (const auto& one : s.samples) one->precompute.reset();
 }
 
 } // namespace palpate

@@ -10,7 +10,7 @@ namespace palpate {
 // The contact stiffness S = C^-1 of the patches, C_ab = sum w_ai w_bj G_ij, comes from blocks between their nodes. If
 // some are not computed yet, the last stiffness serves; once they are, the difference fades out over some ticks.
 struct ComplianceState : ModelState {
-    ComplianceState(const FactoredStiffness& stiffness, size_t budget, const LoadRecursion& recursion,
+    ComplianceState(const std::vector<FactoredStiffness>& samples, size_t budget, const LoadRecursion& recursion,
                     const VibrationModes& modes);
     ~ComplianceState() override;
     std::vector<double>& state_vector() override { return values; } // u is not used: a tick solves for its patches only
@@ -35,13 +35,21 @@ struct ComplianceState : ModelState {
     std::unique_ptr<ModalMotion> motion;  // of one that has inertia
     std::vector<double> shapes;           // (patches, modes, 3) of the modes under each patch
     double* shape(int patch) { return &shapes[shapes.size() / TissueModel::max_patches * patch]; }
-    GreensFunctions greens;
-    TripleBuffer<ContactSnapshot> snapshots; // written by ticks
+    struct Sample { // of the body's compliance
+        Sample(const FactoredStiffness& stiffness, size_t budget) : greens(stiffness, budget) {}
+        GreensFunctions greens;
+        TripleBuffer<ContactSnapshot> snapshots; // written by ticks
+        PatchBlocks blocks, spare_blocks;        // of the patches; of those before, or of those expected next
+        std::unique_ptr<PrecomputeThread> precompute;
+    };
+    std::vector<std::unique_ptr<Sample>> samples;
+    std::vector<GreensFunctions*> greens; // theirs
+    const PatchBlocks& blocks() const { return samples[0]->blocks; }
+    bool blocks_known() const;
     ContactSnapshot snapshot;
-    PatchBlocks blocks, spare_blocks; // of the patches; of those before, or of those expected next
-    std::vector<double> weight;       // (patches, capacity) of each patch's vertices, in the order of `blocks`
-    std::vector<float> field;         // (vertices, 3) mm, last displayed
-    std::unique_ptr<PrecomputeThread> precompute;
+    std::vector<double> weight, elastic; // (patches, capacity) of each patch's vertices; (samples, vertices, 3) G_s f
+    std::vector<double> acting;          // (loads, 3) N, what a sample's field is due to
+    std::vector<float> field, part;      // (vertices, 3) mm, last displayed, and what a sample adds to it
 };
 
 // Exact for every mesh size: a tick costs the square of the patch's number of nodes, whatever the mesh's. Without
@@ -51,6 +59,10 @@ public:
     // stiffness: in the long term. budget: bytes of tables per state.
     ComplianceModel(FactoredStiffness stiffness, size_t budget, const RelaxationSpectrum& spectrum = {});
     ComplianceModel(FactoredStiffness stiffness, size_t budget, VibrationModes modes);
+    // A body whose parts relax differently: its stiffness at the samples of the Laplace variable that `creep` mixes,
+    // in the long term first and instantaneously last.
+    ComplianceModel(std::vector<FactoredStiffness> samples, size_t budget, const LoadRecursion& creep);
+    ComplianceModel(const ComplianceModel&) = delete; // `stiffness` refers into it
     int nodes() const override { return stiffness.nodes(); }
     std::unique_ptr<ModelState> make_state() const override;
     bool relax(ModelState& state, const ContactPatch* patches, int prescribed, int observed, double* displacement,
@@ -65,7 +77,8 @@ public:
     // The contact stiffness that the last tick has used, (3 prescribed, 3 prescribed) N/mm.
     static const double* contact_stiffness(const ComplianceState& state);
 
-    const FactoredStiffness stiffness;
+    const std::vector<FactoredStiffness> samples;
+    const FactoredStiffness& stiffness; // the first of them: in the long term
     const LoadRecursion recursion;
     const VibrationModes modes;
 
@@ -74,6 +87,9 @@ private:
     void resize_contacts(ComplianceState& s, int prescribed) const;
     void release(ComplianceState& s) const;
     bool set_patches(ComplianceState& s, const ContactPatch* patches, int count) const;
+    void patch_compliance(const ComplianceState& s, int a, int b, double out[9]) const;
+    void publish_snapshots(ComplianceState& s) const;
+    const double* acting_loads(ComplianceState& s, int sample) const;
     void find_blocks(ComplianceState& s) const;
     void compute_missing(ComplianceState& s) const;
     void subtract_history(ComplianceState& s, int prescribed, double* driving) const;

@@ -9,7 +9,7 @@ void ComplianceModel::subtract_history(ComplianceState& s, int prescribed, doubl
     double amplitude[VibrationModes::most], free[3];
     if (s.motion) s.motion->free_amplitude(amplitude);
     for (int a = 0; a < prescribed; a++) {
-        for (int i = 0; i < s.blocks.count; i++) {
+        for (int i = 0; i < s.blocks().count; i++) {
             s.history->free_displacement(i, free);
             for (int k = 0; k < 3; k++) driving[3 * a + k] -= s.weight[a * ContactPatch::capacity + i] * free[k];
         }
@@ -27,18 +27,23 @@ void ComplianceModel::present_displacement(ComplianceState& s, int patch, double
         s.motion->amplitude(amplitude);
         modes.displacement(s.shape(patch), amplitude, out);
     }
-    for (int i = 0; i < s.blocks.count; i++)
-        for (int k = 0; k < 3; k++)
-            out[k] += s.weight[patch * ContactPatch::capacity + i] * s.history->displacement(i)[k];
+    for (int i = 0; i < s.blocks().count; i++) {
+        double moved[3];
+        s.history->displacement(i, moved);
+        for (int k = 0; k < 3; k++) out[k] += s.weight[patch * ContactPatch::capacity + i] * moved[k];
+    }
 }
 
 // The tick's loads enter the history. If blocks are missing, the patches' vertices are taken to move as their tools do.
 void ComplianceModel::advance_history(ComplianceState& s, int prescribed, const double* displacement,
                                       const double* force) const {
-    double elastic[3 * ContactPatch::capacity] = {}, amplitude[VibrationModes::most], load[VibrationModes::most] = {};
-    if (!s.stale) s.blocks.apply(s.snapshot.load, elastic);
+    double amplitude[VibrationModes::most], load[VibrationModes::most] = {};
+    const size_t stride = 3 * size_t(s.blocks().count);
+    std::fill(s.elastic.begin(), s.elastic.end(), 0.0);
+    for (size_t k = 0; !s.stale && k < s.samples.size(); k++)
+        s.samples[k]->blocks.apply(s.snapshot.load, &s.elastic[stride * k]);
     if (s.stale && s.motion) s.motion->free_amplitude(amplitude);
-    for (int i = 0; s.stale && i < s.blocks.count; i++) {
+    for (int i = 0; s.stale && i < s.blocks().count; i++) {
         double sum = 0, mean[3] = {0, 0, 0}, free[3], swing[3] = {0, 0, 0};
         for (int a = 0; a < prescribed; a++) {
             const double w = s.weight[a * ContactPatch::capacity + i];
@@ -46,11 +51,12 @@ void ComplianceModel::advance_history(ComplianceState& s, int prescribed, const 
             for (int k = 0; k < 3; k++) mean[k] += w * displacement[3 * a + k];
         }
         s.history->free_displacement(i, free);
-        if (s.motion) modes.displacement(stiffness.vertex_node[s.blocks.vertex[i]], amplitude, swing);
-        for (int k = 0; k < 3 && sum > 0; k++)
-            elastic[3 * i + k] = (mean[k] / sum - free[k] - swing[k]) / recursion.drive[0];
+        if (s.motion) modes.displacement(stiffness.vertex_node[s.blocks().vertex[i]], amplitude, swing);
+        for (size_t k = 0; k < 3 * s.samples.size() && sum > 0; k++)
+            s.elastic[stride * (k / 3) + 3 * i + k % 3] =
+                (mean[k % 3] / sum - free[k % 3] - swing[k % 3]) / recursion.response();
     }
-    s.history->advance(s.snapshot.load, elastic, !s.stale);
+    s.history->advance(s.snapshot.load, s.elastic.data(), !s.stale);
     for (int a = 0; s.motion && a < prescribed; a++)
         for (int m = 0; m < modes.count(); m++)
             for (int k = 0; k < 3; k++) load[m] -= s.shape(a)[3 * m + k] * force[3 * a + k];
@@ -58,17 +64,14 @@ void ComplianceModel::advance_history(ComplianceState& s, int prescribed, const 
     write_history(s);
 }
 
-// The loads for the display, those of the contact first, and all numbers of the history.
+// The vertices that have loads, those of the contact first, and all numbers of the history.
 void ComplianceModel::write_history(ComplianceState& s) const {
     ContactSnapshot& to = s.snapshot;
     const LoadHistory& from = *s.history;
-    for (int i = 0; i < to.count; i++) std::copy_n(from.elastic_load(from.slot_of(to.vertex[i])), 3, &to.load[3 * i]);
     to.loads = to.count;
-    for (int k = 0; k < from.size(); k++) {
-        if (from.touched(k)) continue;
-        to.vertex[to.loads] = from.vertex(k);
-        std::copy_n(from.elastic_load(k), 3, &to.load[3 * to.loads++]);
-    }
+    for (int k = 0; k < from.size(); k++)
+        if (!from.touched(k)) to.vertex[to.loads++] = from.vertex(k);
+    std::fill_n(&to.load[3 * to.count], 3 * (to.loads - to.count), 0.0);
     s.values.resize(ComplianceState::size);
     from.append_to(s.values);
     if (!s.motion) return;

@@ -59,6 +59,10 @@ def fit_command(
     relaxation: Annotated[
         str | None, typer.Option(help="share@seconds of the instantaneous stiffness, which relax: 0.3@0.1,0.2@2")
     ] = None,
+    region_relaxation: Annotated[list[str] | None, typer.Option(help="Another relaxation: lump=0.5@0.2")] = None,
+    bulk: Annotated[
+        bool, typer.Option("--bulk/--no-bulk", help="Whether the bulk modulus relaxes as the shear modulus does.")
+    ] = True,
     inertia: Annotated[
         float | None, typer.Option(help="Damping ratio of the swings of a tissue that has mass: 0.05")
     ] = None,
@@ -110,6 +114,9 @@ def fit_command(
     Half of the stiffness just after a push relaxes within a second:
     palpate fit liver.vtu --young 3 --relaxation 0.3@0.1,0.2@1 -o tissue.vtu
 
+    A lump alone relaxes, and only in shear:
+    palpate fit breast.vtu --young 3 --region-relaxation lump=0.5@0.2 --no-bulk -o tissue.vtu
+
     With mass, so that it swings when it is let go:
     palpate fit liver.vtu --young 3 --inertia 0.05 -o tissue.vtu
 
@@ -128,9 +135,11 @@ def fit_command(
         writable(error_map)
     if output.suffix.lower() != ".vtu":
         raise FileError(f"{output}: tissue is written as .vtu; name it so")
-    relaxing = None if relaxation is None else pp.Relaxation.parse(relaxation)
+    relaxing: dict[int | str, pp.Relaxation] = {}
     swinging = _inertia(inertia, density)
     solid = pp.read_mesh(mesh)
+    for region, text in _by_region(solid, "--region-relaxation", str, relaxation, region_relaxation).items():
+        relaxing[region] = pp.Relaxation.parse(text, bulk)
     kinds = _by_region(solid, "--region-tissue", str, tissue, region_tissue)
     nu = _by_region(solid, "--region-poisson", float, poisson, region_poisson)
     E: Constant = _by_region(solid, "--region-young", float, young, region_young, region_tissue)
@@ -149,7 +158,7 @@ def fit_command(
             radius=radius,
             progress=say,
             tissue=kinds,
-            relaxation=relaxing,
+            relaxation=relaxing or None,
             inertia=swinging,
             stiffening=b,
         )
@@ -161,8 +170,8 @@ def fit_command(
     typer.echo(f"palpate touch {shlex.quote(str(output))} begins with {begin.reason}")
     for line in material_lines(fitted):
         typer.echo(line)
-    if relaxing is not None:
-        typer.echo(f"relaxation: {relaxing.text}")
+    for line in _relaxation_lines(fitted):
+        typer.echo(line)
     if swinging is not None:
         typer.echo(f"inertia: {swinging.density:g} kg/m³, damping ratio {swinging.damping:g}, {swinging.modes} modes")
     if fitted.stiffening.any():
@@ -183,6 +192,26 @@ def fit_command(
                 coarseness = pp.force_error_map(fitted, radius, progress=say)
         write_error_map(error_map, coarseness, force_within)
     typer.echo(f"{len(solid.nodes)} nodes, {len(fitted.fixed)} held; wrote {output}")
+
+
+def _relaxation_lines(tissue: "pp.Tissue") -> list[str]:
+    """What the relaxation means, and how far the creep that a session follows is off."""
+    from palpate.tissue.regional_relaxation import creep_of
+
+    if tissue.relaxation is None:
+        return []
+    if isinstance(tissue.relaxation, pp.Relaxation):
+        lines = [f"relaxation: {tissue.relaxation.text}"]
+    else:
+        names = tissue.mesh.names
+        lines = [f"relaxation of {names.get(r, f'region {r}')}: {one.text}" for r, one in tissue.relaxations.items()]
+    if not tissue.relaxes_alike:
+        creep = creep_of(tissue.relaxations.values())
+        lines.append(
+            f"parts relax differently: {len(creep.times)} creep times are followed, from {len(creep.samples)} "
+            f"factorizations; of what creeps at most {creep.error:.1%} is off"
+        )
+    return lines
 
 
 def _stiffening_text(most: float) -> str:

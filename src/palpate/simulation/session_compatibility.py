@@ -12,6 +12,7 @@ from palpate.errors import DataError, FileError
 from palpate.simulation.recording import Record
 from palpate.tissue.models.registry import name_of
 from palpate.tissue.models.tissue_model import TissueModel
+from palpate.tissue.relaxation import Relaxation
 from palpate.tissue.tissue import SpringLaw, Tissue
 
 _SETTINGS = (
@@ -74,12 +75,20 @@ def _hash(tissue: Tissue, law: SpringLaw | None) -> str:
     if tissue.element != "P1":  # the only one of version 0.1
         hash_.update(tissue.element.encode())
     if tissue.relaxation is not None:
-        hash_.update(repr(tissue.relaxation).encode())
+        hash_.update(_relaxation_text(tissue.relaxation).encode())
     if tissue.inertia is not None:
         hash_.update(repr(tissue.inertia).encode())
     if tissue.stiffening.any():  # version 0.1 had none
         hash_.update(b"stiffening" + tissue.stiffening.tobytes())
     return hash_.hexdigest()[:32]
+
+
+def _relaxation_text(relaxation: Relaxation | dict[int, Relaxation]) -> str:
+    """Of one relaxation of shear and bulk alike, what the first version hashed."""
+    if isinstance(relaxation, dict):
+        return "; ".join(f"{region}: {_relaxation_text(one)}" for region, one in sorted(relaxation.items()))
+    text = f"Relaxation(shares={relaxation.shares!r}, times={relaxation.times!r})"
+    return text if relaxation.bulk else f"{text}, shear alone"
 
 
 def recorded_settings(record: Record) -> dict[str, Any]:

@@ -53,7 +53,7 @@ def write_tissue(path: str | Path, tissue: Tissue) -> None:
         "springs": None if tissue.springs is None else asdict(tissue.springs),
         "report": None if tissue.report is None else tissue.report.plain(),
         "materials": {str(region): name for region, name in tissue.materials.items()},
-        "relaxation": None if tissue.relaxation is None else asdict(tissue.relaxation),
+        "relaxation": _plain_relaxation(tissue.relaxation),
         "inertia": None if tissue.inertia is None else asdict(tissue.inertia),
     }
     constants = {"young": tissue.young, "poisson": tissue.poisson}
@@ -110,7 +110,7 @@ def read_tissue(path: str | Path) -> Tissue:
         report = None if text["report"] is None else FitReport.from_plain(text["report"], stored.point_data["error"])
         held = np.asarray(stored.point_data["fixed"]).astype(bool)
         materials = {int(region): str(name) for region, name in text.get("materials", {}).items()}
-        relaxation = Relaxation(**text["relaxation"]) if text.get("relaxation") else None
+        relaxation = _relaxation_of(text.get("relaxation"))
         inertia = Inertia(**text["inertia"]) if text.get("inertia") else None
         constants = (fields["young"], fields["poisson"], held)
         return Tissue(
@@ -128,6 +128,21 @@ def read_tissue(path: str | Path) -> Tissue:
         raise type(problem)(f"{path}: {problem}") from None
     except (KeyError, TypeError, ValueError, AttributeError) as problem:
         raise FileError(f"{path}: its field {_TEXT!r} is damaged ({problem!r}); fit the mesh again") from None
+
+
+def _plain_relaxation(relaxation: Relaxation | dict[int, Relaxation] | None) -> dict[str, Any] | None:
+    """Of one relaxation its numbers, else those of each region by its number."""
+    if isinstance(relaxation, dict):
+        return {"regions": {str(region): asdict(one) for region, one in relaxation.items()}}
+    return None if relaxation is None else asdict(relaxation)
+
+
+def _relaxation_of(plain: dict[str, Any] | None) -> Relaxation | dict[int, Relaxation] | None:
+    if not plain:
+        return None
+    if "regions" in plain:
+        return {int(region): Relaxation(**one) for region, one in plain["regions"].items()}
+    return Relaxation(**plain)
 
 
 def _add_text(path: Path, text: str) -> None:

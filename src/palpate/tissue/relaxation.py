@@ -14,11 +14,11 @@ LEAST_LEFT = 1e-3  # of the instantaneous modulus
 
 @dataclass(frozen=True)
 class Relaxation:
-    """A Prony series of a tissue's stiffness, the same for shear and bulk and in all regions.
+    """A Prony series of a tissue's stiffness.
 
     Just after a strain the modulus is E₀, and t seconds later E₀ (1 − Σ gₖ (1 − exp(−t/τₖ))). A tissue's `young` is what
     remains in the long term, E₀ (1 − Σ gₖ). The bulk of tissue hardly relaxes. Near ν = 0.5 that matters little; at 0.3 the
-    force would rise by a quarter to a third less (`benchmarks/tissue_in_time.py`).
+    force rises by a quarter to a third less if shear alone relaxes (`benchmarks/tissue_in_time.py`).
 
     Parameters
     ----------
@@ -26,6 +26,8 @@ class Relaxation:
         The gₖ: parts of the instantaneous modulus, no unit. They sum to less than 1.
     times : sequence of float
         The relaxation times τₖ, s, from 0.001 to 1e6.
+    bulk : bool, optional
+        Whether the bulk modulus relaxes as the shear modulus does. If not, Poisson's ratio is less at first.
 
     Raises
     ------
@@ -44,6 +46,7 @@ class Relaxation:
 
     shares: tuple[float, ...]
     times: tuple[float, ...]
+    bulk: bool = True
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "shares", tuple(float(g) for g in self.shares))
@@ -61,13 +64,15 @@ class Relaxation:
             raise MaterialError(f"relaxation: the shares sum to {sum(self.shares):g}; a solid needs less than 1")
 
     @classmethod
-    def parse(cls, text: str) -> Self:
+    def parse(cls, text: str, bulk: bool = True) -> Self:
         """Return the relaxation that a text gives.
 
         Parameters
         ----------
         text : str
             Shares, and the times in s with which they relax, such as "0.3@0.1,0.2@2".
+        bulk : bool, optional
+            Whether the bulk modulus relaxes, too.
 
         Returns
         -------
@@ -88,7 +93,7 @@ class Relaxation:
             pairs = [(float(share), float(time)) for share, time in (part.split("@") for part in text.split(","))]
         except ValueError:
             raise MaterialError(f"relaxation: {text!r}; give share@seconds, such as 0.3@0.1,0.2@2") from None
-        return cls(tuple(share for share, _ in pairs), tuple(time for _, time in pairs))
+        return cls(tuple(share for share, _ in pairs), tuple(time for _, time in pairs), bulk)
 
     @property
     def instantaneous(self) -> float:
@@ -117,11 +122,35 @@ class Relaxation:
         ratios = self.instantaneous * np.array(self.shares)
         return np.asarray(1 + np.exp(-t[..., None] / np.array(self.times)) @ ratios)
 
+    def at_rate(self, s: float) -> float:
+        """Return the modulus at the Laplace variable s.
+
+        Parameters
+        ----------
+        s : float
+            1/s, 0 or more; inf is the instant after a strain.
+
+        Returns
+        -------
+        float
+            Modulus over that in the long term, no unit.
+
+        Examples
+        --------
+        >>> pp.Relaxation((0.5,), (0.2,)).at_rate(5)
+        1.5
+        """
+        if np.isinf(s):
+            return self.instantaneous
+        x = s * np.array(self.times)
+        return float(1 + self.instantaneous * (np.array(self.shares) * x / (1 + x)).sum())
+
     @property
     def text(self) -> str:
         """What it means, in a sentence."""
         parts = " and ".join(f"{g:.0%} with {t:g} s" for g, t in zip(self.shares, self.times, strict=True))
-        return f"just after a strain stiffness is {self.instantaneous:.3g} times that in the long term; {parts} relax"
+        what = "stiffness" if self.bulk else "stiffness in shear alone"
+        return f"just after a strain {what} is {self.instantaneous:.3g} times that in the long term; {parts} relax"
 
     def table(self) -> Float64:
         """Return shares and times as an array.

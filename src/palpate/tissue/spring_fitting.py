@@ -1,6 +1,6 @@
 """Fits springs to finite elements."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -37,7 +37,7 @@ def fit(
     progress: Callable[[str, float], None] | None = None,
     *,
     tissue: Named | None = None,
-    relaxation: Relaxation | None = None,
+    relaxation: Relaxation | Mapping[int | str, Relaxation] | None = None,
     inertia: Inertia | None = None,
     stiffening: Constant = 0.0,
 ) -> Tissue:
@@ -65,7 +65,7 @@ def fit(
         Called with what is done and the share done.
     tissue : str or dict, optional
         Name of a tissue of `tissue_properties`, or a dict of names by region. What is given in numbers wins.
-    relaxation : Relaxation, optional
+    relaxation : Relaxation or dict, optional
         How the stiffness relaxes, in sessions; `young` is what remains in the long term, and what springs are fitted to.
     inertia : Inertia, optional
         The mass, in sessions.

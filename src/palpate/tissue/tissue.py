@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.sparse import coo_array, csgraph
@@ -12,6 +13,7 @@ from palpate.arrays import ArrayLike, Bool, Float64, Int32, float64
 from palpate.errors import MaterialError
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.tissue.boundary_conditions import rigid_rank
+from palpate.tissue.regional_relaxation import at_rate, by_region
 from palpate.tissue.relaxation import Relaxation
 from palpate.tissue.spring_fit_report import FitReport
 from palpate.tissue.vibration import Inertia
@@ -98,8 +100,9 @@ class Tissue:
         The report of `fit`.
     materials : dict of int to str, optional
         Name of the tissue of each region, for those that `fit` was given by name.
-    relaxation : Relaxation, optional
-        How the stiffness relaxes, in sessions; `young` is what remains in the long term.
+    relaxation : Relaxation or dict, optional
+        How the stiffness relaxes, in sessions; `young` is what remains in the long term. A dict gives the relaxation of
+        regions, by number or name; the others do not relax.
     inertia : Inertia, optional
         The mass, in sessions.
     stiffening : float, array_like (M,), or dict, optional
@@ -128,7 +131,7 @@ class Tissue:
     springs: SpringLaw | None
     report: FitReport | None
     materials: dict[int, str]
-    relaxation: Relaxation | None
+    relaxation: Relaxation | dict[int, Relaxation] | None
     inertia: Inertia | None
     stiffening: Float64
 
@@ -143,7 +146,7 @@ class Tissue:
         springs: SpringLaw | None = None,
         report: FitReport | None = None,
         materials: Mapping[int, str] | None = None,
-        relaxation: Relaxation | None = None,
+        relaxation: Relaxation | Mapping[int, Relaxation] | Mapping[int | str, Relaxation] | None = None,
         inertia: Inertia | None = None,
         stiffening: Constant = 0.0,
     ) -> None:
@@ -175,13 +178,48 @@ class Tissue:
         for name, thing in (("mesh", mesh), ("element", element), ("springs", springs), ("report", report)):
             object.__setattr__(self, name, thing)
         object.__setattr__(self, "materials", dict(materials or {}))
-        object.__setattr__(self, "relaxation", relaxation)
+        object.__setattr__(self, "relaxation", _relaxation_by_region(relaxation, mesh))
         object.__setattr__(self, "inertia", inertia)
+        _refuse_negative_ratios(self)
+        if inertia is not None and self.relaxation is not None and not self.relaxes_alike:
+            raise MaterialError(
+                "inertia: parts that relax differently cannot swing; give one relaxation for shear and bulk of all regions"
+            )
 
     @property
     def time_dependent(self) -> bool:
         """Whether it relaxes or has inertia."""
         return self.relaxation is not None or self.inertia is not None
+
+    @property
+    def relaxes_alike(self) -> bool:
+        """Whether one relaxation holds for shear and bulk of all regions."""
+        return isinstance(self.relaxation, Relaxation) and self.relaxation.bulk
+
+    @property
+    def relaxations(self) -> dict[int, Relaxation]:
+        """The relaxation of each region that relaxes."""
+        return by_region(self.relaxation, self.mesh.region)
+
+    def at_rate(self, s: float) -> tuple[Float64, Float64]:
+        """Return the elastic constants at the Laplace variable s.
+
+        Parameters
+        ----------
+        s : float
+            1/s; 0 gives those of the long term, inf those just after a strain.
+
+        Returns
+        -------
+        young, poisson : ndarray, (M,)
+            Of the tetrahedra: Young's modulus, kPa, and Poisson's ratio.
+
+        Examples
+        --------
+        >>> bool((tissue.at_rate(0)[0] == tissue.young).all())
+        True
+        """
+        return at_rate(self.young, self.poisson, self.mesh.region, self.relaxations, s)
 
     @cached_property
     def held(self) -> Bool:
@@ -247,6 +285,42 @@ def constant_per_tet(name: str, value: Constant, mesh: TetMesh) -> Float64:
         missing = int(mesh.region[np.flatnonzero(np.isnan(out))[0]])
         raise MaterialError(f"{name}: region {missing} has no value; give one for each of {', '.join(known)}")
     return out
+
+
+def _relaxation_by_region(value: Any, mesh: TetMesh) -> Relaxation | dict[int, Relaxation] | None:
+    """By region number; one relaxation if all regions have the same."""
+    if not isinstance(value, Mapping):
+        return None if value is None else _refuse_relaxation(value, "relaxation")
+    numbers = {text: number for number, text in mesh.names.items()}
+    present = {int(region) for region in np.unique(mesh.region)}
+    out = {}
+    for key, one in value.items():
+        region = numbers.get(key) if isinstance(key, str) else int(key)
+        if region not in present:
+            raise MaterialError(f"relaxation: the mesh has no region {key!r}; its regions are {sorted(present)}")
+        out[region] = _refuse_relaxation(one, f"relaxation of region {key!r}")
+    if set(out) == present and len(set(out.values())) == 1:
+        return out[min(present)]
+    return out or None
+
+
+def _refuse_negative_ratios(tissue: Tissue) -> None:
+    """Where shear alone relaxes, Poisson's ratio is least at once."""
+    if tissue.relaxation is None or tissue.relaxes_alike:
+        return
+    ratio = tissue.at_rate(np.inf)[1]
+    if ratio.min() < 0:
+        bad = int(np.argmin(ratio))
+        raise MaterialError(
+            f"relaxation: with a bulk that does not relax, Poisson's ratio of tet {bad} is {ratio[bad]:.2g} just after a "
+            f"strain ({tissue.poisson[bad]:g} in the long term); give a larger ratio, smaller shares, or let the bulk relax"
+        )
+
+
+def _refuse_relaxation(value: Any, what: str) -> Relaxation:
+    if not isinstance(value, Relaxation):
+        raise MaterialError(f"{what}: {value!r}; give a pp.Relaxation, such as pp.Relaxation((0.5,), (0.2,))")
+    return value
 
 
 def _node_indices(fixed: ArrayLike, count: int) -> Int32:

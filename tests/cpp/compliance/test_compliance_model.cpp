@@ -103,9 +103,9 @@ TEST_CASE("a small budget evicts tables but changes no force") {
             REQUIRE(small.model.relax(*b, &p, 1, 0, displacement[1], 1, force[1]));
             for (int k = 0; k < 3; k++) CHECK(force[0][k] == force[1][k]);
         }
-    CHECK(static_cast<ComplianceState&>(*a).greens.evicted == 0);
-    CHECK(static_cast<ComplianceState&>(*b).greens.evicted > 0);
-    CHECK(static_cast<ComplianceState&>(*b).greens.bytes < static_cast<ComplianceState&>(*a).greens.bytes);
+    CHECK(static_cast<ComplianceState&>(*a).greens[0]->evicted == 0);
+    CHECK(static_cast<ComplianceState&>(*b).greens[0]->evicted > 0);
+    CHECK(static_cast<ComplianceState&>(*b).greens[0]->bytes < static_cast<ComplianceState&>(*a).greens[0]->bytes);
 }
 
 TEST_CASE("tables that grow keep their blocks: forces as in a new state, to the bit") {

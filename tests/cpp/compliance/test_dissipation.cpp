@@ -94,9 +94,15 @@ void push_about(const ComplianceModel& model, int seed) {
 TEST_CASE("each tick takes at least the work that its energy grows by") {
     const RandomBlocks K(nodes);
     const SparseCholesky factor(K.rows(), std::vector<double>(n, 0.0).data());
+    RandomBlocks half = K; // a body a part of which is stiffer at once
+    for (int i = 0; i < n; i++) half.dense[size_t(i) * n + i] += half.dense[size_t(i) * n + i] * (i % 2);
+    const SparseCholesky stiffer(half.rows(), std::vector<double>(n, 0.0).data());
     const RelaxationSpectrum elastic, relaxing({{0.3, 0.003}, {0.3, 0.05}});
     for (int seed = 1; seed <= 3; seed++) {
         push_about(ComplianceModel(all_vertices(factor, nodes), 1 << 26, relaxing), seed);
+        push_about(ComplianceModel({all_vertices(factor, nodes), all_vertices(stiffer, nodes)}, 1 << 26,
+                                   LoadRecursion::of({0.004, 0.06}, {0.3, -0.3, 0.7, -0.7})),
+                   seed);
         for (double damping : {0.0, 0.1})
             for (const RelaxationSpectrum* spectrum : {&elastic, &relaxing})
                 push_about(

@@ -15,6 +15,8 @@ from palpate.tissue.error_bound import relative
 from palpate.tissue.linearisation_error import MOST_CONTACTS, LinearisationError
 from palpate.tissue.models.tissue_model import TissueModel, nodal_element
 from palpate.tissue.reference.linear_elasticity import FiniteElements
+from palpate.tissue.regional_relaxation import CreepFit, creep_of
+from palpate.tissue.relaxation import Relaxation
 from palpate.tissue.sparse_factor import Factors
 from palpate.tissue.tissue import Tissue
 from palpate.tissue.vibration import Inertia, lowest_modes, nodal_mass
@@ -27,7 +29,9 @@ class ComplianceModel(TissueModel):
     `finite_elements` does. The real-time loop takes the force from 3×3 blocks of K⁻¹ between the nodes of the patch, in
     single precision (they err by some 1e-5); by the clock, a thread makes them where the hand is going, and where it is
     late the last stiffness serves until they come, then fades into the exact one. If the tissue has a relaxation, the
-    loop follows it at every node that has been touched; `push` answers for the long term. If it has inertia, the loop moves
+    loop follows it at every node that has been touched; `push` answers for the long term. Where parts relax differently, the
+    stiffness is factored at some values of the Laplace variable, and the loop follows the creep that these give: `creep`
+    says how far that is off. If it has inertia, the loop moves
     it in its lowest modes, and adds what the others give (residual flexibility) with a lag.
 
     Raises `MaterialError` if the stiffness is not positive definite, `DataError` on a memory that is not positive.
@@ -37,6 +41,7 @@ class ComplianceModel(TissueModel):
     linear_elasticity = True
     slides = True
     time_dependent = True
+    creep: CreepFit | None = None  # of a tissue whose parts relax differently
 
     def __init__(self, tissue: Tissue, memory: float = 256.0) -> None:
         if not (np.isfinite(memory) and memory > 0):
@@ -48,15 +53,30 @@ class ComplianceModel(TissueModel):
         self._free[~tissue.held] = np.arange(np.count_nonzero(~tissue.held))
         shown = displayed_nodes(tissue.mesh)
         self.vertices: Int32 = shown[~tissue.held[shown]]
-        relaxation = np.empty((0, 2)) if tissue.relaxation is None else tissue.relaxation.table()
-        in_time = relaxation if tissue.inertia is None else self._modes(tissue, tissue.inertia, relaxation)
-        native = _core.compliance.ComplianceModel(
-            self.factors.native, self._free, self.vertices, tissue.mesh.nodes, int(memory * 2**20), in_time
-        )
-        super().__init__(tissue, native)
+        super().__init__(tissue, self._in_time(tissue, int(memory * 2**20)))
 
     def _finite_elements(self, tissue: Tissue) -> FiniteElements:
         return FiniteElements(tissue, nodal_element(tissue))
+
+    def _in_time(self, tissue: Tissue, budget: int) -> "_core.compliance.ComplianceModel":
+        """The native model of an elastic body, of one that relaxes or swings, or of one whose parts relax differently."""
+        body = (self._free, self.vertices, tissue.mesh.nodes, budget)
+        if tissue.relaxation is None or tissue.relaxes_alike:
+            one = tissue.relaxation
+            table = one.table() if isinstance(one, Relaxation) else np.empty((0, 2))
+            in_time = table if tissue.inertia is None else self._modes(tissue, tissue.inertia, table)
+            return _core.compliance.ComplianceModel(self.factors.native, *body, in_time)
+        self.creep = creep_of(tissue.relaxations.values())
+        self._sampled = [self.factors, *(self._factors_at(tissue, s) for s in self.creep.samples[1:])]
+        natives = [factors.native for factors in self._sampled]
+        return _core.compliance.ComplianceModel(natives, *body, self.creep.times, self.creep.mix)
+
+    def _factors_at(self, tissue: Tissue, s: float) -> Factors:
+        """Of the stiffness at the Laplace variable s, 1/s."""
+        constants = tissue.at_rate(s)
+        factors = self._finite_elements(Tissue(tissue.mesh, *constants, tissue.fixed, element=tissue.element)).factors
+        factors.require_positive()
+        return factors
 
     def _modes(self, tissue: Tissue, inertia: Inertia, relaxation: Float64) -> "_core.compliance.VibrationModes":
         free = ~tissue.held
