@@ -15,6 +15,7 @@ export const HELP: [string, string][] = [
   ["N  O", "Needle inwards or along the view; needle out"],
   ["W  I  S", "Wireframe, see inside, slices"],
   ["C", "Next color mode"],
+  ["M", "Sound: off, events, force as pitch"],
   ["R", "Reset the view"],
   ["Escape", "Let go of everything"],
   ["?", "Show these keys"],

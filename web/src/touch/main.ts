@@ -16,6 +16,7 @@ import { ColorLegend } from "../ui/color-legend";
 import { DepthSlider } from "../ui/depth-slider";
 import { ErrorReadout } from "../ui/error-readout";
 import { ForceReadout, measure } from "../ui/force-readout";
+import { AudioFeedback, SOUND_MODES, type SoundMode } from "../sound/audio-feedback";
 import { SideSlices } from "./side-slices";
 import { exposeTestHooks } from "./test-hooks";
 
@@ -33,6 +34,7 @@ const readout = new ForceReadout(commands);
 const sideSlices = new SideSlices(token);
 const errorReadout = new ErrorReadout();
 const legend = new ColorLegend((mode, ends) => post({ kind: "ends", mode, ends }));
+const sound = new AudioFeedback();
 const webxr = new WebXRInput(view, commands, () => newest);
 
 let scene: Scene | null = null;
@@ -58,6 +60,7 @@ const gamepad = new GamepadInput(canvas, view, controller, cursor, {
 
 worker.onmessage = ({ data }: MessageEvent<FromWorker>) => {
   if (data.kind === "frame") {
+    if (scene) sound.add(data.frame, scene.limit);
     const undrawn = pending?.arrays ?? null;
     pending = { frame: data.frame, arrays: data.arrays ?? undrawn };
     if (data.arrays && undrawn) post({ kind: "return", arrays: undrawn }, buffersOf(undrawn));
@@ -70,12 +73,16 @@ worker.onmessage = ({ data }: MessageEvent<FromWorker>) => {
   } else if (data.kind === "status") {
     element("status").classList.toggle("good", data.good);
     write("status", data.text);
-    if (!data.good) releaseAll();
+    if (!data.good) {
+      releaseAll();
+      sound.clear();
+    }
   } else {
     scene = data.organ.scene;
     view.show(data.organ);
     controller.setOrgan(data.organ);
     cursor.clear();
+    sound.clear();
     commands.clearPending();
     depthSlider.setOrgan(scene, view);
     errorReadout.clear();
@@ -197,6 +204,7 @@ const selectColorMode = selector<ColorMode>("color-mode", (mode) => {
   errorReadout.show(mode === "error");
   post({ kind: "color", mode });
 });
+const selectSound = selector<SoundMode>("sound", (mode) => sound.select(mode));
 const translucentToggle = toggle("translucent", (on) => (view.drawTranslucent = on));
 const slicesToggle = toggle("slices-toggle", (on) => {
   document.body.classList.toggle("with-slices", on);
@@ -222,6 +230,7 @@ listenToKeys(canvas, view, cursor, {
   ...Object.fromEntries(TOOL_KINDS.map((kind, i) => [String(i + 1), () => selectTool(kind)])),
   w: () => selectShading(shading === "wire" ? "smooth" : "wire"),
   c: () => selectColorMode(COLOR_MODES[(COLOR_MODES.indexOf(colorMode) + 1) % COLOR_MODES.length]),
+  m: () => selectSound(SOUND_MODES[(SOUND_MODES.indexOf(sound.mode) + 1) % SOUND_MODES.length]),
   n: () => selectNeedleDirection(controller.inward ? "view" : "inward"),
   i: () => translucentToggle.click(),
   s: () => scene?.images && slicesToggle.click(),
@@ -234,7 +243,7 @@ listenToKeys(canvas, view, cursor, {
 }, changeAmount);
 
 const testHooks = exposeTestHooks({
-  view, controller, cursor, commands, sideSlices, readout,
+  view, controller, cursor, commands, sideSlices, readout, sound,
   frame: () => newest,
   scene: () => scene,
 });

@@ -4,6 +4,9 @@ import type { CommandQueue } from "../tools/command-queue";
 import type { SurfaceCursor } from "../input/surface-cursor";
 import type { ToolController } from "../tools/tool-controller";
 import type { Frame, Scene, Vector } from "../protocol/server-messages";
+import type { AudioFeedback } from "../sound/audio-feedback";
+import type { SoundEvent } from "../sound/sound-events";
+import { pitch, renderOffline } from "../sound/synthesizer";
 import type { ForceReadout } from "../ui/force-readout";
 import type { OrganView } from "../rendering/organ-view";
 
@@ -14,6 +17,7 @@ interface Parts {
   commands: CommandQueue;
   sideSlices: SideSlices;
   readout: ForceReadout;
+  sound: AudioFeedback;
   frame(): Frame | null;
   scene(): Scene | null;
 }
@@ -39,6 +43,12 @@ declare global {
       latency(last?: number): { median: number; p99: number; count: number };
       /** Work of the page's thread for each of the last frames, ms. */
       readonly work: number[];
+      /** The newest sounds. */
+      readonly played: AudioFeedback["played"];
+      /** Hz, for a force and its limit, N. */
+      pitch(force: number, limit: number): number;
+      /** Samples at 44.1 kHz of events and forces at times in s, as the page plays them. */
+      renderSound(seconds: number, events: [SoundEvent, number][], forces: [number, number][], limit: number): Promise<number[]>;
       /** Frames drawn since the page opened. */
       readonly framesDrawn: number;
     };
@@ -69,6 +79,9 @@ export function exposeTestHooks(parts: Parts): { recordWork(ms: number): void } 
     hitsOrgan: (x, y) => controller.pick(x, y) !== null,
     cursorPixel: () => parts.cursor.pixel,
     crosshair: () => parts.sideSlices.crosshair,
+    played: parts.sound.played,
+    pitch,
+    renderSound: async (...what) => [...(await renderOffline(...what))],
     latency: (last = 1000) => parts.commands.latency(last),
     work,
   };
