@@ -20,7 +20,7 @@ NOT_RUN = {
     "realtime_study",
     "tomosynthesis_study",
 }  # minutes each
-RAISE_NOTHING = {"slab_phantom", "breast_phantom", "find_devices", "include"}
+RAISE_NOTHING = {"slab_phantom", "breast_phantom", "find_devices", "include", "plot_indentation"}
 
 
 def sections(documented):

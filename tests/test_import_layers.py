@@ -28,7 +28,7 @@ ROOT = Path(palpate.__file__).parent
 REPOSITORY = Path(__file__).parents[1]
 CPP = REPOSITORY / "cpp"
 WEB = REPOSITORY / "web" / "src"
-WEB_FOLDERS = ["protocol", "organ", "rendering", "tools", "input", "ui", "slices", "touch"]
+WEB_FOLDERS = ["protocol", "organ", "rendering", "tools", "input", "ui", "sound", "slices", "touch"]
 
 
 def imported(path: Path) -> set[str]:

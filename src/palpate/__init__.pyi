@@ -62,6 +62,7 @@ from .reconstruction.self_calibration import view_gain as view_gain
 from .reconstruction.self_calibration import without_displacement as without_displacement
 from .reconstruction.support import support_hull as support_hull
 from .report.force_error_plot import plot_force_error as plot_force_error
+from .report.indentation_plot import plot_indentation as plot_indentation
 from .report.score_report import score_report as score_report
 from .scans.analytic_phantoms import Box as Box
 from .scans.analytic_phantoms import Ellipsoid as Ellipsoid
@@ -132,6 +133,10 @@ from .tissue.boundary_conditions import fixed_beyond as fixed_beyond
 from .tissue.boundary_conditions import fixed_near as fixed_near
 from .tissue.boundary_conditions import resting_on as resting_on
 from .tissue.force_error_map import force_error_map as force_error_map
+from .tissue.indentation import IndentationFit as IndentationFit
+from .tissue.indentation import fit_indentation as fit_indentation
+from .tissue.indentation_curve import IndentationCurve as IndentationCurve
+from .tissue.indentation_curve import read_indentation as read_indentation
 from .tissue.io import read_tissue as read_tissue
 from .tissue.io import write_tissue as write_tissue
 from .tissue.lump_detectability import force_map as force_map

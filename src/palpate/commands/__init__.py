@@ -16,7 +16,20 @@ from palpate.plugins import load
 from palpate.version import __version__
 
 # In the order of the data. A module adds its commands to the app it is given.
-COMMANDS = ("scan", "reconstruct", "view", "segment", "mesh", "fit", "touch", "score", "demo", "study", "doctor")
+COMMANDS = (
+    "scan",
+    "reconstruct",
+    "view",
+    "segment",
+    "mesh",
+    "fit",
+    "indent",
+    "touch",
+    "score",
+    "demo",
+    "study",
+    "doctor",
+)
 
 LONGEST = 1600  # characters of a message
 
