@@ -64,6 +64,12 @@ from .reconstruction.support import support_hull as support_hull
 from .report.force_error_plot import plot_force_error as plot_force_error
 from .report.indentation_plot import plot_indentation as plot_indentation
 from .report.score_report import score_report as score_report
+from .report.session_report import session_report as session_report
+from .report.session_store import StoredSession as StoredSession
+from .report.session_store import add_session as add_session
+from .report.session_store import delete_person as delete_person
+from .report.session_store import export_sessions as export_sessions
+from .report.session_store import read_sessions as read_sessions
 from .scans.analytic_phantoms import Box as Box
 from .scans.analytic_phantoms import Ellipsoid as Ellipsoid
 from .scans.analytic_phantoms import Intersection as Intersection

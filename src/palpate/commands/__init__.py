@@ -26,6 +26,7 @@ COMMANDS = (
     "indent",
     "touch",
     "score",
+    "sessions",
     "demo",
     "study",
     "doctor",

@@ -60,6 +60,11 @@ def fingerprint(model: TissueModel) -> str:
     return _hash(model.tissue, getattr(model, "law", None))
 
 
+def tissue_hash(tissue: Tissue) -> str:
+    """A hash of mesh, elastic constants, held nodes, element, and what is set for time and large strain."""
+    return _hash(tissue, None)
+
+
 def same_tissue(model: TissueModel, first: TissueModel) -> bool:
     """Whether `model` has the tissue and the spring law of `first`, so that a session may change to it."""
     law, usual = getattr(model, "law", None), getattr(first, "law", None) or first.tissue.springs or SpringLaw()
