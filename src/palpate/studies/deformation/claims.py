@@ -7,7 +7,7 @@ import numpy as np
 from palpate.report.tables import Row, distinct, where
 from palpate.studies.deformation import reading_claims
 from palpate.studies.deformation.haptic_fidelity import peak_to_peak
-from palpate.studies.deformation.verdict import Verdict, outcome
+from palpate.studies.verdict import Verdict, outcome
 
 Tables = Mapping[str, list[Row]]
 

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from palpate.report.tables import Row, distinct, shown, where
 from palpate.studies.deformation.config import MARKS
-from palpate.studies.deformation.verdict import Verdict, outcome
+from palpate.studies.verdict import Verdict, outcome
 
 Tables = Mapping[str, list[Row]]
 LIMIT = 1.0  # mm, the dissertation's at 5 mm

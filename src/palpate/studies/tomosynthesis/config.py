@@ -8,16 +8,19 @@ from palpate.arrays import Float64
 from palpate.scans.analytic_phantoms import Phantom, slab_phantom
 from palpate.scans.scan import Scan
 from palpate.scans.simulate import simulate_scan
-from palpate.scans.trajectories import circular_views, linear_views
+from palpate.scans.trajectories import circular_views, hypocycloid_views, linear_views
 from palpate.scans.views import Panel, Views
 from palpate.volumes.grid import Grid
 
 VIEWS = 8
-RADIUS, HEIGHT = 250.0, 1000.0  # mm, of the circle of focal spots, and above the panel
+RADIUS, HEIGHT = 250.0, 1000.0  # mm, of the circle that holds every path of focal spots, and above the panel
+MOTIONS = ("circular", "linear", "hypocycloidal")  # the last has three cusps: trispiral
 SIDE, THICKNESS = 128.0, 48.0  # mm of the volume, across and in depth
 PANEL = 204.8  # mm, a side of the panel
 PROFILE_Z, PROFILE_Y = 48.0, 18.0  # mm, where the line profile runs along x
 DEPTHS = (38.0, 48.0, 60.0, 70.0)  # mm, slices through the phantom's inserts
+REGION = ((8.0, -12.0, 52.0), (48.0, 28.0, 68.0))  # mm, lowest and highest corner of the local reconstruction: the ball
+FIRST = 1000  # seed of the first scan: what is judged, and how, was settled on others
 # The faces of the slab must not lie on those of voxels of any level: coarse grids would be flattered.
 SHIFT = (0.13, -0.19)  # mm in x and y; in depth slices are centred on whole millimetres
 
@@ -26,9 +29,9 @@ SHIFT = (0.13, -0.19)  # mm in x and y; in depth slices are centred on whole mil
 class Setting:
     """quick: the small one. voxels: across. slices: in depth. doses: photons of the dissertation. curve: of dose curves.
 
-    seeds: scans a dose in the comparisons. few: in those that cost more or matter less. reference: iterations by which
-    the posterior counts as converged. beyond: most iterations of a run after its stopping rule. subrays: a pixel's
-    side, of the simulation.
+    seeds: scans a dose in the comparisons behind the chapter's claims. few: in those beyond it. reference: iterations by
+    which the posterior counts as converged. beyond: most iterations of a run after its stopping rule. passes: of each
+    trial of ordered subsets. subrays: a pixel's side, of the simulation.
     """
 
     quick: bool
@@ -40,6 +43,7 @@ class Setting:
     few: int
     reference: int
     beyond: int
+    passes: int
     subrays: int
 
     @property
@@ -52,12 +56,14 @@ class Setting:
         )
 
     def views(self, motion: str) -> Views:
-        """Eight focal spots, circular or linear over the circle's diameter; the panel stays still, two pixels a voxel."""
+        """Eight focal spots on a path that reaches as far as the circle; the panel stays still, two pixels a voxel."""
         n = 2 * self.voxels
         pitch = PANEL / n
         panel = Panel((n, n), (pitch, pitch), (-PANEL / 2 + pitch / 2, -PANEL / 2 + pitch / 2, 0))
         if motion == "circular":
             return circular_views(panel, radius=RADIUS, height=HEIGHT, count=VIEWS)
+        if motion == "hypocycloidal":
+            return hypocycloid_views(panel, radius=RADIUS, height=HEIGHT, count=VIEWS)
         return linear_views(panel, length=2 * RADIUS, height=HEIGHT, count=VIEWS)
 
     def passed(self, motion: str) -> Float64:
@@ -68,12 +74,12 @@ class Setting:
 
     def scan(self, passed: Float64, motion: str, dose: int, seed: int) -> Scan:
         """Poisson counts of `dose` photons a pixel without the phantom."""
-        counts = np.random.default_rng([seed, dose]).poisson(dose * passed)
+        counts = np.random.default_rng([FIRST + seed, dose]).poisson(dose * passed)
         return Scan(counts.astype(np.float32), float(dose), self.views(motion))
 
 
-FULL = Setting(False, 128, 48, (200_000, 20_000, 2_000), (500, 2_000, 6_000, 20_000, 60_000, 200_000), 3, 2, 60, 40, 3)
-QUICK = Setting(True, 48, 16, (20_000, 2_000), (2_000, 20_000), 2, 1, 20, 12, 1)
+FULL = Setting(False, 128, 48, (200_000, 20_000, 2_000), (500, 2_000, 6_000, 20_000, 60_000, 200_000), 20, 5, 40, 60, 10, 3)
+QUICK = Setting(True, 32, 12, (20_000, 2_000), (2_000, 20_000), 2, 1, 12, 12, 3, 1)
 
 
 def phantom() -> Phantom:

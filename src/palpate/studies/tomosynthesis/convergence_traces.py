@@ -1,5 +1,6 @@
 """One reconstruction, watched: what each iterate cost and how good it was."""
 
+import math
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -22,7 +23,8 @@ from palpate.studies.tomosynthesis.image_quality import ImageQuality
 from palpate.volumes.resample import resample
 from palpate.volumes.volume import Volume
 
-COLUMNS = ("level", "iteration", "objective", "posterior", "nmse", "nmse_region", "cpu", "wall")
+# passes: voxels updated so far, on all levels, over those of the finest grid: work that no busy machine lengthens.
+COLUMNS = ("level", "iteration", "passes", "objective", "posterior", "nmse", "nmse_region", "cpu", "wall")
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,7 @@ class ReconstructionProblem:
 
 @dataclass
 class ConvergenceTrace:
-    """trace: a list a column, one entry an iterate. volume: where the stopping rule ended the run, and its row."""
+    """trace: a list a column, one entry an iterate that was judged. volume, stop: where the stopping rule ended the run."""
 
     trace: dict[str, list[float]] = field(default_factory=lambda: {name: [] for name in COLUMNS})
     volume: Volume | None = None
@@ -77,29 +79,35 @@ def trace_convergence(
     beyond: int = 0,
     enough: float | None = None,
     posterior: bool = True,
+    every: bool = True,
 ) -> ConvergenceTrace:
     """Runs `iterates` to its own stopping rule, and, for the curves, up to `beyond` iterations more on the finest level.
 
     Only the iterations are timed (processor time of all threads, and wall time), not the judging between them. A coarse
     iterate is judged on the finest grid, where the run's own interpolator takes it. enough: posterior at which to end.
+    every: judge every iterate of coarse levels too, not only the last of each, which is all that a comparison needs.
     """
-    seen, interpolation = ConvergenceTrace(), options.get("interpolation", "linear")
+    seen, passes, interpolation = ConvergenceTrace(), 0.0, options.get("interpolation", "linear")
     clock = CpuClock()
     steps = clock.timed(lambda: iterates(problem.scan, problem.A.grid, **options))
     before: Float32 | None = None
     for step in clock.each(steps):
-        fine = resample(step.volume, problem.A.grid, interpolation) if step.level else step.volume
-        _note(seen, problem, fine.values, (step.level, step.iteration, step.objective), clock, posterior)
+        passes += step.volume.values.size / math.prod(problem.A.grid.shape)
         if not step.finished:
             before = step.volume.values
         seen.volume = step.volume
+        if step.level and not (every or step.finished):
+            continue
+        fine = resample(step.volume, problem.A.grid, interpolation) if step.level else step.volume
+        note(seen, problem, fine.values, (step.level, step.iteration, passes, step.objective), clock, posterior)
     seen.stop = len(seen.trace["level"]) - 1
     done = int(seen.trace["iteration"][-1])
     if beyond and not _reached(seen, enough):
         assert seen.volume is not None
         solver = _onward(problem, options["optimizer"], seen.volume.values, before)
         for iteration, (values, objective) in enumerate(clock.each(solver), done + 1):
-            _note(seen, problem, values, (0, iteration, objective), clock, posterior)
+            passes += 1
+            note(seen, problem, values, (0, iteration, passes, objective), clock)
             if iteration >= done + beyond or _reached(seen, enough):
                 break
     return seen
@@ -119,16 +127,17 @@ def _reached(seen: ConvergenceTrace, enough: float | None) -> bool:
     return enough is not None and seen.trace["posterior"][-1] <= enough
 
 
-def _note(
+def note(
     seen: ConvergenceTrace,
     problem: ReconstructionProblem,
     values: Float32,
-    known: tuple[int, int, float],
+    known: tuple[int, int, float, float],
     clock: "CpuClock",
-    posterior: bool,
+    posterior: bool = True,
 ) -> None:
+    """One row more, of an iterate on the finest grid. known: its level, iteration, passes and objective."""
     full, region = problem.image_quality.errors(values)
-    level, _, objective = known  # on the finest level that is the posterior itself
+    level, *_, objective = known  # on the finest level that is the posterior itself
     there = float("nan") if not posterior else problem.posterior(values) if level else objective
     for name, value in zip(COLUMNS, (*known, there, full, region, clock.cpu, clock.wall), strict=True):
         seen.trace[name].append(value)

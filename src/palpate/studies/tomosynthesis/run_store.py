@@ -9,7 +9,8 @@ from palpate.atomic_write import replacing
 from palpate.report.stages import Progress, Stages
 from palpate.studies.run_store import read_json, write_json
 from palpate.studies.tomosynthesis.config import Setting
-from palpate.studies.tomosynthesis.experiments import ExperimentRunner, Record, experiments
+from palpate.studies.tomosynthesis.experiment_runner import ExperimentRunner
+from palpate.studies.tomosynthesis.experiments import Record, experiments
 from palpate.studies.tomosynthesis.image_quality import ImageQuality
 from palpate.volumes.io import write_volume
 
@@ -26,18 +27,18 @@ def run_all(stages: Stages, setting: Setting, progress: Progress) -> tuple[list[
     runner, records = ExperimentRunner(image_quality, passed), []
     if not (stages.resume and (stages.folder / "volumes/truth.nii.gz").exists()):
         write_volume(stages.folder / "volumes/truth.nii.gz", image_quality.truth)
-    every = list(experiments(image_quality))
+    every = list(experiments(setting))
     for k, experiment in enumerate(every):
         progress(f"run {k + 1} of {len(every)}: {experiment.name}", k / len(every))
 
         def make(experiment=experiment) -> Record:  # type: ignore[no-untyped-def]
-            record, volume = runner.run(experiment)
-            if experiment.keep:
-                write_volume(stages.folder / f"volumes/{experiment.name}.nii.gz", volume)
+            record, volumes = runner.run(experiment)
+            for part, volume in volumes.items() if experiment.keep else ():
+                write_volume(stages.folder / f"volumes/{experiment.name}{part}.nii.gz", volume)
             return record
 
         record = stages(f"runs/{experiment.name}.json", make, write_json, read_json)
-        runner.store_posterior(record)
+        runner.take_note(record)
         records.append(record)
     progress(f"{len(every)} runs", 1.0)
     return records, image_quality

@@ -6,8 +6,8 @@ from pathlib import Path
 from palpate.errors import DataError
 from palpate.report.stages import Progress, Stages, silent
 from palpate.studies.study import Study
-from palpate.studies.tomosynthesis.conclusions import factors
 from palpate.studies.tomosynthesis.config import FULL, QUICK
+from palpate.studies.tomosynthesis.pairs import pair_rows, subset_rows
 from palpate.studies.tomosynthesis.report_sections import ReportSections
 from palpate.studies.tomosynthesis.run_store import run_all
 from palpate.studies.tomosynthesis.tables import make_tables
@@ -34,8 +34,8 @@ def tomosynthesis_study(
     quick : bool, optional
         Use a small grid and two seeds, for tests.
     seeds : int, optional
-        Scans of each dose in every comparison, in place of three (two in those that cost more). From five on the report
-        tells standard deviations.
+        Scans of each dose behind the chapter's claims, in place of 20; what goes beyond it has at most five. From five on
+        the report tells intervals and standard deviations.
     resume : bool, optional
         Go on from the runs that are there.
     docs : str or Path, optional
@@ -67,13 +67,13 @@ def tomosynthesis_study(
     if seeds is not None:
         if not 1 <= seeds <= MOST_SEEDS:
             raise DataError(f"seeds: expected 1 to {MOST_SEEDS} scans of each dose, got {seeds}")
-        setting, option = replace(setting, seeds=seeds, few=seeds), f" --seeds {seeds}"
+        setting, option = replace(setting, seeds=seeds, few=min(seeds, setting.few)), f" --seeds {seeds}"
     study = Study("tomosynthesis", TITLE, Stages(Path(folder), resume), quick, docs, option=option)
     records, image_quality = run_all(study.stages, setting, progress)
-    tables, found = make_tables(records, setting), factors(records, setting)
-    tables["factors"] = [f.row for f in found]
+    tables = make_tables(records, setting)
+    tables |= {"pairs": pair_rows(records), "subsets": subset_rows(records, setting.passes)}
     progress("report", 0.0)
-    sections = ReportSections(study.stages.folder, image_quality, records, tables, found).sections()
+    sections = ReportSections(study.stages.folder, image_quality, records, tables).sections()
     report = study.publish(tables, sections)
     progress("report", 1.0)
     return report

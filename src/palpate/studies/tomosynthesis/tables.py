@@ -9,7 +9,8 @@ from palpate.report.tables import Row, where
 from palpate.scans.scan import Scan
 from palpate.studies.tomosynthesis.config import Setting
 from palpate.studies.tomosynthesis.convergence_traces import columns
-from palpate.studies.tomosynthesis.experiments import FAR, GAPS, Record
+from palpate.studies.tomosynthesis.experiment_runner import GAPS
+from palpate.studies.tomosynthesis.experiments import Record
 
 MEASURED = ("experiment", "trace", "stop", "quality", "starts", "spread")  # of a record, beside what the run is
 COMPARED = ("convergence", "sampling")  # experiments whose posteriors are
@@ -31,51 +32,58 @@ def gaps(record: Record, best: float) -> np.ndarray:
     return (np.asarray(record["trace"]["posterior"]) - best) / best
 
 
-def seconds_below(record: Record, posterior: float) -> tuple[float, bool]:
-    """Processor seconds until the finest level's negative log-posterior is as low, or those spent in vain, and whether."""
+def first_below(record: Record, posterior: float, unit: str) -> tuple[float, bool]:
+    """Work (a column of the trace) until the finest level's negative log-posterior is as low, or all that was spent in
+    vain, and whether it was.
+    """
     t = columns(record["trace"])
     there = np.flatnonzero((t["posterior"] <= posterior) & (t["level"] == 0))
-    return (float(t["cpu"][there[0]]), True) if there.size else (float(t["cpu"][-1]), False)
-
-
-def error_at(record: Record, seconds: float) -> float:
-    """Region NMSE of the last iterate that was there after so many processor seconds; of the start before any."""
-    t = columns(record["trace"])
-    done = np.flatnonzero(t["cpu"] <= seconds)
-    return float(t["nmse_region"][done[-1]]) if done.size else float(record["starts"][record["start"]]["nmse_region"])
+    return (float(t[unit][there[0]]), True) if there.size else (float(t[unit][-1]), False)
 
 
 def make_tables(records: Sequence[Record], setting: Setting) -> dict[str, list[Row]]:
     """By name, each a list of rows."""
-    best = best_posterior(records)
+    best = best_posterior([r for r in records if r["seed"] < setting.few])  # of the others none was brought to its end
     tables = {name: [_converged(r, best) for r in where(records, experiment=name)] for name in COMPARED}
     tables["levels"] = levels(setting, tables["convergence"])
-    for name in ("priors", "strengths", "baselines", "doses", "motions"):
+    for name in ("direct", "motions", "priors", "strengths", "baselines", "doses"):
         tables[name] = [_judged(r) for r in where(records, experiment=name)]
+    local = where(records, experiment="local")
+    tables["local"] = [
+        {"dose": r["dose"], "seed": r["seed"], "method": m, **q} for r in local for m, q in r["quality"].items()
+    ]
     return tables
 
 
 def _judged(record: Record) -> Row:
     """Quality at the stopping rule (or the last iterate), and the best region NMSE of all iterates: an oracle's stop."""
-    t = columns(record["trace"])
+    t, stop = columns(record["trace"]), record["stop"]
     row: Row = {name: value for name, value in record.items() if name not in MEASURED} | record["quality"]
-    row |= {"cpu_s": t["cpu"][record["stop"]], "iterations": record["stop"] + 1}
+    row |= {"cpu_s": t["cpu"][stop], "passes": t["passes"][stop], "iterations": sum(_iterations(record).values())}
     least = int(np.argmin(t["nmse_region"]))
-    row |= {"best_nmse_region": t["nmse_region"][least], "best_iteration": least + 1}
+    row |= {"best_nmse_region": t["nmse_region"][least], "best_iteration": int(t["iteration"][least])}
     return row
 
 
+def _iterations(record: Record) -> dict[int, int]:
+    """Up to the stop, by level."""
+    t, stop = columns(record["trace"]), record["stop"]
+    level, iteration = t["level"][: stop + 1], t["iteration"][: stop + 1]
+    return {k: int(iteration[level == k].max(initial=0)) for k in range(3)}
+
+
 def _converged(record: Record, best: dict[tuple[int, int], float]) -> Row:
-    star, t, stop = best[record["dose"], record["seed"]], columns(record["trace"]), record["stop"]
-    row = _judged(record)
+    t, row = columns(record["trace"]), _judged(record)
     coarse = np.flatnonzero(t["level"] > 0)
     if coarse.size:
         row["nmse_region_at_finest_start"] = t["nmse_region"][coarse[-1]]
-    row["gap_at_stop"] = float(gaps(record, star)[stop])
-    for gap in (*GAPS, FAR):
-        row[f"cpu_s_to_{gap:g}"], row[f"reached_{gap:g}"] = seconds_below(record, star * (1 + gap))
-    for level in range(3):
-        row[f"iterations_level_{level}"] = int(np.count_nonzero(t["level"][: stop + 1] == level))
+    row |= {f"iterations_level_{level}": count for level, count in _iterations(record).items()}
+    star = best.get((record["dose"], record["seed"]))
+    if star is not None:
+        row["gap_at_stop"] = float(gaps(record, star)[record["stop"]])
+        for gap in GAPS:
+            for unit in ("passes", "cpu"):
+                row[f"{unit}_to_{gap:g}"], row[f"reached_{gap:g}"] = first_below(record, star * (1 + gap), unit)
     return row
 
 
@@ -100,6 +108,11 @@ def levels(setting: Setting, convergence: Sequence[Row]) -> list[Row]:
                     row[f"iterations_{dose}"] = float(np.mean(mine))
                 rows.append(row)
     return rows
+
+
+def photons(dose: int) -> str:
+    """As in 20k."""
+    return f"{dose // 1000}k" if dose % 1000 == 0 else str(dose)
 
 
 def spread(values: Iterable[float]) -> tuple[float, float]:
