@@ -10,71 +10,7 @@ from palpate.studies.deformation import claims as deformation
 from palpate.studies.deformation import counterparts, reading_claims
 from palpate.studies.deformation.config import MARKS
 from palpate.studies.realtime.report_sections import promises
-from palpate.studies.tomosynthesis import conclusions, tables
-from palpate.studies.tomosynthesis.config import QUICK as SLAB
-
-DOSES = SLAB.doses
-
-
-def factor(pair, dose, time=(2.0, 1.5, 3.0), equal_time=(1.5, 1.2, 2.0)):
-    return conclusions.Factor(pair, dose, time, "", equal_time, (1.0, 1.0, 1.0))
-
-
-def rows_of(errors, **more):
-    """A row a seed and dose, with these errors of the region and contrasts that rise as the errors fall."""
-    return [{"dose": d, "seed": s, "nmse_region": e, "cnr": 1 / e, **more} for d in DOSES for s, e in enumerate(errors)]
-
-
-def tomosynthesis_claims(found, back=(0.4, 0.5), multi=(0.1, 0.2)):
-    chosen = {"method": "M-MAP-3", "optimiser": "descent", "start": "uniform"}
-    made = {"baselines": rows_of(back, method="backprojection"), "convergence": rows_of(multi, **chosen)}
-    return dict(conclusions.claims(found, made, SLAB))
-
-
-@pytest.mark.parametrize(
-    ("least", "verdict"),
-    [((1.5, 1.5), "holds at every dose"), ((1.5, 1.01), "holds at 1 of 2 doses"), ((0.9, 1.0), "holds at no dose")],
-)
-def test_multiresolution_needs_less_time_only_where_every_scan_says_so(least, verdict):
-    pair = conclusions.PAIRS[0][0]
-    pairs = (pair, conclusions.PAIRS[3][0])
-    found = [factor(p, d, time=(2.0, low, 3.0)) for p in pairs for d, low in zip(DOSES, least, strict=True)]
-    said = tomosynthesis_claims(found)[f"M-MAP needs less computation than F-MAP ({pair})"]
-    assert said.startswith(f"{verdict}: factors ")
-    assert said.count("2.00") == len(DOSES)
-    other = tomosynthesis_claims(found)[f"M-MAP's images are better than F-MAP's after the same time ({pair})"]
-    assert other.startswith("holds at every dose")
-
-
-@pytest.mark.parametrize(("multi", "held"), [((0.1, 0.2), True), ((0.1, 0.6), False), ((0.4, 0.5), False)])
-def test_a_better_image_than_backprojection_is_claimed_scan_by_scan(multi, held):
-    found = [factor(p, d) for p in (conclusions.PAIRS[0][0], conclusions.PAIRS[3][0]) for d in DOSES]
-    said = tomosynthesis_claims(found, multi=multi)
-    for what in ("error of the region", "contrast to noise"):
-        words = said[f"M-MAP-3 (descent, uniform start) is better than backprojection: {what}"]
-        assert words.startswith("holds at every dose" if held else "holds at no dose")
-
-
-def test_the_factor_of_time_comes_from_the_first_moment_f_map_is_as_low():
-    def run(method, cpu, posterior, stop):
-        trace = {"cpu": cpu, "posterior": posterior, "level": [0] * 4, "nmse_region": [0.4, 0.3, 0.2, 0.1]}
-        quality = {"nmse_region": trace["nmse_region"][stop]}
-        chosen = {"optimiser": "descent", "start": "uniform"}
-        return {"experiment": "convergence", "dose": 1, "seed": 0, "method": method, **chosen, "trace": trace,
-                "stop": stop, "quality": quality}  # fmt: skip
-
-    fixed = run("F-MAP", [1.0, 2.0, 6.0, 9.0], [9.0, 8.0, 5.0, 4.0], 3)
-    multi = run("M-MAP-3", [1.0, 2.0, 3.0, 4.0], [9.0, 6.0, 5.5, 5.0], 2)
-    setting, pair = replace(SLAB, doses=(1,)), conclusions.PAIRS[0]
-    with pytest.MonkeyPatch.context() as one:
-        one.setattr(conclusions, "PAIRS", (pair,))
-        (found,) = conclusions.factors([fixed, multi], setting)
-        assert found.time == pytest.approx((2.0, 2.0, 2.0))  # 6 s against 3 s
-        assert found.bound == ""
-        assert found.equal_time == pytest.approx((0.3 / 0.2,) * 3)  # after 3 s F-MAP stands at its second iterate
-        never = run("F-MAP", [1.0, 2.0, 6.0, 9.0], [9.0, 8.0, 7.0, 6.0], 3)
-        (found,) = conclusions.factors([never, multi], setting)
-        assert (found.bound, found.time[0]) == ("at least", pytest.approx(3.0))
+from palpate.studies.tomosynthesis import findings, tables
 
 
 @pytest.mark.parametrize(
@@ -88,9 +24,9 @@ def test_the_factor_of_time_comes_from_the_first_moment_f_map_is_as_low():
 )
 def test_a_winner_wins_on_every_scan_and_by_enough(a, b, best):
     rows = [{"by": name, "error": e} for name, errors in (("a", a), ("b", b)) for e in errors]
-    assert conclusions.winner(rows, "by", "error", ".3f")[0] == best
+    assert findings.winner(rows, "by", "error", ".3f")[0] == best
     flipped = [{**row, "error": -row["error"]} for row in rows]
-    assert conclusions.winner(flipped, "by", "error", ".3f", lower=False)[0] == best
+    assert findings.winner(flipped, "by", "error", ".3f", lower=False)[0] == best
 
 
 def test_no_deviation_is_told_of_fewer_than_five():

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from palpate.report.html_report import Section
+from palpate.studies.counterparts import list_counterparts
 
 # Number where it is known, what it shows, the section that shows it, and how: pictures by number, or the table.
 COUNTERPARTS = (
@@ -30,17 +31,10 @@ COUNTERPARTS = (
 
 
 def counterparts(sections: Sequence[Section]) -> Section:
-    """The list; raises `KeyError` where a section it names is missing, `ValueError` where that lacks what it names."""
-    titles = {section.title: section for section in sections}
-    for _, _, title, where in COUNTERPARTS:
-        section = titles[title]
-        if not (section.table if where == "table" else len(section.pictures) >= int(where.split()[1])):
-            raise ValueError(f"{title}: has no {where}")
+    """The list, checked against the sections."""
     text = [
         "Figures 3.5 to 3.16 and tables 3.1 and 3.2 by what their captions show. The text of the chapter is not at hand: "
         "numbers stand where they are known; table 3.2 may be that of deformation times. Frames a second by resolution and "
         "way of drawing are measured by palpate study realtime.",
     ]
-    return Section(
-        "Figures and tables of the chapter", text, [["of the chapter", "shows", "section here", "there"], *COUNTERPARTS]
-    )
+    return list_counterparts(sections, COUNTERPARTS, text)

@@ -78,8 +78,10 @@ class Setting:
         return Scan(counts.astype(np.float32), float(dose), self.views(motion))
 
 
-FULL = Setting(False, 128, 48, (200_000, 20_000, 2_000), (500, 2_000, 6_000, 20_000, 60_000, 200_000), 20, 5, 40, 60, 10, 3)
-QUICK = Setting(True, 32, 12, (20_000, 2_000), (2_000, 20_000), 2, 1, 12, 12, 3, 1)
+FULL = Setting(
+    False, 128, 48, (200_000, 20_000, 2_000), (500, 2_000, 6_000, 20_000, 60_000, 200_000), 20, 3, 40, 60, 10, 3
+)
+QUICK = Setting(True, 32, 12, (2_000,), (2_000, 20_000), 2, 1, 12, 12, 3, 1)
 
 
 def phantom() -> Phantom:

@@ -41,7 +41,9 @@ class ExperimentRunner:
         problem = self.problem(about["motion"], about["dose"], about["seed"])
         if about["experiment"] == "local":
             found = local_volumes(problem)
-            return {**about, "quality": local_quality(found, self.image_quality)}, {f"-{n}": v for n, v in found.items()}
+            return {**about, "quality": local_quality(found, self.image_quality)}, {
+                f"-{n}": v for n, v in found.items()
+            }
         seen = self._traced(experiment, problem, self._options(experiment, problem))
         trace = {name: values for name, values in seen.trace.items() if not np.isnan(values).any()}
         record: Record = {**about, "trace": trace, "stop": seen.stop}

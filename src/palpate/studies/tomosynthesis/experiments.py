@@ -50,7 +50,10 @@ def experiments(setting: Setting) -> Iterator[Experiment]:
 def _convergence(dose: int, seed: int, more: bool) -> Iterator[Experiment]:
     """Multi-resolution before fixed resolution, which goes on until it is as far. more: what no claim is about, too."""
     runs = [("auto", 3, "backprojection")] if more else []
-    for optimiser, levels, starts in (("momentum", (3, 1), STARTS[::-1] if more else STARTS[1:]), ("descent", (3, 2, 1), STARTS)):
+    for optimiser, levels, starts in (
+        ("momentum", (3, 1), STARTS[::-1] if more else STARTS[1:]),
+        ("descent", (3, 2, 1), STARTS),
+    ):
         runs += [(optimiser, level, start) for level in levels for start in starts]
     for optimiser, levels, start in runs:
         about = {"experiment": "convergence", "dose": dose, "seed": seed, "method": _label(levels)}

@@ -27,7 +27,7 @@ def local_volumes(problem: ReconstructionProblem) -> dict[str, Volume]:
 
 
 def local_quality(found: Mapping[str, Volume], image_quality: ImageQuality) -> dict[str, dict[str, float]]:
-    """NMSE in the region, as it is and free of window and level, and the share of the finest voxels, of each volume."""
+    """NMSE in the region, as it is and free of window and level, of each volume."""
     out = {}
     for name, volume in found.items():
         truth = cropped(image_quality.truth, volume.grid).values

@@ -16,9 +16,7 @@ def trace_subsets(
     seen, clock, made = ConvergenceTrace(), CpuClock(), [0.0]
     pace = SubsetsState(subsets, momentum)
     start = backproject(problem.A, problem.data)
-    solver = ordered_subsets(
-        problem.A, problem.data, problem.prior, problem.beta, start, _counted(problem, made), pace
-    )
+    solver = ordered_subsets(problem.A, problem.data, problem.prior, problem.beta, start, _counted(problem, made), pace)
     for iteration, (values, objective) in enumerate(clock.each(solver), 1):
         note(seen, problem, values, (0, iteration, made[0], objective), clock)
         if objective <= enough or made[0] >= most:

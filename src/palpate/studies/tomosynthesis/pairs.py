@@ -16,11 +16,12 @@ ERRORS = ("nmse", "nmse_region")
 
 @dataclass(frozen=True)
 class Pair:
-    """F-MAP by (optimiser, start) against multi-resolution by (method, optimiser, start)."""
+    """F-MAP by (optimiser, start) against multi-resolution by (method, optimiser, start). claimed: made on every scan."""
 
     words: str
     fixed: tuple[str, str]
     multi: tuple[str, str, str]
+    claimed: bool = True
 
     @property
     def same(self) -> bool:
@@ -34,11 +35,18 @@ PAIRS = (
         for method in ("M-MAP-3", "M-MAP-2")
         for start in ("uniform", "backprojection")
     ),
-    Pair("M-MAP-3, momentum, uniform start", ("momentum", "uniform"), ("M-MAP-3", "momentum", "uniform")),
     Pair(
-        "M-MAP-3, momentum, backprojection start", ("momentum", "backprojection"), ("M-MAP-3", "momentum", "backprojection")
+        "M-MAP-3, momentum, backprojection start",
+        ("momentum", "backprojection"),
+        ("M-MAP-3", "momentum", "backprojection"),
     ),
-    Pair("M-MAP-3 as by default, F-MAP by descent from uniform", ("descent", "uniform"), ("M-MAP-3", "auto", "backprojection")),
+    Pair("M-MAP-3, momentum, uniform start", ("momentum", "uniform"), ("M-MAP-3", "momentum", "uniform"), False),
+    Pair(
+        "M-MAP-3 as by default, F-MAP by descent from uniform",
+        ("descent", "uniform"),
+        ("M-MAP-3", "auto", "backprojection"),
+        False,
+    ),
 )
 
 
@@ -60,7 +68,8 @@ def pair_rows(records: Sequence[Record]) -> list[Row]:
 
 
 def _compared(fixed: Record, multi: Record, work: str) -> Row:
-    stop, row = multi["stop"], {}
+    stop = multi["stop"]
+    row: Row = {}
     for unit in ("passes", "cpu"):
         needed, reached = first_below(fixed, multi["trace"]["posterior"][stop], unit)
         row |= {unit: needed / multi["trace"][unit][stop], f"{unit}_bound": not reached}

@@ -1,6 +1,7 @@
 """Pictures of the study that show numbers: curves over iterations and time, bars with the spread over the seeds."""
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -9,11 +10,13 @@ from palpate.arrays import Float64
 from palpate.report.plot_axes import TRUTH, canvas, finish, legend_below
 from palpate.report.tables import Row, distinct, where
 from palpate.studies.tomosynthesis.convergence_traces import columns
+from palpate.studies.tomosynthesis.experiment_runner import GAPS
 from palpate.studies.tomosynthesis.experiments import Record
 from palpate.studies.tomosynthesis.tables import best_posterior, gaps, whiskers
 from palpate.volumes.notebook_figure import COLOURS, line_style
 
 STYLES = {"descent": "-", "momentum": "--", "auto": ":"}
+REFERENCE: dict[str, Any] = {"color": TRUTH, "lw": 1.2, "ls": ":", "zorder": 0}
 OF_METHOD = {name: line_style(i) for i, name in enumerate(("F-MAP", "M-MAP-2", "M-MAP-3"))}
 
 
@@ -21,22 +24,26 @@ def convergence(records: Sequence[Record], doses: Sequence[int], start: str, col
     """A panel a dose, one seed: a column of the traces against iterations (all levels) or processor time.
 
     column: "gap" is that of the log-posterior, above the best. The large mark is where the stopping rule ended the run.
+    Dotted: the backprojection's error, or the gaps at which runs are compared.
     """
-    figure, panels = canvas(len(doses))
-    best = best_posterior(records)
+    figure, panels = canvas(len(doses), 4.3)
+    best = best_posterior(where(records, seed=0))
     for axes, dose in zip(panels, doses, strict=True):
+        (back,) = where(records, experiment="direct", dose=dose, seed=0)
+        for level in GAPS if column == "gap" else (back["quality"][column],):
+            axes.axhline(level, label=None if column == "gap" else "backprojection", **REFERENCE)
         for r in where(records, experiment="convergence", dose=dose, seed=0, start=start):
             t, stop = columns(r["trace"]), r["stop"]
             x = t["cpu"] if time else np.arange(1, len(t["cpu"]) + 1)
             y = np.maximum(gaps(r, best[dose, 0]), 1e-5) if column == "gap" else t[column]
             style = OF_METHOD[r["method"]] | {"ls": STYLES[r["optimiser"]]}
             axes.plot(x, y, lw=1.5, label=f"{r['method']}, {r['optimiser']}", **style)
-            axes.plot(x[stop], y[stop], **style | {"ms": 8})
+            axes.plot(x[stop], y[stop], **style | {"ms": 9, "markevery": 1})
         finish(axes, f"{dose:,} photons", "processor time, s" if time else "iterations, all levels", _NAMES[column])
         axes.set_xscale("log")
         if column == "gap":
             axes.set_yscale("log")
-    panels[-1].legend(frameon=False, fontsize=8)
+    legend_below(figure, panels[-1])
     return figure
 
 
@@ -51,23 +58,55 @@ _NAMES = {
 
 
 def sampling(records: Sequence[Record], by: str, other: str, fixed: str) -> Figure:
-    """NMSE of the region and posterior over time for each choice, all seeds thin, a large mark where the first ended."""
+    """NMSE of the region and posterior over the passes for each choice, all scans thin, a large mark where the first ended.
+
+    Dotted: F-MAP by descent from the same start, at its own stop on the first scan.
+    """
     figure, panels = canvas(2)
     best = best_posterior(records)
-    for r in where(records, experiment="sampling", **{other: fixed}):
+    some = where(records, experiment="sampling", **{other: fixed})
+    names = distinct(some, by)
+    for r in some:
         t, stop, name = columns(r["trace"]), r["stop"], r[by]
-        names = distinct(where(records, experiment="sampling", **{other: fixed}), by)
         style, first = line_style(names.index(name)), r["seed"] == 0
         for axes, y in zip(panels, (t["nmse_region"], gaps(r, best[r["dose"], r["seed"]])), strict=True):
             thin = {} if first else {"marker": ""}
-            axes.plot(t["cpu"], y, lw=1.6 if first else 0.6, label=name if first else None, **style | thin)
+            axes.plot(t["passes"], y, lw=1.6 if first else 0.6, label=name if first else None, **style | thin)
             if first:
-                axes.plot(t["cpu"][stop], y[stop], **style | {"ms": 8})
-    for axes, column in zip(panels, ("nmse_region", "gap"), strict=True):
-        finish(axes, "", "processor time, s", _NAMES[column])
+                axes.plot(t["passes"][stop], y[stop], **style | {"ms": 9, "markevery": 1})
+    key = {"dose": some[0]["dose"], "seed": 0}
+    (fmap,) = where(records, experiment="convergence", method="F-MAP", optimiser="descent", start="uniform", **key)
+    levels = fmap["quality"]["nmse_region"], gaps(fmap, best[key["dose"], 0])[fmap["stop"]]
+    for axes, column, level in zip(panels, ("nmse_region", "gap"), levels, strict=True):
+        axes.axhline(level, label="F-MAP at its stop", **REFERENCE)
+        finish(axes, "", "passes over the voxels", _NAMES[column])
         axes.set_xscale("log")
     panels[1].set_yscale("log")
     panels[1].legend(frameon=False, fontsize=9)
+    return figure
+
+
+def subsets(records: Sequence[Record], doses: Sequence[int]) -> Figure:
+    """A panel a dose, one scan: the log-posterior over the passes, by number of subsets, beside what has none."""
+    figure, panels = canvas(len(doses), 4.3)
+    best = best_posterior(where(records, seed=0))
+    for axes, dose in zip(panels, doses, strict=True):
+        some = where(records, dose=dose, seed=0)
+        lines = [(f"{r['subsets']}, {r['momentum']}", r) for r in where(some, experiment="subsets")]
+        fixed = {"experiment": "convergence", "method": "F-MAP", "start": "backprojection"}
+        lines += [
+            (f"{name}, no subsets", one)
+            for name in ("descent", "momentum")
+            for one in where(some, optimiser=name, **fixed)
+        ]
+        most = max(r["trace"]["passes"][-1] for _, r in lines[:-2])
+        for i, (label, r) in enumerate(lines):
+            t = columns(r["trace"])
+            early = t["passes"] <= most
+            axes.plot(t["passes"][early], gaps(r, best[dose, 0])[early], lw=1.5, label=label, **line_style(i))
+        finish(axes, f"{dose:,} photons", "passes over all projections", _NAMES["gap"])
+        axes.set_yscale("log")
+    legend_below(figure, panels[0], columns=5)
     return figure
 
 

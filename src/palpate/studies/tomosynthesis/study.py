@@ -8,7 +8,8 @@ from palpate.report.stages import Progress, Stages, silent
 from palpate.studies.study import Study
 from palpate.studies.tomosynthesis.config import FULL, QUICK
 from palpate.studies.tomosynthesis.pairs import pair_rows, subset_rows
-from palpate.studies.tomosynthesis.report_sections import ReportSections
+from palpate.studies.tomosynthesis.report_inputs import ReportInputs
+from palpate.studies.tomosynthesis.report_sections import sections
 from palpate.studies.tomosynthesis.run_store import run_all
 from palpate.studies.tomosynthesis.tables import make_tables
 
@@ -34,7 +35,7 @@ def tomosynthesis_study(
     quick : bool, optional
         Use a small grid and two seeds, for tests.
     seeds : int, optional
-        Scans of each dose behind the chapter's claims, in place of 20; what goes beyond it has at most five. From five on
+        Scans of each dose behind the chapter's claims, in place of 20; what goes beyond it has at most three. From five on
         the report tells intervals and standard deviations.
     resume : bool, optional
         Go on from the runs that are there.
@@ -73,7 +74,7 @@ def tomosynthesis_study(
     tables = make_tables(records, setting)
     tables |= {"pairs": pair_rows(records), "subsets": subset_rows(records, setting.passes)}
     progress("report", 0.0)
-    sections = ReportSections(study.stages.folder, image_quality, records, tables).sections()
-    report = study.publish(tables, sections)
+    inputs = ReportInputs(study.stages.folder, image_quality, records, tables)
+    report = study.publish(tables, sections(inputs))
     progress("report", 1.0)
     return report
