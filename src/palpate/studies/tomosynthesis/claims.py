@@ -162,6 +162,6 @@ def _by_dose(rows: Sequence[Row]) -> list[tuple[int, list[Row]]]:
 
 def _verdict(claim: str, tried: str, each: Sequence[tuple[str, Interval]], over: str, what: str = "dose") -> Verdict:
     """each: by dose or `what`. over: what the numbers are."""
-    scans = {one.count for _, one in each}
-    on = f"{tried}, on {min(scans)} scan{'s' * (min(scans) > 1)} a dose"
+    scans = sorted({one.count for _, one in each})
+    on = f"{tried}, on {' to '.join(map(str, scans[:: len(scans) - 1 or 1]))} scan{'s' * (scans[-1] > 1)} a dose"
     return Verdict(claim, on, held(each, what), f"{over} {', '.join(f'{name} {one.words}' for name, one in each)}")

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.arrays import Float64
+from palpate.reconstruction.models.mrf_prior import Prior
 from palpate.scans.analytic_phantoms import Phantom, slab_phantom
 from palpate.scans.scan import Scan
 from palpate.scans.simulate import simulate_scan
@@ -20,6 +21,7 @@ PANEL = 204.8  # mm, a side of the panel
 PROFILE_Z, PROFILE_Y = 48.0, 18.0  # mm, where the line profile runs along x
 DEPTHS = (38.0, 48.0, 60.0, 70.0)  # mm, slices through the phantom's inserts
 REGION = ((8.0, -12.0, 52.0), (48.0, 28.0, 68.0))  # mm, lowest and highest corner of the local reconstruction: the ball
+EDGE_PRESERVING = Prior("lange")  # the dissertation's kind of prior, whatever the default is
 FIRST = 1000  # seed of the first scan: what is judged, and how, was settled on others
 # The faces of the slab must not lie on those of voxels of any level: coarse grids would be flattered.
 SHIFT = (0.13, -0.19)  # mm in x and y; in depth slices are centred on whole millimetres

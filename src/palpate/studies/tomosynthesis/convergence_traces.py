@@ -19,6 +19,7 @@ from palpate.reconstruction.prior_parameters import choose_prior_parameters, med
 from palpate.reconstruction.projector import Projector
 from palpate.reconstruction.reconstruct import iterates
 from palpate.scans.scan import Scan
+from palpate.studies.tomosynthesis.config import EDGE_PRESERVING
 from palpate.studies.tomosynthesis.image_quality import ImageQuality
 from palpate.volumes.resample import resample
 from palpate.volumes.volume import Volume
@@ -44,7 +45,7 @@ class ReconstructionProblem:
         """With the prior that `tune` chooses from the scan, as in `iterates`."""
         A, data = Projector(scan.views, image_quality.setting.grid), Transmission.of(scan)
         known = data_curvature(A, data)
-        prior, middle = choose_prior_parameters(Prior(), A, data, known), median_curvature(known)
+        prior, middle = choose_prior_parameters(EDGE_PRESERVING, A, data, known), median_curvature(known)
         assert prior.strength is not None
         return cls(scan, image_quality, A, data, prior, prior.strength * middle, middle)
 

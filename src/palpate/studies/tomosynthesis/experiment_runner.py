@@ -81,7 +81,7 @@ class ExperimentRunner:
         if more and key not in self.converged:
             return trace_convergence(problem, options, beyond=s.reference, every=every)
         # Fixed resolution goes on until it is as far as multi-resolution was at its stop, or for long.
-        enough = self.stopped[*key, about["optimiser"], about["start"]] if fixed else np.inf
+        enough = self.stopped.get((*key, about["optimiser"], about["start"]), np.inf) if fixed else np.inf
         if more:
             gap = GAPS[-1] if about["experiment"] == "convergence" else GAPS[0]
             # A little below: the best of all runs, known only in the end, may lie below that of the reference.
