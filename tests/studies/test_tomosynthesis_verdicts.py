@@ -132,8 +132,8 @@ def made(
          "those of M-MAP-3 20k 0.08 ("),
         ({}, "into rings", "holds at every motion: power circular motion 9.00 (9.00 to 9.00), linear motion 9.00 ("),
         ({"streak": 0.9}, "into rings", "holds at 1 of 2 motions (the opposite holds at linear motion): "),
-        ({}, "M-MAP serves hypocycloidal motion", "holds: backprojection's over M-MAP-3's 20k 1.25 ("),
-        ({"multi": (1.3, 0.8)}, "M-MAP serves linear motion", "does not hold (the opposite holds): "),
+        ({}, "hypocycloidal motion is a str", "holds: backprojection's over M-MAP-3's 20k 1.25 ("),
+        ({"multi": (1.3, 0.8)}, "linear motion is a str", "does not hold (the opposite holds): "),
         ({}, "tried on the finest grid, plain", "holds at every dose: theirs over the better of descent and momentum without "
          "subsets 20k 1.50 (1.50 to 1.50), 2k 1.50 ("),
         ({}, "tried on the finest grid, plain", "over their own algorithm without subsets they gain 20k 1.67 (1.67 to 1.67) "
@@ -207,6 +207,7 @@ def test_ordered_subsets_are_judged_where_descent_stands_after_its_passes():
         2,
     )
     assert (bad["passes"], bad["reached"]) == (3, False)
+    assert good["others_s"] == pytest.approx(0.2)
 
 
 def test_every_counterpart_of_a_figure_is_asked_to_be_there():

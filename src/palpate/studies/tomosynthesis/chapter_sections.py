@@ -20,7 +20,7 @@ def set_up(inputs: ReportInputs) -> Section:
     text = [
         f"{VIEWS} focal spots lie on a circle of {RADIUS:g} mm radius, {HEIGHT:g} mm above a panel of {PANEL:g} mm with "
         f"pixels of {pitch:g} mm. The volume has {size} voxels (z, y, x) of "
-        f"{' x '.join(f'{d:.3g}' for d in grid.spacing)} mm. The chapter's claims about M-MAP-3 rest on {s.seeds} noise "
+        f"{' x '.join(f'{d:.3g}' for d in grid.spacing)} mm. Claims about M-MAP by descent rest on {s.seeds} noise "
         f"realisations a dose, as do motions, and ordered subsets at {SUBSETS_DOSE:,} photons. All else has {s.few}.",
         "The scans are line integrals in closed form through ellipsoids and boxes, "
         f"{s.subrays} x {s.subrays} rays a pixel, with Poisson noise: never a projection of voxels. No face of the slab "
@@ -125,12 +125,14 @@ def subsets(inputs: ReportInputs) -> Section:
     passes = inputs.setting.passes
     rows = [{**row, "reached": float(row["reached"])} for row in inputs.tables["subsets"]]
     heads = [("passes", "passes, or spent", ".1f"), ("reached", "share of scans that came there", ".2f")]
-    heads += [("cpu_s", "processor s", ".2f"), ("memory_gradient", "passes of momentum without subsets", ".1f")]
+    heads += [("cpu_s", "processor s", ".2f"), ("others", "passes without subsets", ".1f")]
+    heads += [("others_s", "processor s without subsets", ".2f")]
     text = [
         f"On the finest grid, from the backprojection, until the log-posterior that descent has after {passes} passes, or "
         f"for {2 * passes}. A pass is a projection and a backprojection of all {VIEWS} views; one that is made again, since "
         "it raised the objective, counts again. Plain: separable surrogates (Erdogan and Fessler 1999). With momentum: "
-        "Nesterov's. Each subset costs a pass over the neighbours more, which processor time counts and passes do not."
+        "Nesterov's. Each subset costs a pass over the neighbours more, which processor time counts and passes do not. "
+        "Without subsets: the better of descent and momentum (memory gradient)."
     ]
     figure = plots.subsets(inputs.records, inputs.setting.doses)
     caption = "Log-posterior against passes by number of subsets, first scan."

@@ -56,7 +56,7 @@ def _convergence(dose: int, seed: int, more: bool) -> Iterator[Experiment]:
     runs = [("auto", 3, "backprojection")] if more else []
     runs += [("momentum", level, start) for level in (3, 1) for start in STARTS[::-1]] if more else []
     runs += [("momentum", 1, "backprojection")] if not more and dose == SUBSETS_DOSE else []
-    runs += [("descent", level, start) for level in ((3, 2, 1) if more else (3, 1)) for start in STARTS]
+    runs += [("descent", level, start) for level in (3, 2, 1) for start in STARTS]
     for optimiser, levels, start in runs:
         about = {"experiment": "convergence", "dose": dose, "seed": seed, "method": _label(levels)}
         about |= {"optimiser": optimiser, "start": start}

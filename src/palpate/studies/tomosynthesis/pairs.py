@@ -100,9 +100,12 @@ def subset_rows(records: Sequence[Record], passes: int) -> list[Row]:
         posterior = descent["trace"]["posterior"]
         target = posterior[min(passes, len(posterior)) - 1]
         (needed, reached), cpu = first_below(r, target, "passes"), first_below(r, target, "cpu")[0]
-        others = [first_below(one, target, "passes")[0] for one in (descent, momentum)]
+        others, seconds = (
+            [first_below(one, target, unit)[0] for one in (descent, momentum)] for unit in ("passes", "cpu")
+        )
         row = {**same, "momentum": r["momentum"], "subsets": r["subsets"], "passes": needed, "reached": reached}
-        rows.append({**row, "cpu_s": cpu, "descent": others[0], "memory_gradient": others[1], "others": min(others)})
+        row |= {"cpu_s": cpu, "others_s": min(seconds)}
+        rows.append({**row, "descent": others[0], "memory_gradient": others[1], "others": min(others)})
     return rows
 
 
