@@ -135,7 +135,7 @@ def test_pairs_follow_from_the_traces_and_stand_in_the_report(study, report):
             assert float(row["passes"]) == pytest.approx(works[-1], rel=1e-6)
             assert float(row["equal_nmse"]) == pytest.approx(errors[-1], rel=1e-6)
         for ratios in (works, errors):
-            assert f"{np.prod(ratios) ** (1 / len(ratios)):.2f} ({min(ratios):.2f} to {max(ratios):.2f})" in report
+            assert f"{np.prod(ratios) ** (1 / len(ratios)):.3f} ({min(ratios):.3f} to {max(ratios):.3f})" in report
 
 
 def test_passes_are_voxels_updated_over_those_of_the_finest_grid(study):
@@ -177,7 +177,7 @@ def test_the_verdict_by_the_full_field_is_that_of_the_stored_volumes(study, repo
             rf"dose, this (.*?): .*?{dose // 1000}k [\d.]+ \(([\d.]+) to ([\d.]+)\)",
             report,
         )
-        assert f"{ratio:.2f}" in said.groups()[1:]
+        assert f"{ratio:.3f}" in said.groups()[1:]
         assert said[1].startswith("holds" if ratio > 1.02 else "does not hold (the opposite")
 
 

@@ -40,10 +40,11 @@ class Interval:
 
     @property
     def words(self) -> str:
-        """As in "1.24 (1.23 to 1.25)"."""
+        """As in "1.243 (1.238 to 1.248)"."""
+        form = ".3f" if self.mean < 10 else ".1f"
         if self.bound:
-            return f"≥ {self.mean:.2f} (from {self.low:.2f})"
-        return f"{self.mean:.2f} ({self.low:.2f} to {self.high:.2f})"
+            return f"≥ {self.mean:{form}} (from {self.low:{form}})"
+        return f"{self.mean:{form}} ({self.low:{form}} to {self.high:{form}})"
 
     @property
     def says(self) -> str:

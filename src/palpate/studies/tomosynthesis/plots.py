@@ -196,5 +196,5 @@ def depth_spread(groups: Sequence[tuple[str, Sequence[tuple[str, Record]]]], z: 
         for i, (name, record) in enumerate(records):
             axes.plot(z, record["spread"], lw=1.5, label=name, **line_style(i))
         finish(axes, title, "z, mm", "contrast, share of that in the ball's slice")
-        axes.legend(frameon=False, fontsize=8)
+    legend_below(figure, panels[0])
     return figure
