@@ -143,10 +143,13 @@ from .tissue.indentation import IndentationFit as IndentationFit
 from .tissue.indentation import fit_indentation as fit_indentation
 from .tissue.indentation_curve import IndentationCurve as IndentationCurve
 from .tissue.indentation_curve import read_indentation as read_indentation
+from .tissue.interval_correction import IntervalCorrection as IntervalCorrection
 from .tissue.io import read_tissue as read_tissue
 from .tissue.io import write_tissue as write_tissue
 from .tissue.lump_detectability import force_map as force_map
 from .tissue.lump_detectability import lump_map as lump_map
+from .tissue.lump_sampling import lump_uncertainty as lump_uncertainty
+from .tissue.lump_uncertainty import LumpUncertainty as LumpUncertainty
 from .tissue.model_selection import select_model as select_model
 from .tissue.models.registry import model as model
 from .tissue.named_tissues import tissue_properties as tissue_properties
