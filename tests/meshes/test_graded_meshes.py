@@ -190,6 +190,14 @@ def test_a_fine_edge_equal_to_the_organs_changes_nothing():
     assert (plain.nodes == same.nodes).all()
 
 
+def test_a_fine_edge_a_little_below_the_organs_is_met_by_one_size():
+    labels = organ_with_ball("block", (20, 20, 20), (0, 0, 0), 10.0, (2.0, 2.0, 2.0))
+    mesh = pp.tetrahedralize(labels, "organ", edge=8.0, inclusions=["lump"], fine={"lump": 7.0})
+    away, near = far_and_near(mesh, (0, 0, 0), 10.0, 2.0)
+    assert near == pytest.approx(away, rel=0.15)
+    assert 7.0 * 0.8 < near < 8.0 * 1.2
+
+
 def test_command(tmp_path):
     from typer.testing import CliRunner
 

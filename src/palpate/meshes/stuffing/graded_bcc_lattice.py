@@ -25,7 +25,7 @@ def octree(cells: ArrayLike, depth: int, wanted: Wanted) -> Lattice:
     n = np.asarray(cells)
     split = _balanced(n, _split(n, depth, wanted))
     leaves = [_without(_children(above), here) for above, here in zip([None, *split], [*split, None], strict=True)]
-    leaves[0] = _without(_all(n), split[0])
+    leaves[0] = _without(_all(n), split[0] if split else None)
     corners = np.unique(np.concatenate([_key(_corners(leaf, 1 << (depth - k))) for k, leaf in enumerate(leaves)]))
     tets = []
     for k, leaf in enumerate(leaves):
