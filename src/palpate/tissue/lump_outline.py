@@ -12,7 +12,7 @@ from palpate.meshes.tet_mesh import TetMesh
 from palpate.reconstruction.posterior import Posterior
 from palpate.tissue.stiffness_map import lattice
 from palpate.volumes.grid import Grid
-from palpate.volumes.radial_gradient import ball_near, ball_shares
+from palpate.volumes.radial_gradient import RADII, ball_near, ball_shares
 from palpate.volumes.segmentation import segment
 from palpate.volumes.volume import Volume
 
@@ -31,9 +31,7 @@ def outlines(found: Posterior, near: ArrayLike | None, rule: Rule | None) -> lis
     if rule is None:
         if near is None:
             raise DataError("near: give the lump's place (x, y, z) in mm, or a rule that finds the lump in a volume")
-        inside = organ(found.map)
-        first = ball_near(found.map, near, inside=inside)
-        rule = partial(_near_ball, centre=first.centre, radius=first.radius, inside=inside)
+        rule = ball_rule(found.map, near, organ(found.map))
     made = []
     assert found.samples is not None
     for k, values in enumerate([found.map.values, *found.samples]):
@@ -88,6 +86,12 @@ def contrast_weights(shares: Float32) -> Float32:
 def centre_of_mass(shares: Float32, grid: Grid) -> Float64:
     """(3,) mm: the centre of mass."""
     return np.asarray(grid.points(np.array([ndimage.center_of_mass(shares)]))[0])
+
+
+def ball_rule(volume: Volume, near: ArrayLike, inside: Bool, radii: tuple[float, float] = RADII) -> Rule:
+    """The rule that finds the ball near that of the MAP estimate, in an organ (z, y, x). radii: mm, of the latter."""
+    first = ball_near(volume, near, radii=radii, inside=inside)
+    return partial(_near_ball, centre=first.centre, radius=first.radius, inside=inside)
 
 
 def _near_ball(volume: Volume, centre: tuple[float, float, float], radius: float, inside: Bool) -> Float32:

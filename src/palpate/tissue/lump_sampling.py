@@ -119,6 +119,7 @@ def lump_uncertainty(
             progress((k + 1) / len(young))
     plain = scale[:, None] * update.plain_forces(push)
     return LumpUncertainty(
+        tissue,
         at,
         normal,
         np.cbrt(6 * volume[1:] / np.pi),

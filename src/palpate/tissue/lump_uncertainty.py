@@ -8,6 +8,7 @@ import numpy as np
 from palpate.arrays import Float32, Float64
 from palpate.errors import DataError
 from palpate.tissue.interval_correction import IntervalCorrection, sample_interval
+from palpate.tissue.tissue import Tissue
 
 QUANTITIES = {
     "diameter": "mm",
@@ -19,8 +20,8 @@ QUANTITIES = {
 WEBER = 0.10
 WEBER_TOLD = (0.05, 0.10, 0.15, 0.20)
 WEBER_SOURCE = (
-    "7 % of a force of 25 to 400 g-weight on the elbow's flexors: Jones, J. Mot. Behav. 21:409, 1989; 5 to 10 % of forces of "
-    "2.5 to 10 N between finger and thumb: Pang, Tan & Durlach, Percept. Psychophys. 49:531, 1991"
+    "about 7 % of forces of 2.5 to 10 N between thumb and finger: Pang, Tan & Durlach, Percept. Psychophys. 49 (1991) 531; "
+    "about 7 % of forces of the elbow's flexors: Jones, Perception 18 (1989) 681, not verified"
 )
 
 
@@ -30,6 +31,8 @@ class LumpUncertainty:
 
     Parameters
     ----------
+    tissue : Tissue
+        The body without the lump.
     point, normal : ndarray, (3,)
         Where the hand pushes, mm, and the outward unit normal there.
     diameter, depth, contrast : ndarray, (samples,)
@@ -57,6 +60,7 @@ class LumpUncertainty:
     True
     """
 
+    tissue: Tissue
     point: Float64
     normal: Float64
     diameter: Float64
@@ -148,25 +152,30 @@ class LumpUncertainty:
             return self.corrections["share"].probability_above(self.share, weber)
         return float(np.mean(self.share > weber))
 
-    def band(self, level: float = 0.9) -> tuple[Float64, Float64]:
-        """Return the pointwise band of the force map.
+    def band(self, quantity: str = "force", level: float = 0.9) -> tuple[Float64, Float64]:
+        """Return the pointwise band of the force map, without a correction.
 
         Parameters
         ----------
+        quantity : {"force", "share"}, optional
+            The force with the lump, N, or what the lump adds over the force without it.
         level : float, optional
-            The probability with which it holds the force of each place, without a correction.
+            The probability with which the band holds the value of each place.
 
         Returns
         -------
         tuple of ndarray, (P,)
-            The lower and the upper force, N.
+            The lower and the upper value.
 
         Raises
         ------
         DataError
-            If the draws are too few for the level.
+            If the quantity is not known, or the draws are too few for the level.
         """
-        ends = np.array([sample_interval(each, level) for each in self.forces.T]).reshape(-1, 2)
+        if quantity not in ("force", "share"):
+            raise DataError(f"quantity: {quantity!r} has no band; choose force or share")
+        values = self.forces if quantity == "force" else self.forces / self.plain_forces - 1
+        ends = np.array([sample_interval(each, level) for each in values.T]).reshape(-1, 2)
         return ends[:, 0], ends[:, 1]
 
     def text(self, level: float = 0.9) -> str:
@@ -183,11 +192,11 @@ class LumpUncertainty:
             The probability that a hand feels the lump, intervals, and what they rest on, a line each.
         """
         (d, z, c, f, s) = (self.interval(name, level) for name in QUANTITIES)
-        felt = "; ".join(f"{self.probability_felt(w):.0%} at {w:.0%}" for w in WEBER_TOLD)
+        felt = "; ".join(f"{self._told(w)} at {w:.0%}" for w in WEBER_TOLD)
         corrected = "corrected by what other bodies taught" if self.corrections else "not corrected"
         return "\n".join(
             [
-                f"a hand feels the lump with a probability of {self.probability_felt():.0%}: that it adds more than "
+                f"a hand feels the lump with a probability of {self._told(WEBER)}: that it adds more than "
                 f"{WEBER:.0%} of the force there ({WEBER_SOURCE}); by other Weber fractions: {felt}",
                 f"pushed {self.push:.3g} mm in with a patch of radius {self.radius:.3g} mm at "
                 f"{np.round(self.point, 1).tolist()} mm, it adds {f[0]:.2g} to {f[1]:.2g} N, {100 * s[0]:.2g} to "
@@ -197,3 +206,8 @@ class LumpUncertainty:
                 f"of {len(self.diameter)} samples of the posterior and {len(self.added)} draws of the stiffness, {corrected}",
             ]
         )
+
+    def _told(self, weber: float) -> str:
+        """The probability in words; of n draws none says no more than that it is below 1 / (n + 1)."""
+        told, least = self.probability_felt(weber), 1 / (len(self.added) + 1)
+        return f"below {least:.0%}" if told < least else f"above {1 - least:.0%}" if told > 1 - least else f"{told:.0%}"

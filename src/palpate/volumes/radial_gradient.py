@@ -13,6 +13,7 @@ from palpate.volumes.volume import Volume
 ANGLES = 24  # along a circle
 STEP, RADIUS_STEP = 1.0, 0.5  # mm between the centres and the radii that are tried
 SMOOTH = 0.8  # mm, standard deviation of the Gaussian before the gradient
+RADII = 3.0, 11.0  # mm, of the balls that are looked for
 FAVOUR = 0.25  # exponent of the radius: a longer circle averages more of the texture
 SUBVOXELS = 4  # along a voxel's side, where a ball's share of it is counted
 SKIN = 2  # voxels below the organ's outline that are left out: the step from skin to air is no lump's
@@ -31,7 +32,7 @@ def ball_near(
     near: ArrayLike,
     reach: float = 5.0,
     depth_reach: float | None = None,
-    radii: tuple[float, float] = (3.0, 11.0),
+    radii: tuple[float, float] = RADII,
     inside: Bool | None = None,
 ) -> Ball:
     """The bright ball near a place whose outline in a slice has the steepest mean radial gradient.
