@@ -131,6 +131,8 @@ def test_its_report_says_what_is_assumed_added_and_felt(breast):
     assert "not in the data" in training
     assert "a hand could not tell it by force" in lesion
     assert "a hand could not tell" not in training
+    assert "a hand feels the lump with a probability of below" in lesion
+    assert "90% intervals: diameter" in lesion
     for source in ("Percept. Psychophys.", "IEEE Trans. Haptics", "Exp. Brain Res."):  # the thresholds' papers
         assert source in lesion
         assert source in training

@@ -19,18 +19,27 @@ from palpate.demos.organ_pipeline import (
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.reconstruction.default_grid import covering_grid
 from palpate.reconstruction.iterate import Step
+from palpate.reconstruction.posterior import posterior
+from palpate.reconstruction.region_of_interest import local_scan
 from palpate.report.figures import curves, projections
 from palpate.report.html_report import Section, write_report
+from palpate.report.lump_uncertainty_plot import plot_lump_uncertainty
 from palpate.report.stages import Stages
 from palpate.scans.importers import import_scan
 from palpate.scans.io import read_scan, write_scan
 from palpate.scans.scan import Scan
 from palpate.tissue.boundary_conditions import resting_on
+from palpate.tissue.force_error_map import spread_places
+from palpate.tissue.lump_detectability import without_region
+from palpate.tissue.lump_outline import ball_rule
+from palpate.tissue.lump_sampling import lump_uncertainty
+from palpate.tissue.lump_uncertainty import LumpUncertainty
 from palpate.tissue.named_tissues import tissue_properties
 from palpate.tissue.tissue import Tissue
 from palpate.volumes.grid import Grid
 from palpate.volumes.io import read_labels, write_labels
 from palpate.volumes.lesion_detection import Inclusion, ball, find_inclusion
+from palpate.volumes.resample import resample
 from palpate.volumes.segmentation import segment
 from palpate.volumes.volume import Labels, Volume
 from palpate.volumes.volume_plots import plot_volume
@@ -38,6 +47,10 @@ from palpate.volumes.volume_plots import plot_volume
 BREAST, LESION = 1, 2
 SLICES, DEPTH = 64, 0.8  # mm; the compressed thickness in the author's slices (samples/breast/geometry.json)
 EDGE = 7.0  # mm, of the mesh away from the lesion
+PUSH = 5.0  # mm
+ASIDE = 20.0  # mm to either side of the lesion: the box whose samples are drawn; the rest stays as reconstructed
+VOXEL = 0.8  # mm, of the samples
+SAMPLES, ITERATIONS, PLACES = 20, 4, 40
 POISSON = 0.45  # nearly incompressible, as far as P1 elements go without locking
 TRAINING_RADIUS, TRAINING_DEPTH = 8.0, 12.0  # mm; a lump made up for practice, its centre below the skin
 
@@ -60,8 +73,9 @@ def breast(stages: Stages) -> Mapping[str, Tissue]:
         _volume_section(volume, labels, lesion, steps),
         mesh_section(tissue.mesh, labels, [f"Edge {EDGE:g} mm, finer towards the lesion."]),
         tissue_section(tissue, _assumptions(tissue)),
-        lump_section("What a hand would feel of the lesion", tissue, "lesion", 5.0, radius, stages),
-        lump_section(f"The training lump: {made_up}", training, "lesion", 5.0, radius, stages),
+        lump_section("What a hand would feel of the lesion", tissue, "lesion", PUSH, radius, stages),
+        _doubt_section(lesion_doubt(stages, scan, volume, labels, lesion, tissue, radius)),
+        lump_section(f"The training lump: {made_up}", training, "lesion", PUSH, radius, stages),
         files_section(stages),
     ]
     write_report(
@@ -91,6 +105,35 @@ def found_labels(stages: Stages, volume: Volume) -> tuple[Labels, Inclusion]:
         return Labels(values, volume.grid, {BREAST: "breast", LESION: "lesion"})
 
     return stages("labels.nii.gz", drawn, write_labels, read_labels), lesion
+
+
+def lesion_doubt(
+    stages: Stages, scan: Scan, volume: Volume, labels: Labels, lesion: Inclusion, tissue: Tissue, radius: float
+) -> tuple[LumpUncertainty, float]:
+    """What samples of the posterior about the lesion say of it, and its contrast's standard deviation to first order."""
+    low, high = volume.grid.bounds
+    middle = np.array(lesion.centre)
+    low, high = np.maximum(low, middle - [ASIDE, ASIDE, np.inf]), np.minimum(high, middle + [ASIDE, ASIDE, np.inf])
+    region = Grid(np.floor((high - low) / VOXEL)[::-1], (VOXEL,) * 3, low + VOXEL / 2)
+    stages.progress("samples of the posterior about the lesion", 0.0)
+    part = local_scan(scan, volume.grid, region, outside=volume)
+    found = posterior(part, region, samples=SAMPLES, sample_iterations=ITERATIONS)
+    inside = resample(Volume((labels.values > 0).astype(np.float32), volume.grid), region, "nearest").values > 0
+    rule = ball_rule(found.map, lesion.centre, inside, (lesion.radius / 2, 2 * lesion.radius))
+    stiff, soft = (tissue_properties(name).young for name in ("breast-carcinoma", "gland"))
+    assert stiff is not None
+    doubt = lump_uncertainty(
+        found,
+        without_region(tissue, "lesion"),
+        lump=stiff,
+        body=soft,
+        rule=rule,
+        push=PUSH,
+        radius=radius,
+        places=spread_places(tissue, radius)[:PLACES],
+        progress=lambda share: stages.progress("what a hand would feel, for each sample", share),
+    )
+    return doubt, found.linear_std(doubt.weights)
 
 
 def training_labels(labels: Labels) -> tuple[Labels, Float64]:
@@ -173,6 +216,27 @@ def _volume_section(volume: Volume, labels: Labels, lesion: Inclusion, steps: li
             "plate where it is bright there, since seven views over 30° do not show depth well.",
         ],
         pictures=pictures,
+    )
+
+
+def _doubt_section(found: tuple[LumpUncertainty, float]) -> Section:
+    doubt, first_order = found
+    return Section(
+        "How sure that is",
+        [
+            *doubt.text().splitlines(),
+            f"The contrast's standard deviation is {doubt.contrast.std(ddof=1):.2g} 1/mm by the samples, and "
+            f"{first_order:.2g} 1/mm to first order.",
+            f"The samples are drawn within {ASIDE:g} mm of the lesion, in voxels of {VOXEL:g} mm; the rest of the breast, "
+            "its outline and its texture do not vary, nor whether this is a lesion at all. `palpate study doubt` tells how "
+            "often such intervals hold the truth.",
+        ],
+        pictures=[
+            (
+                plot_lump_uncertainty(doubt),
+                "What the lesion adds to the force at each place, and the band of it over the samples.",
+            )
+        ],
     )
 
 
