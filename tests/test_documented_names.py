@@ -16,6 +16,7 @@ OPTIONS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 NOT_RUN = {
     "deformation_study",
     "detection_study",
+    "doubt_study",
     "head_study",
     "realtime_study",
     "tomosynthesis_study",

@@ -63,6 +63,7 @@ from .reconstruction.self_calibration import without_displacement as without_dis
 from .reconstruction.support import support_hull as support_hull
 from .report.force_error_plot import plot_force_error as plot_force_error
 from .report.indentation_plot import plot_indentation as plot_indentation
+from .report.lump_uncertainty_plot import plot_lump_uncertainty as plot_lump_uncertainty
 from .report.score_report import score_report as score_report
 from .report.session_report import session_report as session_report
 from .report.session_store import StoredSession as StoredSession
@@ -131,6 +132,7 @@ from .simulation.session import Session as Session
 from .simulation.training_task import Task as Task
 from .studies.deformation.study import deformation_study as deformation_study
 from .studies.detection.study import detection_study as detection_study
+from .studies.doubt.study import doubt_study as doubt_study
 from .studies.head.study import head_study as head_study
 from .studies.realtime.study import realtime_study as realtime_study
 from .studies.tomosynthesis.study import tomosynthesis_study as tomosynthesis_study

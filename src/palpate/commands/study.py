@@ -19,6 +19,7 @@ study_app = typer.Typer(
 SEEDS = {  # the studies that draw their data by seed, and what a number of seeds means there
     "tomosynthesis": "Scans of each dose behind each claim.",
     "detection": "Breasts of each kind.",
+    "doubt": "Breasts that judge.",
 }
 STUDIES = {  # name: in the list of studies; what --quick runs; what the study measures
     "tomosynthesis": (
@@ -39,6 +40,16 @@ STUDIES = {  # name: in the list of studies; what --quick runs; what the study m
         filtered backprojection and total variation.
 
         Takes hours on 2 cores; Ctrl-C stops it, and --resume goes on.""",
+    ),
+    "doubt": (
+        "Do intervals of a lump hold its truth, and is it felt?",
+        "Few breasts on coarse grids: for tests, not for reading.",
+        """Random breasts with one stiff lump: how often intervals of its diameter,
+        its depth and the force that it adds hold the truth, before and after a
+        correction that other breasts teach, and whether the probabilities that
+        a hand feels it are calibrated.
+
+        Takes half an hour and more; Ctrl-C stops it, and --resume goes on.""",
     ),
     "head": (
         "Real portal images: which method best predicts the view left out?",

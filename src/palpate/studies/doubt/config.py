@@ -33,7 +33,8 @@ class Setting:
     """quick: the small one. train, judge: breasts. fine: mm, a voxel of the breast. voxel, slice_, pixel: mm, of the scan.
 
     angles: of the views, degrees. incident: photons a pixel. samples: of each posterior. edge, lump_edge: mm, of the mesh
-    from the image, away from the lump and at it. true_edge: mm, of the mesh from the true labels, away from the lump.
+    from the image, away from the lump and at it. true_edge: mm, of the mesh from the true labels, away from the lump;
+    true_fine: edges of its elements across the lump's radius.
     """
 
     quick: bool
@@ -50,6 +51,7 @@ class Setting:
     edge: float
     lump_edge: float
     true_edge: float
+    true_fine: float
 
     @property
     def views(self) -> Views:
@@ -83,20 +85,22 @@ FULL = Setting(
     edge=8.0,
     lump_edge=4.0,
     true_edge=9.0,
+    true_fine=2.0,
 )
 QUICK = Setting(
     quick=True,
-    kind=Kind("scattered", 0.25, 34.0, 42.0, 38.0),
-    train=10,
-    judge=6,
-    fine=2.0,
-    voxel=2.0,
+    kind=Kind("scattered", 0.25, 26.0, 32.0, 32.0),
+    train=5,
+    judge=5,
+    fine=2.5,
+    voxel=2.5,
     slice_=4.0,
-    pixel=2.0,
+    pixel=2.5,
     angles=(-24.0, -12.0, 0.0, 12.0, 24.0),
-    incident=5000.0,
+    incident=10_000.0,
     samples=19,
-    edge=10.0,
-    lump_edge=6.0,
-    true_edge=10.0,
+    edge=14.0,
+    lump_edge=7.0,
+    true_edge=14.0,
+    true_fine=1.5,
 )

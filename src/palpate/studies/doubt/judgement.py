@@ -56,7 +56,9 @@ class Judgement:
 
     def population(self, name: str) -> tuple[float, float]:
         """The interval of the breasts that teach: what is known of a lump without a scan."""
-        return sample_interval(_truths(self.train, name), LEVEL)
+        tail = (1 - LEVEL) / 2
+        low, high = np.quantile(_truths(self.train, name), [tail, 1 - tail], method="weibull")
+        return float(low), float(high)
 
     @cached_property
     def rows(self) -> list[Row]:
@@ -141,7 +143,7 @@ class Judgement:
         own = next(row for row in self.felt_rows if row["weber"] == WEBER)
         ratio, z = float(own["corrected"]) / max(float(own["base rate"]), 1e-9), float(own["z"])
         claims.append(Claim("felt: Brier score over the base rate's", ratio, "< 1", bool(ratio < 1)))
-        claims.append(Claim("felt: Spiegelhalter's |z|", abs(z), f"< {CALIBRATED:g}", bool(abs(z) < CALIBRATED)))
+        claims.append(Claim("felt: size of Spiegelhalter's z", abs(z), f"< {CALIBRATED:g}", bool(abs(z) < CALIBRATED)))
         return claims
 
 
@@ -154,7 +156,7 @@ def spiegelhalter(told: Float64, felt: Bool) -> float:
     """Standard normal if the probabilities are calibrated (Spiegelhalter, Stat. Med. 5:421, 1986)."""
     lever = 1 - 2 * told
     variance = float(np.sum(lever**2 * told * (1 - told)))
-    return float(np.sum((felt - told) * lever)) / max(variance, 1e-12) ** 0.5
+    return float(np.sum((felt - told) * lever) / np.sqrt(max(variance, 1e-12)))
 
 
 def binomial_interval(count: int, of: int, level: float = 0.95) -> tuple[float, float]:

@@ -27,7 +27,6 @@ from palpate.volumes.volume import Labels
 
 Record = dict[str, AnyArray]
 TRUTHS = "diameter", "depth", "added", "share"
-TRUE_FINE = 2.0  # edges of the true mesh's elements across the lump's radius
 ITERATIONS, LEVELS = 3, 2  # of each sample: more than two, since what is asked of them is as broad as the lump
 FIRST_ORDER = 4  # every so many breasts the contrast's standard deviation is also found to first order
 
@@ -54,14 +53,7 @@ def judge_breast(seed: int, setting: Setting, tell: Callable[[float], None]) -> 
     And "miss", mm across between the lump and where it was found; "young", kPa; of some "contrast_std", to first order.
     """
     body = random_body(seed, setting)
-    found = posterior(
-        body.scan,
-        setting.grid,
-        samples=setting.samples,
-        seed=seed,
-        sample_iterations=ITERATIONS,
-        levels=LEVELS,
-    )
+    found = sampled(body, seed, setting)
     doubt, ball = samples_of(found, body.mark, seed, setting)
     tell(0.7)
     plain, with_lump = true_forces(body, doubt.point, setting)
@@ -79,6 +71,18 @@ def judge_breast(seed: int, setting: Setting, tell: Callable[[float], None]) -> 
         "young": np.array(body.young),
         **({"contrast_std": np.array(found.linear_std(doubt.weights))} if seed % FIRST_ORDER == 0 else {}),
     }
+
+
+def sampled(body: Body, seed: int, setting: Setting) -> Posterior:
+    """The posterior of a body's scan, with a prior whose strength the data choose."""
+    return posterior(
+        body.scan,
+        setting.grid,
+        samples=setting.samples,
+        seed=seed,
+        sample_iterations=ITERATIONS,
+        levels=LEVELS,
+    )
 
 
 def samples_of(
@@ -117,7 +121,7 @@ def true_forces(body: Body, point: Float64, setting: Setting) -> tuple[float, fl
     inside = body.breast.tissue > 0.5
     values = np.where(inside, 1, 0) + (inside & (body.shares > 0.5))
     labels = Labels(values.astype(np.int32), body.breast.grid, {1: "breast", 2: "lump"})
-    fine = {"lump": min(body.diameter / 2 / TRUE_FINE, setting.true_edge)}
+    fine: dict[int | str, float] = {"lump": min(body.diameter / 2 / setting.true_fine, setting.true_edge)}
     mesh = tetrahedralize(
         labels,
         "breast",
