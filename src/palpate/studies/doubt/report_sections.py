@@ -179,7 +179,8 @@ def _felt(judgement: Judgement) -> Section:
             f"A lump is felt if it adds more than a Weber fraction of the force without it. {WEBER:.0%} is judged; the "
             f"others are told. Measured are {WEBER_SOURCE}. The forces here are below 1 N, for which no source is at hand.",
             "The Brier score is the mean square of probability less outcome; that of the base rate tells every breast the "
-            "share of the breasts that taught. z is Spiegelhalter's, standard normal for calibrated probabilities.",
+            "share of the breasts that taught. z is Spiegelhalter's, standard normal for calibrated probabilities; below "
+            "zero they are more cautious than need be, above it too sure.",
         ],
         [head, *body],
         [
