@@ -168,7 +168,7 @@ def test_a_resumed_study_reads_what_is_there(study):
 
 
 def test_bad_numbers_of_seeds_are_refused_before_work(tmp_path):
-    for seeds in (0, 4, 50_000):
+    for seeds in (0, 1, 50_000):
         with pytest.raises(DataError, match="seeds: expected"):
             pp.doubt_study(tmp_path / "s", seeds=seeds)
     assert not (tmp_path / "s").exists()

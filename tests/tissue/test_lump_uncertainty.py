@@ -232,8 +232,8 @@ def test_corrections_reach_intervals_and_probabilities(doubt):
 
 def test_bad_corrections_are_refused():
     samples, truth = bodies(30, 1)
-    with pytest.raises(DataError, match="at least 5"):
-        pp.IntervalCorrection.learn(samples[:4], truth[:4])
+    with pytest.raises(DataError, match="at least 3"):
+        pp.IntervalCorrection.learn(samples[:2], truth[:2])
     with pytest.raises(DataError, match="one for each of 30 bodies"):
         pp.IntervalCorrection.learn(samples, truth[:20])
     with pytest.raises(DataError, match="truths: expected numbers above 0"):

@@ -10,7 +10,7 @@ from scipy.stats import theilslopes
 from palpate.arrays import ArrayLike, Float64, float64
 from palpate.errors import DataError
 
-FEWEST = 5  # bodies; of fewer than 20 the quantiles of 5 % and 95 % are the extremes
+FEWEST = 3  # bodies; of fewer than 20 the quantiles of 5 % and 95 % are the extremes
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +68,7 @@ class IntervalCorrection:
         Raises
         ------
         DataError
-            If there are fewer than 5 bodies, or a number is not positive.
+            If there are fewer than 3 bodies, or a number is not positive.
         """
         truth = _logarithms("truths", truths)
         if len(truth) < FEWEST or len(samples) != len(truth):

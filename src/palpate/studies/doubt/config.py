@@ -34,7 +34,7 @@ class Setting:
 
     angles: of the views, degrees. incident: photons a pixel. samples: of each posterior. edge, lump_edge: mm, of the mesh
     from the image, away from the lump and at it. true_edge: mm, of the mesh from the true labels, away from the lump;
-    true_fine: edges of its elements across the lump's radius.
+    true_fine: edges of its elements across the lump's radius. iterations: of the samples that are compared with first order.
     """
 
     quick: bool
@@ -52,6 +52,7 @@ class Setting:
     lump_edge: float
     true_edge: float
     true_fine: float
+    iterations: tuple[int, ...]
 
     @property
     def views(self) -> Views:
@@ -86,12 +87,13 @@ FULL = Setting(
     lump_edge=4.0,
     true_edge=9.0,
     true_fine=2.0,
+    iterations=(3, 10, 40),
 )
 QUICK = Setting(
     quick=True,
     kind=Kind("scattered", 0.25, 26.0, 32.0, 32.0),
-    train=5,
-    judge=5,
+    train=3,
+    judge=2,
     fine=2.5,
     voxel=2.5,
     slice_=4.0,
@@ -103,4 +105,5 @@ QUICK = Setting(
     lump_edge=7.0,
     true_edge=14.0,
     true_fine=1.5,
+    iterations=(3, 5),
 )

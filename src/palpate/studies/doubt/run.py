@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.arrays import AnyArray, ArrayLike, Float64, Int32
+from palpate.arrays import AnyArray, Float64, Int32
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tetrahedralize import tetrahedralize
 from palpate.reconstruction.posterior import Posterior, posterior
@@ -86,9 +86,12 @@ def sampled(body: Body, seed: int, setting: Setting) -> Posterior:
 
 
 def samples_of(
-    found: Posterior, mark: Float64, seed: int, setting: Setting, places: ArrayLike | None = None
+    found: Posterior, mark: Float64, seed: int, setting: Setting, offsets: Float64 | None = None
 ) -> tuple[LumpUncertainty, Ball]:
-    """What the scan alone says, and the lump as found in the MAP estimate near a mark (x, y), mm."""
+    """What the scan alone says, and the lump as found in the MAP estimate near a mark (x, y), mm.
+
+    offsets: (P, 3) mm of the force map's places from where the hand pushes.
+    """
     inside = organ(found.map)
     top = GAP + setting.kind.thick
     ball = ball_near(found.map, (*mark, top - setting.kind.thick / 2), inside=inside)
@@ -110,7 +113,7 @@ def samples_of(
         point=point,
         push=PUSH,
         radius=CONTACT,
-        places=places,
+        places=None if offsets is None else point + offsets,
         seed=seed,
     )
     return doubt, ball

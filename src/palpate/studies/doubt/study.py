@@ -14,7 +14,7 @@ from palpate.studies.doubt.shown_breast import shown_breast
 from palpate.studies.run_store import write_arrays
 from palpate.studies.study import Study
 
-FEWEST, MOST = 5, 10_000
+FEWEST, MOST = 2, 10_000
 
 
 def doubt_study(
@@ -39,7 +39,7 @@ def doubt_study(
     quick : bool, optional
         Use few breasts on coarse grids, for tests.
     seeds : int, optional
-        Breasts that judge, instead of 200 (of 6 with `quick`). As many teach as before, 100 (10).
+        Breasts that judge, instead of 200 (of 2 with `quick`). As many teach as before, 100 (3).
     resume : bool, optional
         Go on from the breasts that are there.
     docs : str or Path, optional
