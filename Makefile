@@ -9,7 +9,7 @@ export PIP_NO_INPUT := 1
 export PYTHONNOUSERSITE := 1
 unexport PYTHONPATH
 
-.PHONY: help demo test test-cpp cross test-aarch64 manylinux mutate mutants fuzz fuzz-core interrupt lint docs docs-figures bench wheel tools clean
+.PHONY: help demo test test-cpp cross test-aarch64 manylinux mutate mutants fuzz fuzz-core cuts interrupt lint docs docs-figures bench wheel tools clean
 help:
 	@echo "make demo    set up, then X-ray counts to an organ in the browser"
 	@echo "make test    set up, then the tests against the built wheel"
@@ -22,6 +22,7 @@ help:
 	@echo "             damaged ones, none of which may crash a reader (MUTANTS=\"9000 --seed 2\")"
 	@echo "make mutants  faults put into a copy of the last commit, which tests must notice (SEED=1 N=100)"
 	@echo "make fuzz-core  set up, then 10,000 random calls of the core (CALLS=\"9000 --seed 2\")"
+	@echo "make cuts    set up, then 10,000 random cuts, none of which may lose volume or leave a gap (CUTS=\"900 --seed 2\")"
 	@echo "make interrupt  set up, then 500 Ctrl-C, 200 kills, 100 full disks (INTERRUPT=\"--kills 20 --seed 2\")"
 	@echo "make fuzz    set up, then 100,000 random messages to the server (MESSAGES=\"9000 --seed 2\")"
 	@echo "make lint    ruff, strict mypy, clang-format and codespell over the built wheel and the sources"
@@ -71,6 +72,9 @@ fuzz: $(VENV)/tested-with
 
 fuzz-core: $(VENV)/tested-with
 	$(BIN)/python tests/fuzz/core_calls.py $(CALLS)
+
+cuts: $(VENV)/tested-with
+	$(BIN)/python tests/fuzz/random_cuts.py $(CUTS)
 
 interrupt: $(VENV)/tested-with
 	$(BIN)/python tests/fuzz/interruptions.py $(INTERRUPT)

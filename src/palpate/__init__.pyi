@@ -5,6 +5,7 @@ from .haptics.discovery import find_devices as find_devices
 from .haptics.force_dimension import ForceDimension as ForceDimension
 from .haptics.haply import Haply as Haply
 from .haptics.open_haptics import OpenHaptics as OpenHaptics
+from .meshes.cutting.blade import Blade as Blade
 from .meshes.io import read_mesh as read_mesh
 from .meshes.io import write_mesh as write_mesh
 from .meshes.mesh_quality import mesh_quality as mesh_quality
@@ -140,6 +141,7 @@ from .tissue.adaptive_mesh import adaptive_mesh as adaptive_mesh
 from .tissue.boundary_conditions import fixed_beyond as fixed_beyond
 from .tissue.boundary_conditions import fixed_near as fixed_near
 from .tissue.boundary_conditions import resting_on as resting_on
+from .tissue.cutting import cut as cut
 from .tissue.force_error_map import force_error_map as force_error_map
 from .tissue.indentation import IndentationFit as IndentationFit
 from .tissue.indentation import fit_indentation as fit_indentation

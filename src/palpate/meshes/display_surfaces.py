@@ -3,11 +3,14 @@
 import numpy as np
 
 from palpate.arrays import Int32
+from palpate.meshes.cutting.cut_mesh import CutMesh
 from palpate.meshes.tet_mesh import TetMesh, boundary_faces
 
 
 def displayed_nodes(mesh: TetMesh) -> Int32:
     """Sorted nodes that a display draws: on the surface, or between two regions."""
+    if isinstance(mesh, CutMesh):
+        return mesh.surface_nodes
     nodes = [mesh.surface.ravel(), *(faces.ravel() for faces in region_faces(mesh).values())]
     return np.unique(np.concatenate(nodes)).astype(np.int32)
 

@@ -14,6 +14,7 @@ from palpate.arrays import AnyArray, ArrayLike
 from palpate.atomic_write import replacing
 from palpate.bounded_read import existing_file
 from palpate.errors import DataError, FileError, MeshError
+from palpate.meshes.cutting.cut_mesh import refuse_cut
 from palpate.meshes.gmsh_io import is_gmsh_1, read_gmsh_1, write_gmsh
 from palpate.meshes.import_repair import NAME, repair_mesh
 from palpate.meshes.line_file import LineFile
@@ -63,6 +64,8 @@ def write_mesh(
     import meshio
 
     form = mesh_format(path)
+    if "share" not in (tet_fields or {}):
+        refuse_cut(mesh, str(path), "write the tissue, as .vtu: pp.write_tissue")
     points, cells = _fields("node", node_fields, len(mesh.nodes)), _fields("tet", tet_fields, len(mesh.tets))
     suffix = Path(path).suffix.lower()
     if suffix in WRITERS and (points or cells):

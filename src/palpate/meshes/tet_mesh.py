@@ -89,6 +89,11 @@ class TetMesh:
         """Sorted indices of the nodes on the surface."""
         return np.unique(self.surface).astype(np.int32)
 
+    @property
+    def filled(self) -> Float64 | float:
+        """Part of each tetrahedron's volume that is there, (M,): 1.0, all of it, but in a mesh that has been cut."""
+        return 1.0
+
     @cached_property
     def volumes(self) -> Float64:
         """Volume of each tetrahedron, (M,), mm³."""

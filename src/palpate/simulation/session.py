@@ -11,6 +11,7 @@ import numpy as np
 from palpate import _core
 from palpate.arrays import Float64
 from palpate.errors import DataError, MaterialError
+from palpate.meshes.cutting.cut_mesh import refuse_cut
 from palpate.meshes.display_surfaces import displayed_nodes
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.simulation.event_log import EventLog
@@ -90,6 +91,7 @@ class Session:
         friction: float = 0.3,
     ) -> None:
         _require_time_dependence(model)
+        refuse_cut(model.tissue.mesh, "session", "`push` of its model answers")
         self.first = self.model = model
         self.mesh: TetMesh = model.tissue.mesh
         self.shown = displayed_nodes(self.mesh)

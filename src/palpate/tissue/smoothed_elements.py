@@ -1,15 +1,27 @@
 """Smoothed linear tetrahedra: strain averaged over edges and dilatation over nodes, with the unknowns of P1."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from scipy.sparse import bsr_array, coo_array, csr_array
 
 from palpate.arrays import Float64, Int32
-from palpate.meshes.tet_mesh import TetMesh
 
 EDGES = np.array([(a, b) for a in range(4) for b in range(a + 1, 4)])
+
+
+class Solid(Protocol):
+    """What a stiffness needs of a mesh."""
+
+    @property
+    def nodes(self) -> Float64: ...  # noqa: D102
+    @property
+    def tets(self) -> Int32: ...  # noqa: D102
+    @property
+    def region(self) -> Int32: ...  # noqa: D102
+    @property
+    def filled(self) -> Float64 | float: ...  # noqa: D102
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,13 +45,13 @@ class SmoothingCells:
     lam: Float64
 
 
-def smoothing_cells(mesh: TetMesh, lam: Float64, mu: Float64) -> SmoothingCells:
+def smoothing_cells(mesh: Solid, lam: Float64, mu: Float64) -> SmoothingCells:
     """Return the smoothing cells of a mesh.
 
     Parameters
     ----------
-    mesh : TetMesh
-        The solid, with its regions.
+    mesh : Solid
+        A mesh, with its regions.
     lam, mu : ndarray, (M,)
         Lamé's constants of the tetrahedra, N/mm².
 
@@ -75,7 +87,7 @@ def edge_stiffening(cells: SmoothingCells, mu: Float64, stiffening: Float64) -> 
     return np.asarray(whole / np.bincount(cells.edge.ravel(), weight))
 
 
-def smoothed_stiffness(mesh: TetMesh, lam: Float64, mu: Float64) -> bsr_array:
+def smoothed_stiffness(mesh: Solid, lam: Float64, mu: Float64) -> bsr_array:
     """Return the stiffness of linear elasticity on smoothed tetrahedra.
 
     K = Σ V_g 2 μ_g ε̄_gᵀε̄_g over the edges' cells + Σ V_a λ_a d̄_a d̄_aᵀ over the nodes' cells, with ε̄ and d̄ the means of
@@ -84,8 +96,8 @@ def smoothed_stiffness(mesh: TetMesh, lam: Float64, mu: Float64) -> bsr_array:
 
     Parameters
     ----------
-    mesh : TetMesh
-        The solid.
+    mesh : Solid
+        A mesh.
     lam, mu : ndarray, (M,)
         Lamé's constants of the tetrahedra, N/mm².
 
@@ -109,13 +121,13 @@ def smoothed_stiffness(mesh: TetMesh, lam: Float64, mu: Float64) -> bsr_array:
     return _elastic(shear, bulk)
 
 
-def p1_stiffness(mesh: TetMesh, lam: Float64, mu: Float64) -> bsr_array:
+def p1_stiffness(mesh: Solid, lam: Float64, mu: Float64) -> bsr_array:
     """Return the stiffness of linear elasticity on P1 tetrahedra, each of which is a cell of its own.
 
     Parameters
     ----------
-    mesh : TetMesh
-        The solid.
+    mesh : Solid
+        A mesh.
     lam, mu : ndarray, (M,)
         Lamé's constants of the tetrahedra, N/mm².
 
@@ -133,14 +145,14 @@ def p1_stiffness(mesh: TetMesh, lam: Float64, mu: Float64) -> bsr_array:
     return _elastic(shear, bulk)
 
 
-def _shapes(mesh: TetMesh) -> tuple[Float64, Float64]:
-    """(M,) mm³ volumes of the tets and (M, 4, 3) 1/mm gradients of their corners' shape functions."""
+def _shapes(mesh: Solid) -> tuple[Float64, Float64]:
+    """(M,) mm³ of what fills each tet, and (M, 4, 3) 1/mm gradients of its corners' shape functions."""
     x = mesh.nodes[mesh.tets]
     sides = x[:, 1:] - x[:, :1]
     slopes = np.empty((len(x), 4, 3))
     slopes[:, 1:] = np.linalg.inv(sides).swapaxes(1, 2)
     slopes[:, 0] = -slopes[:, 1:].sum(axis=1)
-    return np.linalg.det(sides) / 6, slopes
+    return np.linalg.det(sides) / 6 * mesh.filled, slopes
 
 
 def _elastic(shear: bsr_array, bulk: bsr_array) -> bsr_array:

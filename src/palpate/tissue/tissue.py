@@ -11,6 +11,7 @@ from scipy.sparse import coo_array, csgraph
 from palpate import _core
 from palpate.arrays import ArrayLike, Bool, Float64, Int32, float64
 from palpate.errors import MaterialError
+from palpate.meshes.cutting.cut_mesh import touched_surface
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.tissue.boundary_conditions import rigid_rank
 from palpate.tissue.regional_relaxation import at_rate, by_region
@@ -231,9 +232,8 @@ class Tissue:
     @cached_property
     def surface(self) -> "_core.tissue.ContactSurface":
         """The boundary at rest, for nearest points and contact patches. It is native, immutable and thread-safe."""
-        return _core.tissue.ContactSurface(
-            self.mesh.nodes, np.ascontiguousarray(self.mesh.surface), self.held.view(np.uint8)
-        )
+        places, triangles, held = touched_surface(self.mesh, self.held)
+        return _core.tissue.ContactSurface(places, np.ascontiguousarray(triangles), held.view(np.uint8))
 
     @cached_property
     def edges(self) -> Int32:

@@ -9,7 +9,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 
 from palpate.arrays import Float64
 from palpate.errors import MaterialError
-from palpate.meshes.tet_mesh import TetMesh, signed_volumes
+from palpate.meshes.tet_mesh import TetMesh
 
 if TYPE_CHECKING:
     from palpate.tissue.sparse_factor import Factors
@@ -68,7 +68,7 @@ class Inertia:
 
 def nodal_mass(mesh: TetMesh, density: float) -> Float64:
     """(N,) N s²/mm: a quarter of each tetrahedron's mass to each of its nodes. density: kg/m³."""
-    share = np.abs(signed_volumes(mesh.nodes, mesh.tets)) / 4 * density * TONNE
+    share = mesh.volumes / 4 * density * TONNE
     return np.asarray(np.bincount(mesh.tets.ravel(), np.repeat(share, 4), minlength=len(mesh.nodes)), dtype=np.float64)
 
 

@@ -86,7 +86,7 @@ def ordered_by_node(tissue: Tissue) -> bsr_array:
     space = basis(tissue.mesh, element)
     if element == "smoothed":
         return smoothed_stiffness(tissue.mesh, *lame(tissue.young, tissue.poisson))
-    K = stiffness(space, tissue.young, tissue.poisson)
+    K = stiffness(space, tissue.young * tissue.mesh.filled, tissue.poisson)
     order = space.nodal_dofs.T.ravel()
     if not np.array_equal(order, np.arange(K.shape[0])):
         K = K[order][:, order]

@@ -6,6 +6,7 @@ from scipy.sparse import csr_array, diags_array
 from palpate import _core
 from palpate.arrays import Float64, Int32
 from palpate.errors import DataError, MaterialError
+from palpate.meshes.cutting.cut_mesh import refuse_cut
 from palpate.tissue.contact_patches import Contacts
 from palpate.tissue.models.ring_relaxation import (
     RingModel,
@@ -32,6 +33,7 @@ class SpringModel(RingModel):
     def __init__(
         self, tissue: Tissue, law: SpringLaw | None = None, relaxation: float | None = None, rigid: bool = False
     ) -> None:
+        refuse_cut(tissue.mesh, "springs")
         self.rigid = rigid
         self.law = law or tissue.springs or SpringLaw()
         K = edge_stiffness(tissue, self.law.weights) * self.law.scale

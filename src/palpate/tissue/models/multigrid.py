@@ -7,7 +7,7 @@ import numpy as np
 from palpate import _core
 from palpate.arrays import Float64, Int32
 from palpate.errors import DataError, MaterialError
-from palpate.tissue.contact_patches import Contacts
+from palpate.tissue.contact_patches import Contacts, patch_at
 from palpate.tissue.error_bound import MOST_NODES, Certificate, relative
 from palpate.tissue.models.block_gauss_seidel import ordered_by_node
 from palpate.tissue.models.tissue_model import IterativeModel, nodal_element
@@ -56,7 +56,7 @@ class MultigridModel(IterativeModel):
             raise MaterialError(f"relaxation: {relaxation} diverges; give a number between 0 and 2")
         if (tissue.poisson >= 0.5).any():
             raise MaterialError("poisson: 0.5 is incompressible, which needs a pressure; give this model at most 0.49")
-        lam, mu = lame(tissue.young, tissue.poisson)
+        lam, mu = lame(tissue.young * tissue.mesh.filled, tissue.poisson)  # its own stiffness is P1's
         nodes, tets = np.ascontiguousarray(tissue.mesh.nodes), np.ascontiguousarray(tissue.mesh.tets, dtype=np.int32)
         held, sizes = tissue.held.view(np.uint8), (cell * tissue.edge, int(smoothing), float(relaxation))
         moving = int((~tissue.held).sum())
@@ -73,7 +73,7 @@ class MultigridModel(IterativeModel):
         shear = nodal_shear(mesh, tissue.young, tissue.poisson)
         free = mesh.surface_nodes[~tissue.held[mesh.surface_nodes]]
         some = mesh.nodes[free[:: max(1, len(free) // SAMPLES)]]
-        found = (tissue.surface.patch(tissue.surface.closest(x), 2 * tissue.edge) for x in some)
+        found = (patch_at(tissue, tissue.surface.closest(x), 2 * tissue.edge) for x in some)
         samples = [patch for patch in found if not isinstance(patch, str)]
         return _core.multirate.LinearMultirateModel(self.iteration, interval, mesh.nodes, shear, samples)
 

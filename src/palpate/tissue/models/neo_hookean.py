@@ -7,6 +7,7 @@ import numpy as np
 from palpate import _core
 from palpate.arrays import Float64
 from palpate.errors import DataError, MaterialError
+from palpate.meshes.cutting.cut_mesh import refuse_cut
 from palpate.tissue.contact_patches import Contacts
 from palpate.tissue.models.compliance import ComplianceModel
 from palpate.tissue.models.tissue_model import TissueModel, too_many_contacts
@@ -47,6 +48,7 @@ class NeoHookeanModel(TissueModel):
     native: "_core.multirate.MultirateModel | _core.hyperelastic.HyperelasticModel"
 
     def __init__(self, tissue: Tissue, interval: int = 20, self_contact: bool = False) -> None:
+        refuse_cut(tissue.mesh, "neo-hookean")
         interval = int(interval)
         if not 0 <= interval <= MOST_INTERVAL:
             raise DataError(f"interval: {interval} ticks; give 0 (descend in the ticks) to {MOST_INTERVAL}, such as 20")

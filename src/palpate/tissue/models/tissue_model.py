@@ -9,6 +9,7 @@ import numpy as np
 from palpate import _core
 from palpate.arrays import ArrayLike, Float64
 from palpate.errors import DataError, MaterialError
+from palpate.meshes.cutting.cut_mesh import CutMesh
 from palpate.tissue.contact_patches import Answer, Contacts, contacts
 from palpate.tissue.discretization_error import DiscretizationError
 from palpate.tissue.tissue import AT_NODES, Tissue
@@ -78,7 +79,8 @@ class TissueModel(ABC):
         state = self.start() if warm is None else warm
         force, error, done = self.solve(found, state, tolerance, most_sweeps)
         u: Float64 = state.u.copy()
-        errors = (lambda: self.model_errors(u, found, -force)) if self.linear_elasticity else None
+        estimated = self.linear_elasticity and not isinstance(self.tissue.mesh, CutMesh)
+        errors = (lambda: self.model_errors(u, found, -force)) if estimated else None
         return found.answer(self.tissue, force, u, error, done, state, errors)
 
     def model_errors(self, u: Float64, found: Contacts, force: Float64) -> tuple[float, float | None]:

@@ -10,6 +10,7 @@ from skfem.helpers import ddot, sym_grad, trace
 
 from palpate.arrays import ArrayLike, Float64, Int32
 from palpate.errors import MaterialError
+from palpate.meshes.cutting.cut_mesh import refuse_cut
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.tissue.contact_patches import Answer, Contacts, contacts
 from palpate.tissue.reference.surface_loads import surface_loads
@@ -87,6 +88,8 @@ class FiniteElements:
     def __init__(self, tissue: Tissue, element: str | None = None) -> None:
         self.tissue = tissue
         self.element = tissue.element if element is None else element
+        if self.element not in AT_NODES:
+            refuse_cut(tissue.mesh, f'finite elements "{self.element}"')
         self.space = basis(tissue.mesh, self.element)
         self.K = self._stiffness()
         self.nodal: Int32 = self.space.nodal_dofs.T  # (N, 3) unknowns of each node
@@ -96,7 +99,7 @@ class FiniteElements:
         if self.element == "smoothed":
             _refuse_incompressible(self.tissue.poisson)
             return csr_array(smoothed_stiffness(self.tissue.mesh, *lame(self.tissue.young, self.tissue.poisson)))
-        return stiffness(self.space, self.tissue.young, self.tissue.poisson)
+        return stiffness(self.space, self.tissue.young * self.tissue.mesh.filled, self.tissue.poisson)
 
     @cached_property
     def factors(self) -> Factors:

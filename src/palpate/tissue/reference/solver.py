@@ -1,6 +1,7 @@
 """Chooses the reference solver, at small and at finite strain, by the element."""
 
 from palpate.errors import MaterialError
+from palpate.meshes.cutting.cut_mesh import refuse_cut
 from palpate.tissue.reference.finite_strain import FiniteStrain
 from palpate.tissue.reference.linear_elasticity import FiniteElements
 from palpate.tissue.reference.smoothed_finite_strain import SmoothedFiniteStrain
@@ -70,5 +71,6 @@ def finite_strain(tissue: Tissue, element: str | None = None) -> FiniteStrain:
     >>> bool(answer.force[2] > 0)
     True
     """
+    refuse_cut(tissue.mesh, "finite strain")
     chosen = tissue.element if element is None else element
     return SmoothedFiniteStrain(tissue) if chosen == "smoothed" else FiniteStrain(tissue, chosen)

@@ -1,0 +1,1 @@
+"""Cuts a tetrahedral mesh along a blade's surface, by virtual nodes."""

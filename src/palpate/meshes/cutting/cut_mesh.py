@@ -1,0 +1,187 @@
+"""The mesh of a cut body."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from palpate.arrays import Bool, Float64, Int32
+from palpate.errors import MeshError
+from palpate.meshes.cutting.blade import Blade
+from palpate.meshes.cutting.skin import Skin, pinches, skin
+from palpate.meshes.cutting.slit_complex import SlitComplex
+from palpate.meshes.cutting.virtual_nodes import pieces, virtual_nodes
+from palpate.meshes.tet_mesh import TetMesh, signed_volumes
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class CutMesh(TetMesh):
+    """A mesh that blades have cut: each tetrahedron that one has passed is there once for each part it was cut into.
+
+    A copy keeps the shape of its tetrahedron and counts with its part of the volume, `share`. `volumes` are those of the
+    parts. The first nodes are those of the mesh before, the others virtual ones: copies of nodes, at the same places.
+
+    share: (M,) 0 to 1. side: (M,) 1 or -1, the side of the blade; 0 where none has passed. body: (M,) number of the piece.
+    origin: (N,) and parent: (M,) node and tetrahedron of the mesh before. skin: the surface. blades: what cut it.
+    """
+
+    share: Float64
+    side: Int32
+    body: Int32
+    origin: Int32
+    parent: Int32
+    skin: Skin
+    blades: tuple[Blade, ...]
+
+    def __init__(
+        self,
+        nodes: Float64,
+        tets: Int32,
+        region: Int32,
+        names: dict[int, str],
+        *,
+        share: Float64,
+        side: Int32,
+        body: Int32,
+        origin: Int32,
+        parent: Int32,
+        skin: Skin,
+        blades: Sequence[Blade],
+    ) -> None:
+        super().__init__(nodes, tets, region, names)
+        for name, value in (("share", share), ("side", side), ("body", body), ("origin", origin), ("parent", parent)):
+            value.flags.writeable = False
+            object.__setattr__(self, name, value)
+        object.__setattr__(self, "skin", skin)
+        object.__setattr__(self, "blades", tuple(blades))
+
+    @cached_property
+    def surface(self) -> Int32:
+        """No triangles between nodes bound a cut body: raises `MeshError`."""
+        raise MeshError("a cut mesh: its surface goes through its tetrahedra, so that this cannot be done with it")
+
+    @cached_property
+    def surface_nodes(self) -> Int32:
+        """Sorted indices of the nodes that move the surface."""
+        return np.unique(self.tets[self.skin.tet][self.skin.weight != 0]).astype(np.int32)
+
+    @property
+    def filled(self) -> Float64 | float:
+        """Part of each tetrahedron's volume that is there, (M,)."""
+        return self.share
+
+    @cached_property
+    def volumes(self) -> Float64:
+        """Volume of each tetrahedron's part, (M,), mm³."""
+        return self.share * signed_volumes(self.nodes, self.tets)
+
+    @cached_property
+    def places(self) -> Float64:
+        """Positions of the vertices of the surface, (S, 3), mm."""
+        return self.skin.carried(self.tets, self.nodes)
+
+    @cached_property
+    def uncut(self) -> TetMesh:
+        """The mesh before. Raises `MeshError` if a piece of it has been taken away."""
+        whole = np.bincount(self.parent, self.share)
+        if (np.abs(whole - 1) > 1e-9).any():
+            raise MeshError("a piece of this cut mesh has been taken away; make all its cuts at once")
+        count, first = int(self.origin.max()) + 1, np.unique(self.parent, return_index=True)[1]
+        return TetMesh(self.nodes[:count], self.origin[self.tets[first]], self.region[first], self.names)
+
+
+def cut_mesh(mesh: TetMesh, blades: Sequence[Blade]) -> CutMesh:
+    """Cut a mesh, or cut a cut mesh again.
+
+    Parameters
+    ----------
+    mesh : TetMesh
+        The body.
+    blades : sequence of Blade
+        What passes through it.
+
+    Returns
+    -------
+    CutMesh
+        The cut body, its loose pieces included.
+
+    Raises
+    ------
+    MeshError
+        If a piece of a cut mesh has been taken away.
+    """
+    every = (*mesh.blades, *blades) if isinstance(mesh, CutMesh) else tuple(blades)
+    mesh = mesh.uncut if isinstance(mesh, CutMesh) else mesh
+    slit = SlitComplex(mesh)
+    for blade in every:
+        slit.slit(blade)
+    found = pieces(slit)
+    while len(pinched := pinches(found)):
+        for a, b in pinched.tolist():
+            slit.split(a, b, 0.5)
+        found = pieces(slit)
+    made = virtual_nodes(mesh, found)
+    return CutMesh(
+        mesh.nodes[made.origin],
+        made.tets,
+        mesh.region[made.parent],
+        mesh.names,
+        share=made.share,
+        side=made.side,
+        body=made.body,
+        origin=made.origin,
+        parent=made.parent,
+        skin=skin(mesh, slit, found, made),
+        blades=every,
+    )
+
+
+def touched_surface(mesh: TetMesh, held: Bool) -> tuple[Float64, Int32, Bool]:
+    """Vertices (S, 3) mm and triangles of a mesh's surface, and which vertices are held, for held nodes (N,)."""
+    if not isinstance(mesh, CutMesh):
+        return mesh.nodes, mesh.surface, held
+    free = (mesh.skin.weight != 0) & ~held[mesh.tets[mesh.skin.tet]]
+    return mesh.places, mesh.skin.triangles, ~free.any(axis=1)
+
+
+def on_nodes(mesh: CutMesh, vertices: Int32, weights: Float64) -> tuple[Int32, Float64]:
+    """Nodes and their weights, that have the mean which weights on vertices of the surface have of what nodes carry."""
+    part = weights[:, None] * mesh.skin.weight[vertices]
+    nodes, at = np.unique(mesh.tets[mesh.skin.tet[vertices]][part != 0], return_inverse=True)
+    return nodes.astype(np.int32), np.asarray(np.bincount(at.ravel(), part[part != 0]), dtype=np.float64)
+
+
+def refuse_cut(mesh: TetMesh, what: str, instead: str = "take the model `compliance`, `multigrid` or `blocks`") -> None:
+    """Raises `MeshError` for a cut mesh."""
+    if isinstance(mesh, CutMesh):
+        raise MeshError(f"{what}: takes no tissue that has been cut; {instead}")
+
+
+def without(mesh: CutMesh, bodies: Int32) -> CutMesh:
+    """A cut mesh without the pieces of these numbers."""
+    kept = ~np.isin(mesh.body, bodies)
+    nodes = np.zeros(len(mesh.nodes), dtype=bool)
+    nodes[mesh.tets[kept]] = True
+    at, tet = np.cumsum(nodes) - 1, np.cumsum(kept) - 1
+    drawn = kept[mesh.skin.tet]
+    vertex = np.cumsum(drawn) - 1
+    triangle = drawn[mesh.skin.triangles[:, 0]]
+    return CutMesh(
+        mesh.nodes[nodes],
+        at[mesh.tets[kept]].astype(np.int32),
+        mesh.region[kept],
+        mesh.names,
+        share=mesh.share[kept],
+        side=mesh.side[kept],
+        body=mesh.body[kept],
+        origin=mesh.origin[nodes],
+        parent=mesh.parent[kept],
+        skin=Skin(
+            vertex[mesh.skin.triangles[triangle]].astype(np.int32),
+            mesh.skin.lip[triangle],
+            tet[mesh.skin.tet[drawn]].astype(np.int32),
+            mesh.skin.weight[drawn],
+        ),
+        blades=mesh.blades,
+    )

@@ -1,0 +1,127 @@
+"""Cuts a tissue."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from palpate.arrays import Float64, Int32
+from palpate.errors import DataError, MaterialError
+from palpate.meshes.cutting.blade import Blade
+from palpate.meshes.cutting.cut_mesh import CutMesh, cut_mesh, without
+from palpate.tissue.boundary_conditions import rigid_rank
+from palpate.tissue.tissue import Tissue
+
+LOOSE = ("refuse", "remove")
+
+
+def cut(tissue: Tissue, blade: Blade | Sequence[Blade], loose: str = "refuse") -> Tissue:
+    """Return a tissue with cuts through it.
+
+    Each tetrahedron that a blade has passed is there once for each part it was cut into (virtual nodes), and counts with
+    that part's volume. The cut ends where the blade has ended, inside a tetrahedron or between two, and there the nodes
+    stay whole. The lips do not feel each other. Copies of held nodes are held.
+
+    Parameters
+    ----------
+    tissue : Tissue
+        The tissue, cut or not.
+    blade : Blade or sequence of Blade
+        What passes through it. Where nothing is met, nothing is cut.
+    loose : {"refuse", "remove"}, optional
+        What to do with a piece that comes free and that no three nodes hold.
+
+    Returns
+    -------
+    Tissue
+        The cut tissue, without the springs that `fit` found. Its `mesh` says `share`, `side` and `body` of each
+        tetrahedron. The models `compliance`, `multigrid` and `blocks` take it.
+
+    Raises
+    ------
+    MaterialError
+        If a piece comes free, and `loose` is "refuse"; or if nothing would be left; or if the element is "P2" or "mixed".
+    DataError
+        If there is no blade, or `loose` is another word.
+    MeshError
+        If a piece of a cut tissue has been taken away before.
+
+    References
+    ----------
+    Molino, Bao & Fedkiw, ACM Trans. Graph. 23 (2004) 385: virtual nodes.
+    Sifakis, Der & Fedkiw, SCA 2007, 73: blades of any shape.
+
+    Examples
+    --------
+    >>> blade = pp.Blade.swept([top - (8, 0, -5), top + (8, 0, 5)], direction=(0, 0, -1), depth=15)
+    >>> opened = pp.cut(tissue, blade)
+    >>> len(opened.mesh.nodes) > len(tissue.mesh.nodes)
+    True
+    """
+    blades = (blade,) if isinstance(blade, Blade) else tuple(blade)
+    if not blades:
+        raise DataError("blade: none given; give one or more, such as pp.Blade.swept(path, direction, depth)")
+    if loose not in LOOSE:
+        raise DataError(f"loose: {loose!r} is not known; choose one of {', '.join(LOOSE)}")
+    if tissue.element not in ("smoothed", "P1"):
+        raise MaterialError(
+            f'element: "{tissue.element}" is not built for cuts; make the tissue with element="smoothed"'
+        )
+    mesh = cut_mesh(tissue.mesh, blades)
+    held = _held_before(tissue)
+    free = _loose(mesh, held)
+    if len(free):
+        if loose == "refuse" or len(free) == mesh.body.max() + 1:
+            raise MaterialError(_says(mesh, free))
+        mesh = without(mesh, free)
+    return _tissue(tissue, mesh, held)
+
+
+def _held_before(tissue: Tissue) -> Int32:
+    """Held nodes of the mesh before all cuts."""
+    mesh = tissue.mesh
+    return np.unique(mesh.origin[tissue.fixed]) if isinstance(mesh, CutMesh) else tissue.fixed
+
+
+def _tissue(before: Tissue, mesh: CutMesh, held: Int32) -> Tissue:
+    old = before.mesh
+    first = np.arange(len(old.tets))
+    if isinstance(old, CutMesh):
+        first = np.unique(old.parent, return_index=True)[1]
+
+    def copied(constant: Float64) -> Float64:
+        return np.asarray(constant[first][mesh.parent])
+
+    return Tissue(
+        mesh,
+        copied(before.young),
+        copied(before.poisson),
+        np.isin(mesh.origin, held),
+        element=before.element,
+        materials=before.materials,
+        relaxation=before.relaxation,
+        inertia=before.inertia,
+        stiffening=copied(before.stiffening),
+    )
+
+
+def _loose(mesh: CutMesh, held: Int32) -> Int32:
+    """Numbers of the pieces that no three held nodes hold."""
+    still = np.isin(mesh.origin, held)
+    free = []
+    for body in range(int(mesh.body.max()) + 1):
+        nodes = np.unique(mesh.tets[mesh.body == body])
+        if rigid_rank(mesh.nodes[nodes[still[nodes]]]) < 6:
+            free.append(body)
+    return np.array(free, dtype=np.int32)
+
+
+def _says(mesh: CutMesh, free: Int32) -> str:
+    volume = np.bincount(mesh.body, mesh.volumes)
+    largest = int(free[np.argmax(volume[free])])
+    middle = mesh.nodes[np.unique(mesh.tets[mesh.body == largest])].mean(axis=0)
+    if len(free) == len(volume):
+        return "blade: no piece of the cut tissue is held by three nodes or more; hold more of it"
+    return (
+        f"blade: {len(free)} of {len(volume)} pieces come free (the largest: {volume[largest]:.3g} mm³ about "
+        f'{np.round(middle, 1).tolist()} mm); hold them, cut less deep, or take them away with loose="remove"'
+    )
