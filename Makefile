@@ -22,7 +22,8 @@ help:
 	@echo "             damaged ones, none of which may crash a reader (MUTANTS=\"9000 --seed 2\")"
 	@echo "make mutants  faults put into a copy of the last commit, which tests must notice (SEED=1 N=100)"
 	@echo "make fuzz-core  set up, then 10,000 random calls of the core (CALLS=\"9000 --seed 2\")"
-	@echo "make cuts    set up, then 10,000 random cuts, none of which may lose volume or leave a gap (CUTS=\"900 --seed 2\")"
+	@echo "make cuts    set up, then 10,000 random cuts, none of which may lose volume or leave a gap (CUTS=\"900 --seed 2\"),"
+	@echo "             and the forces of 200 (FORCES=20)"
 	@echo "make interrupt  set up, then 500 Ctrl-C, 200 kills, 100 full disks (INTERRUPT=\"--kills 20 --seed 2\")"
 	@echo "make fuzz    set up, then 100,000 random messages to the server (MESSAGES=\"9000 --seed 2\")"
 	@echo "make lint    ruff, strict mypy, clang-format and codespell over the built wheel and the sources"
@@ -75,6 +76,7 @@ fuzz-core: $(VENV)/tested-with
 
 cuts: $(VENV)/tested-with
 	$(BIN)/python tests/fuzz/random_cuts.py $(CUTS)
+	$(BIN)/python tests/fuzz/cut_forces.py $(FORCES)
 
 interrupt: $(VENV)/tested-with
 	$(BIN)/python tests/fuzz/interruptions.py $(INTERRUPT)

@@ -23,6 +23,7 @@ NB_MODULE(_core, m) {
         {"icd", "Iterative coordinate descent.", bind_icd},
         {"subspace", "The majorize-minimize memory-gradient step.", bind_subspace},
         {"linalg", "Sparse Cholesky factors.", bind_linalg},
+        {"cutting", "Unknowns that a cut adds.", bind_cutting},
         {"tissue", "What all tissue models share: interface, contact surface and patches.", bind_tissue},
         {"relaxation", "Models relaxed ring by ring: mass-spring and block Gauss-Seidel.", bind_relaxation},
         {"multigrid", "Linear finite elements by multigrid-preconditioned conjugate gradients.", bind_multigrid},

@@ -19,6 +19,7 @@ void bind_statistics(nb::module_& m);
 void bind_icd(nb::module_& m);
 void bind_subspace(nb::module_& m);
 void bind_linalg(nb::module_& m);
+void bind_cutting(nb::module_& m);
 void bind_tissue(nb::module_& m);
 void bind_relaxation(nb::module_& m);
 void bind_multigrid(nb::module_& m);

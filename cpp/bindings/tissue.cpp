@@ -94,6 +94,20 @@ void bind_contact(nb::module_& m) {
             },
             "at"_a, "radius"_a, "The smooth patch, or the word that says why there is none: held, crowded.")
         .def(
+            "wide_patch",
+            [](const ContactSurface& s, const SurfacePoint& at, double radius) {
+                expect(at.triangle < s.triangles(), "at: a point of another surface");
+                check_radius(radius);
+                auto scratch = s.scratch();
+                WidePatch patch(s.vertices());
+                if (s.patch(at, radius, scratch, patch) != ContactSurface::PatchStatus::good) patch.count = 0;
+                return nb::make_tuple(copied(patch.node.data(), patch.count), copied(patch.weight.data(), patch.count));
+            },
+            "at"_a, "radius"_a,
+            nb::sig("def wide_patch(self, at: palpate._core.tissue.SurfacePoint, radius: float) -> "
+                    "tuple[typing.Any, typing.Any]"),
+            "Nodes and weights of the smooth patch, of any number; none if it is held.")
+        .def(
             "patch_triangles",
             [](const ContactSurface& s, const SurfacePoint& at, double radius) {
                 expect(at.triangle < s.triangles(), "at: a point of another surface");

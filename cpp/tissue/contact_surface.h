@@ -16,6 +16,15 @@ struct SurfacePoint {
     double distance = 0;
 };
 
+// A patch of any number of nodes, for callers outside the loop.
+struct WidePatch {
+    explicit WidePatch(int capacity) : capacity(capacity), node(capacity), weight(capacity) {}
+    const int capacity;
+    int count = 0;
+    std::vector<int> node;
+    std::vector<double> weight;
+};
+
 // Working memory of patch(); one per thread, allocated once.
 struct SurfaceScratch {
     std::vector<uint32_t> visited, visited_triangle; // the generation that last visited each vertex and triangle
@@ -55,6 +64,9 @@ public:
     // too_many_nodes: more than ContactPatch::capacity. Allocates nothing.
     PatchStatus patch(const SurfacePoint& at, double radius, SurfaceScratch& scratch, ContactPatch& patch) const;
 
+    // The same with room for every node, for surfaces whose vertices are finer than the elements that carry them.
+    PatchStatus patch(const SurfacePoint& at, double radius, SurfaceScratch& scratch, WidePatch& patch) const;
+
     // The same patch with the weights of version 0.1, area_a phi(x_a), which are no integrals and change with the place
     // on the mesh. Only replays of its records use them.
     PatchStatus nodal_patch(const SurfacePoint& at, double radius, SurfaceScratch& scratch, ContactPatch& patch) const;
@@ -81,7 +93,9 @@ private:
     int build_tree(int first, int count);
     void build_adjacency();
     void link_triangles();
-    PatchStatus barycentric_patch(const SurfacePoint& at, ContactPatch& patch) const;
+    template <class Patch>
+    PatchStatus integral_patch(const SurfacePoint& at, double radius, SurfaceScratch& scratch, Patch& patch) const;
+    template <class Patch> PatchStatus barycentric_patch(const SurfacePoint& at, Patch& patch) const;
 };
 
 } // namespace palpate

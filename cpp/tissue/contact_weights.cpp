@@ -155,8 +155,9 @@ double twice_area(const double* a, const double* b, const double* c) {
 
 } // namespace
 
-ContactSurface::PatchStatus ContactSurface::patch(const SurfacePoint& at, double radius, SurfaceScratch& s,
-                                                  ContactPatch& patch) const {
+template <class Patch>
+ContactSurface::PatchStatus ContactSurface::integral_patch(const SurfacePoint& at, double radius, SurfaceScratch& s,
+                                                           Patch& patch) const {
     double n[3], total = 0, offset[3][3];
     normal(at, n);
     patch.count = 0;
@@ -192,7 +193,7 @@ ContactSurface::PatchStatus ContactSurface::patch(const SurfacePoint& at, double
         for (int c = 0; c < 3; c++) {
             if (fixed[v[c]] || !(share[c] > 0)) continue;
             if (s.visited[v[c]] != s.generation) {
-                if (patch.count == ContactPatch::capacity) return PatchStatus::too_many_nodes;
+                if (patch.count == patch.capacity) return PatchStatus::too_many_nodes;
                 s.visited[v[c]] = s.generation, s.entry[v[c]] = patch.count;
                 patch.node[patch.count] = node[v[c]], patch.weight[patch.count++] = 0;
             }
@@ -206,7 +207,8 @@ ContactSurface::PatchStatus ContactSurface::patch(const SurfacePoint& at, double
     return PatchStatus::good;
 }
 
-ContactSurface::PatchStatus ContactSurface::barycentric_patch(const SurfacePoint& at, ContactPatch& patch) const {
+template <class Patch>
+ContactSurface::PatchStatus ContactSurface::barycentric_patch(const SurfacePoint& at, Patch& patch) const {
     const int* corners = &corner[3 * size_t(at.triangle)];
     double total = 0;
     patch.count = 0;
@@ -219,6 +221,16 @@ ContactSurface::PatchStatus ContactSurface::barycentric_patch(const SurfacePoint
     if (patch.count == 0 || total <= 0) return PatchStatus::all_fixed;
     for (int k = 0; k < patch.count; k++) patch.weight[k] /= total;
     return PatchStatus::good;
+}
+
+ContactSurface::PatchStatus ContactSurface::patch(const SurfacePoint& at, double radius, SurfaceScratch& s,
+                                                  ContactPatch& patch) const {
+    return integral_patch(at, radius, s, patch);
+}
+
+ContactSurface::PatchStatus ContactSurface::patch(const SurfacePoint& at, double radius, SurfaceScratch& s,
+                                                  WidePatch& patch) const {
+    return integral_patch(at, radius, s, patch);
 }
 
 ContactSurface::PatchStatus ContactSurface::nodal_patch(const SurfacePoint& at, double radius, SurfaceScratch& s,

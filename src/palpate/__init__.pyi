@@ -62,6 +62,7 @@ from .reconstruction.self_calibration import shift_panels as shift_panels
 from .reconstruction.self_calibration import view_gain as view_gain
 from .reconstruction.self_calibration import without_displacement as without_displacement
 from .reconstruction.support import support_hull as support_hull
+from .report.cut_plot import plot_cut as plot_cut
 from .report.force_error_plot import plot_force_error as plot_force_error
 from .report.indentation_plot import plot_indentation as plot_indentation
 from .report.lump_uncertainty_plot import plot_lump_uncertainty as plot_lump_uncertainty
@@ -143,6 +144,7 @@ from .tissue.boundary_conditions import fixed_near as fixed_near
 from .tissue.boundary_conditions import resting_on as resting_on
 from .tissue.cutting import cut as cut
 from .tissue.force_error_map import force_error_map as force_error_map
+from .tissue.incision import incision as incision
 from .tissue.indentation import IndentationFit as IndentationFit
 from .tissue.indentation import fit_indentation as fit_indentation
 from .tissue.indentation_curve import IndentationCurve as IndentationCurve

@@ -89,6 +89,8 @@ def test_mesh_fit_and_touch(folder):
     assert "springs against linear finite elements" in done("fit", folder)
     tissue = pp.read_tissue(folder / "tissue.vtu")
     assert (tissue.mesh.nodes == mesh.nodes).all()
+    assert "1 piece of" in done("cut", folder)
+    assert len(pp.read_tissue(folder / "cut.vtu").mesh.nodes) > len(mesh.nodes)
     touched = start(example("touch"), folder)
     address = touched.stdout.readline()
     assert "http://127.0.0.1:" in address

@@ -121,6 +121,9 @@ class World:
                     self.keep(inner, state, inner.elements, solver, mesh=mesh)
                     self.keep(_core.hyperelastic.LocalForce(1.0, three, three, np.eye(3)))
             self.keep(_core.linalg.SparseCholesky(*line_matrix(len(tissue.mesh.nodes))), mesh=mesh)
+        factor = _core.cutting.JumpFactor(40)
+        factor.append(4 * np.eye(9), 1.0, 0.0)
+        self.keep(factor)
         servo = _core.haptics.Servo(_core.haptics.ServoSettings())
         self.keep(servo, _core.haptics.ServoSettings(), servo.status(), servo.pose(), _core.haptics.ServoDevice(servo))
         self.keep(

@@ -1,15 +1,17 @@
 """The stiffness of a cut mesh, assembled cell by cell and entry by entry, to check the product's by."""
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.linalg import splu
 
 
 def stiffness(mesh, young, poisson, element="smoothed"):
-    """(3N, 3N) N/mm, dense. young: (M,) kPa. poisson: (M,)."""
+    """(3N, 3N) N/mm, sparse. young: (M,) kPa. poisson: (M,)."""
     E, nu = young / 1000, poisson
     mu, lam = E / (2 * (1 + nu)), E * nu / ((1 + nu) * (1 - 2 * nu))
     part = mesh.share * np.linalg.det(mesh.nodes[mesh.tets][:, 1:] - mesh.nodes[mesh.tets][:, :1]) / 6
     gradients = [_gradients(mesh.nodes[tet]) for tet in mesh.tets]
-    K = np.zeros((3 * len(mesh.nodes),) * 2)
+    rows_of, columns_of, values = [], [], []
     for tets, volumes, shear, bulk in cells(mesh, part, mu, lam, element):
         H = {}
         for tet, volume in zip(tets, volumes, strict=True):
@@ -25,8 +27,21 @@ def stiffness(mesh, young, poisson, element="smoothed"):
         strain[5, 0::3], strain[5, 2::3] = G[:, 2], G[:, 0]
         C = np.diag([2 * shear] * 3 + [shear] * 3)
         C[:3, :3] += bulk
-        K[np.ix_(rows, rows)] += sum(volumes) * strain.T @ C @ strain
-    return K
+        rows_of.append(np.repeat(rows, len(rows)))
+        columns_of.append(np.tile(rows, len(rows)))
+        values.append((sum(volumes) * strain.T @ C @ strain).ravel())
+    entries = np.concatenate(values), (np.concatenate(rows_of), np.concatenate(columns_of))
+    return coo_array(entries, shape=(3 * len(mesh.nodes),) * 2).tocsc()
+
+
+def solution(tissue, W, displacement):
+    """(3m,) N of the tools and (3N,) mm, from patches' loads W (3N, 3m), by a factorisation from scratch."""
+    K = stiffness(tissue.mesh, tissue.young, tissue.poisson, tissue.element)
+    free = np.flatnonzero(np.repeat(~tissue.held, 3))
+    columns = np.zeros_like(W)
+    columns[free] = splu(K[free][:, free]).solve(W[free])
+    force = np.linalg.solve(W.T @ columns, displacement)
+    return force, columns @ force
 
 
 def cells(mesh, part, mu, lam, element):

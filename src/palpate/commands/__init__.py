@@ -23,6 +23,7 @@ COMMANDS = (
     "segment",
     "mesh",
     "fit",
+    "cut",
     "indent",
     "touch",
     "score",

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from palpate.arrays import Float64, Int64, float64
+from palpate.arrays import Float64, Int32, Int64, float64
 from palpate.errors import MeshError
 from palpate.meshes.stuffing.manifold_repair import parts
 from palpate.meshes.tet_mesh import TetMesh, boundary_faces, check_extent, folds, signed_volumes
@@ -38,7 +38,7 @@ def repair_mesh(stored: Any) -> tuple[TetMesh, list[str]]:
         notes.append(f"{np.count_nonzero(inverted)} of {len(tets)} tets were inverted: turned")
     _check_flat(nodes, tets, np.abs(volume))
     used, index = np.unique(tets, return_inverse=True)
-    mesh = TetMesh(nodes[used], index.reshape(tets.shape), region, _names(stored, region))
+    mesh = TetMesh(nodes[used], index.reshape(tets.shape), region, region_names(stored, region))
     _check_surface(mesh)
     _check_folds(mesh)
     _notes(mesh, notes)
@@ -152,7 +152,8 @@ def _region(stored: Any, blocks: list[int]) -> Int64:
     return np.ones(sum(len(stored.cells[i].data) for i in blocks), dtype=np.int64)
 
 
-def _names(stored: Any, region: Int64) -> dict[int, str]:
+def region_names(stored: Any, region: Int64 | Int32) -> dict[int, str]:
+    """Names of the regions that are there, from the fields of what meshio read."""
     names = {}
     for key, value in stored.field_data.items():
         number = np.asarray(value).ravel()

@@ -122,8 +122,17 @@ def read_mesh(path: str | Path) -> TetMesh:
     return repaired(path, read_stored(path))
 
 
+def is_cut(stored: Any) -> bool:
+    """Whether what `read_stored` gave is the mesh of a cut tissue."""
+    return "share" in stored.cell_data and "skin tet" in stored.field_data
+
+
 def repaired(path: Path, stored: Any) -> TetMesh:
     """The mesh in what `read_stored` gave, with a warning for each repair. Raises `MeshError` and `DataError`."""
+    if is_cut(stored):
+        raise MeshError(
+            f"{path}: is a tissue that has been cut, and no mesh to begin with; take the tissue before the cut"
+        )
     try:
         mesh, notes = repair_mesh(stored)
     except (MeshError, DataError) as problem:

@@ -128,10 +128,9 @@ def patch(tissue: Tissue, point: ArrayLike, radius: float) -> "_core.tissue.Cont
 
 def patch_at(tissue: Tissue, hit: "_core.tissue.SurfacePoint", radius: float) -> "_core.tissue.ContactPatch | str":
     """The contact patch about a point of the surface, or the word that says why there is none: held, crowded."""
-    found = tissue.surface.patch(hit, float(radius))
-    if isinstance(found, str) or not isinstance(tissue.mesh, CutMesh):
-        return found
-    nodes, weights = on_nodes(tissue.mesh, found.nodes, found.weights)
+    if not isinstance(tissue.mesh, CutMesh):
+        return tissue.surface.patch(hit, float(radius))
+    nodes, weights = on_nodes(tissue.mesh, *tissue.surface.wide_patch(hit, float(radius)))
     weights = np.where(tissue.held[nodes], 0.0, weights)
     if not weights.sum() > 0:
         return "held"

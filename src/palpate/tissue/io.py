@@ -1,6 +1,7 @@
 """Reads and writes a tissue as one .vtu file, which ParaView and meshio open."""
 
 import json
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from shlex import quote
@@ -11,7 +12,9 @@ import numpy as np
 from palpate.atomic_write import replacing
 from palpate.bounded_read import parse_json
 from palpate.errors import DataError, FileError, MaterialError
-from palpate.meshes.io import read_stored, repaired, write_mesh
+from palpate.meshes.cutting.cut_mesh import CutMesh
+from palpate.meshes.io import is_cut, read_stored, repaired, write_mesh
+from palpate.tissue.cut_io import grid_fields, plain_blades, stored_cut_mesh, tet_fields, text_of
 from palpate.tissue.relaxation import Relaxation
 from palpate.tissue.spring_fit_report import FitReport
 from palpate.tissue.tissue import SpringLaw, Tissue
@@ -24,7 +27,7 @@ def write_tissue(path: str | Path, tissue: Tissue) -> None:
     """Write a tissue to a .vtu file, completely or not at all.
 
     Tetrahedra carry region, young (kPa), poisson and, if the tissue has it, stiffening. Nodes carry fixed and, after a fit,
-    the error of the springs in mm.
+    the error of the springs in mm. Tetrahedra of a cut tissue carry share, side, body and parent, its nodes origin.
 
     Parameters
     ----------
@@ -59,9 +62,16 @@ def write_tissue(path: str | Path, tissue: Tissue) -> None:
     constants = {"young": tissue.young, "poisson": tissue.poisson}
     if tissue.stiffening.any():
         constants["stiffening"] = tissue.stiffening
+    whole: dict[str, Any] = {}
+    if isinstance(tissue.mesh, CutMesh):
+        text["blades"] = plain_blades(tissue.mesh)
+        nodal["origin"] = tissue.mesh.origin
+        constants |= tet_fields(tissue.mesh)
+        whole = {name: text_of(values) for name, values in grid_fields(tissue.mesh).items()}
+    whole[_TEXT] = "UInt8", " ".join(str(byte) for byte in json.dumps(text).encode())
     with replacing(path) as temporary:
         write_mesh(temporary, tissue.mesh, nodal, constants)
-        _add_text(temporary, json.dumps(text))
+        _add_fields(temporary, whole)
 
 
 def read_tissue(path: str | Path) -> Tissue:
@@ -96,7 +106,7 @@ def read_tissue(path: str | Path) -> Tissue:
             f"{path}: tissue is kept as .vtu; make it so: palpate fit {quote(str(path))} --young 5 -o tissue.vtu"
         )
     stored = read_stored(path)
-    mesh = repaired(path, stored)
+    mesh = None if is_cut(stored) else repaired(path, stored)
     fields = {name: values[0] for name, values in stored.cell_data.items()}
     missing = [n for n in ("young", "poisson") if n not in fields] + ["fixed"] * ("fixed" not in stored.point_data)
     if missing or _TEXT not in stored.field_data:
@@ -106,6 +116,7 @@ def read_tissue(path: str | Path) -> Tissue:
         )
     try:
         text = parse_json(bytes(np.asarray(stored.field_data[_TEXT], dtype=np.uint8)))
+        mesh = mesh or stored_cut_mesh(stored, text["blades"])
         springs = None if text["springs"] is None else SpringLaw(**text["springs"])
         report = None if text["report"] is None else FitReport.from_plain(text["report"], stored.point_data["error"])
         held = np.asarray(stored.point_data["fixed"]).astype(bool)
@@ -145,11 +156,13 @@ def _relaxation_of(plain: dict[str, Any] | None) -> Relaxation | dict[int, Relax
     return Relaxation(**plain)
 
 
-def _add_text(path: Path, text: str) -> None:
-    """Puts a byte array where VTK keeps what belongs to the whole grid; meshio reads such fields but writes none."""
-    data = text.encode()
-    values = " ".join(str(b) for b in data)
-    array = f'<DataArray type="UInt8" Name="{_TEXT}" NumberOfTuples="{len(data)}" format="ascii">{values}</DataArray>'
+def _add_fields(path: Path, fields: Mapping[str, tuple[str, str]]) -> None:
+    """Puts arrays, of a type and numbers, where VTK keeps what belongs to the whole grid; meshio reads such fields but
+    writes none."""
+    array = "".join(
+        f'<DataArray type="{kind}" Name="{name}" NumberOfTuples="{values.count(" ") + 1}" format="ascii">{values}</DataArray>'
+        for name, (kind, values) in fields.items()
+    )
     whole = path.read_text()
     if "<FieldData>" in whole:
         whole = whole.replace("<FieldData>", f"<FieldData>{array}", 1)

@@ -81,6 +81,16 @@ class CutMesh(TetMesh):
         """Positions of the vertices of the surface, (S, 3), mm."""
         return self.skin.carried(self.tets, self.nodes)
 
+    def text(self) -> str:
+        """What was cut, in words."""
+        corners = self.places[self.skin.triangles[self.skin.lip]]
+        twice = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum()
+        pieces, copies = int(self.body.max()) + 1, len(self.nodes) - len(np.unique(self.origin))
+        return (
+            f"cuts of {twice / 4 / 100:.3g} cm², {copies} copies of nodes, {pieces} piece{'s' * (pieces > 1)} of "
+            f"{self.volumes.sum() / 1000:.4g} ml"
+        )
+
     @cached_property
     def uncut(self) -> TetMesh:
         """The mesh before. Raises `MeshError` if a piece of it has been taken away."""
