@@ -18,6 +18,8 @@ from benchmarks.continuum_force import converged, cube
 PLACES = ((14.0, 25.0, 50.0), (13.0, 20.0, 50.0), (37.0, 30.0, 50.0))  # no patch reaches the cut
 RADIUS, YOUNG, POISSON, DEPTH = 10.0, 5.0, 0.45, 25.0
 CELLS = (5, 7, 9, 11)
+FINE = (8, 12, 16, 20)
+BLADE = pp.Blade.swept([(25, -5, 60), (25, 55, 60)], (0, 0, -1), 10 + DEPTH)
 GAP = 1e-6  # mm: who bisects the mesh takes no two nodes at one place
 
 
@@ -43,13 +45,34 @@ def stiffness(solver: object, point: np.ndarray) -> np.ndarray:
     return np.array([-solver.push(point, way, RADIUS).force @ way for way in ways])  # type: ignore[attr-defined]
 
 
+def gap(cells: int, element: str) -> float:
+    """mm³ between the lips under a tension of 1 kPa."""
+    opened = pp.cut(held(cube(cells), element), BLADE)
+    skin, mesh = opened.mesh.skin, opened.mesh
+    moved = skin.carried(mesh.tets, pp.gape(opened, 1.0))
+    lips = skin.triangles[skin.lip]
+    a, b, c = mesh.places[lips].swapaxes(0, 1)
+    return float(-(np.cross(b - a, c - a) / 2 * moved[lips].mean(axis=1)).sum())
+
+
+def gaping(cells: list[int]) -> None:
+    """Prints a table: how far the cut gapes, next to meshes with nodes in the plane of the cut and at its tip."""
+    fine = [gap(n, "smoothed") for n in FINE]
+    found, edges = (", ".join(texts) for texts in ([f"{v:.0f}" for v in fine], [f"{50 / n:.1f}" for n in FINE]))
+    print(f"\nGap under a tension of 1 kPa, on meshes with the cut between their elements: {found} mm³ at {edges} mm.")
+    print("Through elements, % of the last:\n")
+    print("| edge, mm | smoothed | P1 |\n|---|---|---|")
+    for n in cells:
+        off = (100 * (gap(n, element) / fine[-1] - 1) for element in ("smoothed", "P1"))
+        print(f"| {50 / n:.1f} | {' | '.join(f'{x:.1f}' for x in off)} |", flush=True)
+
+
 def main() -> None:
     """Prints a table."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.cut_force", description=__doc__.splitlines()[0])
     parser.add_argument("--cells", type=int, nargs="*", default=list(CELLS), help="of the meshes that are judged, odd")
     parser.add_argument("--truth", type=int, default=8, help="cells of the mesh for the truth, even")
     options = parser.parse_args()
-    blade = pp.Blade.swept([(25, -5, 60), (25, 55, 60)], (0, 0, -1), 10 + DEPTH)
     true = {}
     for name, mesh in (("cut", conforming(options.truth)), ("whole", cube(options.truth))):
         tissue = held(mesh, "P1")
@@ -61,7 +84,7 @@ def main() -> None:
         for element in ("smoothed", "P1"):
             whole = held(cube(cells), element)
             row = []
-            for name, tissue in (("cut", pp.cut(whole, blade)), ("whole", whole)):
+            for name, tissue in (("cut", pp.cut(whole, BLADE)), ("whole", whole)):
                 solver = pp.finite_elements(tissue)
                 felt = np.array([stiffness(solver, np.array(point)) for point in PLACES])
                 off = 100 * (felt / true[name] - 1)
@@ -69,6 +92,7 @@ def main() -> None:
             print(f"| {50 / cells:.1f} | {element} | {' | '.join(row)} |", flush=True)
     ratio = true["cut"] / true["whole"]
     print(f"\nThe cut takes away {100 * (1 - ratio.max()):.0f} to {100 * (1 - ratio.min()):.0f} % of the true force.")
+    gaping(options.cells)
 
 
 if __name__ == "__main__":

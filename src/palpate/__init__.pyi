@@ -144,6 +144,7 @@ from .tissue.boundary_conditions import fixed_near as fixed_near
 from .tissue.boundary_conditions import resting_on as resting_on
 from .tissue.cutting import cut as cut
 from .tissue.force_error_map import force_error_map as force_error_map
+from .tissue.gaping import gape as gape
 from .tissue.incision import incision as incision
 from .tissue.indentation import IndentationFit as IndentationFit
 from .tissue.indentation import fit_indentation as fit_indentation

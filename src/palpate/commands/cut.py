@@ -27,6 +27,9 @@ def cut_command(
     loose: Annotated[
         str, typer.Option(help="A piece that comes free and is not held: refuse, or remove it.")
     ] = "refuse",
+    tension: Annotated[
+        float, typer.Option(help="For the picture: tension of the tissue at rest, kPa, under which the cut gapes.")
+    ] = 0.0,
     picture: Annotated[Path | None, typer.Option(help="Picture of the cut: .png, .svg.", show_default=False)] = None,
 ) -> None:
     """Example: [bold]palpate cut tissue.vtu --from 76,-159,325 --to 76,-159,345 --depth 12 -o cut.vtu[/bold]
@@ -47,6 +50,8 @@ def cut_command(
     writable(output)
     if picture is not None:
         writable(picture)
+    elif tension:
+        raise typer.BadParameter("is for the picture; give --picture too", param_hint="--tension")
     path = [numbers("--from", start), *(numbers("--via", text) for text in via or ()), numbers("--to", end)]
     way = None if direction is None else numbers("--direction", direction)
     whole = pp.read_tissue(tissue)
@@ -55,7 +60,7 @@ def cut_command(
     if isinstance(opened.mesh, CutMesh):
         typer.echo(opened.mesh.text())
     if picture is not None:
-        figure = pp.plot_cut(opened)
+        figure = pp.plot_cut(opened, pp.gape(opened, tension) if tension else None)
         with replacing(picture) as temporary:
             figure.savefig(temporary, format=picture.suffix.lstrip(".").lower() or "png", dpi=150)
         typer.echo(f"wrote {picture}")

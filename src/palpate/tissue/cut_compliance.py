@@ -98,7 +98,7 @@ class CutCompliance:
             return np.empty(0, dtype=np.int64), np.zeros((0, 0)), 0.0
         near = np.zeros(self.whole, dtype=bool)
         near[before.tets[np.unique(mesh.parent[split])]] = True
-        around = near[before.tets].any(axis=1)  # all tetrahedra of every cell that changes
+        around = np.asarray(near[before.tets].any(axis=1))  # all tetrahedra of every cell that changes
         mine = around[mesh.parent]
         nodes = np.unique(np.concatenate([before.tets[around].ravel(), mesh.tets[mine].ravel()]))
         if 6 * len(nodes) > MOST_UNKNOWNS:
