@@ -15,10 +15,10 @@ def plane(x, depth, low=-5.0, high=55.0):
 
 
 def test_a_sample_of_random_cuts():
-    told, met, wrong = random_cuts.run(18, seed=2)
+    told, met, wrong = random_cuts.run(12, seed=2)
     assert not wrong, wrong[0]
-    assert len(told) == 5
-    assert met > 12
+    assert len(told) >= 4
+    assert met > 8
 
 
 def test_faults_of_a_cut_are_seen():

@@ -124,6 +124,15 @@ def test_a_patch_far_from_the_cut_is_that_of_the_whole(cube):
     assert np.allclose(one.weights[np.argsort(one.nodes)], other.weights[np.argsort(other.nodes)])
 
 
+def test_a_cut_tissue_relaxes_as_before(cube):
+    """One relaxation, or one for each region that is left."""
+    one, other = pp.Relaxation((0.3,), (0.5,)), pp.Relaxation((0.2,), (1.0,))
+    for relaxation in (one, {1: one, 2: other}):
+        whole = pp.Tissue(cube.mesh, cube.young, 0.45, cube.mesh.nodes[:, 0] == 0, relaxation=relaxation)
+        assert pp.cut(whole, plane(23.0, 28.0)).relaxation == whole.relaxation
+    assert pp.cut(whole, plane(12.0, 60.0), loose="remove").relaxations[1] == one
+
+
 def test_cuts_one_after_the_other(cube):
     second = pp.Blade.swept([(-5, 31, 55), (55, 26, 55)], (0, 0, -1), 25)
     both, later = pp.cut(cube, [plane(23.0, 28.0), second]), pp.cut(pp.cut(cube, plane(23.0, 28.0)), second)

@@ -88,6 +88,10 @@ def _tissue(before: Tissue, mesh: CutMesh, held: Int32) -> Tissue:
     if isinstance(old, CutMesh):
         first = np.unique(old.parent, return_index=True)[1]
 
+    relaxation = before.relaxation
+    if isinstance(relaxation, dict):
+        relaxation = {region: one for region, one in relaxation.items() if (mesh.region == region).any()} or None
+
     def copied(constant: Float64) -> Float64:
         return np.asarray(constant[first][mesh.parent])
 
@@ -98,7 +102,7 @@ def _tissue(before: Tissue, mesh: CutMesh, held: Int32) -> Tissue:
         np.isin(mesh.origin, held),
         element=before.element,
         materials=before.materials,
-        relaxation=before.relaxation,
+        relaxation=relaxation,
         inertia=before.inertia,
         stiffening=copied(before.stiffening),
     )
