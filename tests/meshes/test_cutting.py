@@ -69,8 +69,9 @@ def test_a_cut_all_the_way_leaves_two_bodies():
     assert set(cut.side[first & (cut.side != 0)]) == {-cut.side[~first & (cut.side != 0)][0]}
 
 
-def test_side_1_is_where_the_normal_points():
-    blade = plane(21.0, 60.0)
+@pytest.mark.parametrize("ends", [(-5.0, 55.0), (55.0, -5.0)])
+def test_side_1_is_where_the_normal_points(ends):
+    blade = plane(21.0, 60.0, *ends)
     a, b, c = blade.points[blade.triangles[0]]
     towards = np.sign(np.cross(b - a, c - a)[0])
     cut = cut_mesh(brick((4, 4, 4)), [blade])
