@@ -98,7 +98,9 @@ def _within(values: Float32, inside: Bool | None, box: tuple[slice, ...]) -> Flo
     if inside is None:
         return part
     here = np.pad(inside[box], ((0, 0), (SKIN, SKIN), (SKIN, SKIN)), mode="edge")
-    core = ndimage.binary_erosion(here, np.ones((1, 3, 3)), iterations=SKIN, border_value=1)[:, SKIN:-SKIN, SKIN:-SKIN]
+    core = ndimage.binary_erosion(here, np.ones((1, 3, 3), dtype=bool), iterations=SKIN, border_value=1)[
+        :, SKIN:-SKIN, SKIN:-SKIN
+    ]
     if not core.any():
         raise DataError("near: nothing of the organ is in reach; give a place inside it")
     return np.where(core, part, np.median(part[core]))

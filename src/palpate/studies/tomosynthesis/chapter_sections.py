@@ -7,7 +7,7 @@ from palpate.report.tables import where
 from palpate.studies.tomosynthesis import plots, volume_figures
 from palpate.studies.tomosynthesis.config import HEIGHT, MOTIONS, PANEL, RADIUS, VIEWS
 from palpate.studies.tomosynthesis.experiment_runner import GAPS
-from palpate.studies.tomosynthesis.experiments import MOTION_DOSE, SAMPLING_DOSE, STARTS, SUBSETS_DOSE
+from palpate.studies.tomosynthesis.experiments import MOTION_DOSE, SAMPLING_DOSE, STARTS
 from palpate.studies.tomosynthesis.report_inputs import MERITS, RUN, ReportInputs
 from palpate.studies.tomosynthesis.tables import summary
 from palpate.volumes.volume import Volume
@@ -20,8 +20,8 @@ def set_up(inputs: ReportInputs) -> Section:
     text = [
         f"{VIEWS} focal spots lie on a circle of {RADIUS:g} mm radius, {HEIGHT:g} mm above a panel of {PANEL:g} mm with "
         f"pixels of {pitch:g} mm. The volume has {size} voxels (z, y, x) of "
-        f"{' x '.join(f'{d:.3g}' for d in grid.spacing)} mm. Claims about M-MAP by descent rest on {s.seeds} noise "
-        f"realisations a dose, as do motions, and ordered subsets at {SUBSETS_DOSE:,} photons. All else has {s.few}.",
+        f"{' x '.join(f'{d:.3g}' for d in grid.spacing)} mm. Claims about M-MAP rest on {s.seeds} noise "
+        f"realisations a dose, as do ordered subsets and motions. All else has {s.few}.",
         "The scans are line integrals in closed form through ellipsoids and boxes, "
         f"{s.subrays} x {s.subrays} rays a pixel, with Poisson noise: never a projection of voxels. No face of the slab "
         "lies on a face of voxels, since coarse grids would be flattered by that.",
