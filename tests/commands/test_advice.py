@@ -48,9 +48,10 @@ def options(command):
     return {name for parameter in command.params for name in (*parameter.opts, *parameter.secondary_opts)}
 
 
+GROUPS = [name for name, command in GROUP.commands.items() if hasattr(command, "commands")]
 EVERY = {"--help", "--plugin"} | {
     name
-    for words in [[c] for c in GROUP.commands] + [[g, c] for g in ("scan", "study") for c in GROUP.commands[g].commands]
+    for words in [[c] for c in GROUP.commands] + [[g, c] for g in GROUPS for c in GROUP.commands[g].commands]
     if (found := command_of(words))
     for name in options(found[0])
 }
