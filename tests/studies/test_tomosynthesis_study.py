@@ -100,7 +100,7 @@ def test_errors_are_those_of_the_stored_volumes(study):
 
 def test_the_posterior_never_rises_within_a_level_and_is_that_of_the_stored_volume(study):
     paths = sorted((study / "runs").glob("*-convergence-*.json"))
-    assert len(paths) == len(QUICK.doses) * (11 * QUICK.few + 6 * (QUICK.seeds - QUICK.few))
+    assert len(paths) == len(QUICK.doses) * (11 * QUICK.few + 8 * (QUICK.seeds - QUICK.few))
     for path in paths:
         record = json.loads(path.read_text())
         trace = {name: np.array(column) for name, column in record["trace"].items()}

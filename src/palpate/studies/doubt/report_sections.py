@@ -28,6 +28,9 @@ from palpate.studies.doubt.judgement import JUDGED, Judgement
 from palpate.studies.doubt.run import ITERATIONS
 from palpate.tissue.lump_uncertainty import WEBER, WEBER_SOURCE
 from palpate.tissue.named_tissues import tissue_properties
+from palpate.volumes.grid import Grid
+from palpate.volumes.plane_picture import draw_plane
+from palpate.volumes.volume import Volume
 
 TITLE = "How far the doubt can be trusted: intervals of a lump, and whether a hand feels it"
 UNITS = {"diameter": "mm", "depth": "mm", "added": "N"}
@@ -230,21 +233,21 @@ def _first_order(judgement: Judgement, shown: Mapping[str, AnyArray]) -> Section
 def _one_breast(setting: Setting, shown: Mapping[str, AnyArray]) -> Section:
     figure, panels = canvas(3, 3.8)
     grid = setting.grid
-    x, y = grid.axis("x"), grid.axis("y")
-    extent = (float(x[0]), float(x[-1]), float(y[0]), float(y[-1]))
+    left, top = grid.axis("x")[0] - grid.spacing[2] / 2, grid.axis("y")[-1] + grid.spacing[1] / 2
+    plane = Grid((1, *grid.shape[1:]), grid.spacing, grid.origin)
     inside = shown["truth"] > 0
     low, high = np.quantile(shown["truth"][inside], [0.02, 0.995]).tolist()
     for axes, name, title in zip(panels, ("truth", "map"), ("truth", "MAP estimate"), strict=False):
-        axes.imshow(shown[name], cmap="gray", origin="lower", extent=extent, vmin=0.8 * low, vmax=high)
+        slice_ = Volume(np.asarray(shown[name], np.float32)[None], plane)
+        draw_plane(axes, slice_, np.mean(plane.bounds, axis=0), 0, (0.8 * low, high), y_up=True, words=title)
+        axes.set(aspect="equal", xticks=[], yticks=[])
         tx, ty, _ = shown["true centre"]
         rx, ry, _ = shown["true radii"]
-        axes.add_patch(Ellipse((tx, ty), 2 * rx, 2 * ry, fill=False, ec="#7fd1ae", lw=1.2))
+        axes.add_patch(Ellipse((tx - left, top - ty), 2 * rx, 2 * ry, fill=False, ec="#7fd1ae", lw=1.2))
         if name == "map":
             cx, cy, _ = shown["centre"]
             r = 2 * float(shown["radius"])
-            axes.add_patch(Ellipse((cx, cy), r, r, fill=False, ec="#ff7f50", lw=1.2))
-        axes.set_title(title, fontsize=10, color=INK)
-        axes.axis("off")
+            axes.add_patch(Ellipse((cx - left, top - cy), r, r, fill=False, ec="#ff7f50", lw=1.2))
     band, place = 100 * shown["band"], shown["x"]
     panels[2].fill_between(place, band[0], band[2], color=HELD, alpha=0.25, lw=0)
     panels[2].plot(place, band[1], "o-", ms=3, color=HELD)
