@@ -4,22 +4,23 @@
 
 namespace palpate {
 
+// What a sample adds to the displacement of all vertices.
+const float* ComplianceModel::sample_field(ComplianceState& s, int sample) const {
+    GreensFunctions& greens = *s.greens[sample];
+    const double* load = acting_loads(s, sample);
+    if (!greens.superpose(s.snapshot.vertex, s.snapshot.loads, load, s.part.data()))
+        greens.solve(s.snapshot.vertex, s.snapshot.loads, load, s.part.data());
+    return s.part.data();
+}
+
 void ComplianceModel::displayed_displacement(ModelState& state, const int* nodes, int count, float* out) const {
     auto& s = static_cast<ComplianceState&>(state);
     const ContactSnapshot& at = s.snapshot;
     const bool background = s.tables == TablePolicy::background && s.samples[0]->precompute;
-    for (size_t k = 0; k < s.samples.size(); k++) {
-        ComplianceState::Sample& one = *s.samples[k];
-        float* to = k == 0 ? s.field.data() : s.part.data();
-        const float* field = to;
-        if (background)
-            field = one.precompute->newest_field();
-        else if (at.loads == 0)
-            std::fill(s.field.begin(), s.field.end(), 0.0f);
-        else if (const double* load = acting_loads(s, int(k)); !one.greens.superpose(at.vertex, at.loads, load, to))
-            one.greens.solve(at.vertex, at.loads, load, to);
-        if (!background && at.loads == 0) break;
-        for (size_t i = 0; i < s.field.size(); i++) s.field[i] = k == 0 ? field[i] : s.field[i] + field[i];
+    std::fill(s.field.begin(), s.field.end(), 0.0f);
+    for (size_t k = 0; k < s.samples.size() && (background || at.loads > 0); k++) {
+        const float* part = background ? s.samples[k]->precompute->newest_field() : sample_field(s, int(k));
+        for (size_t i = 0; i < s.field.size(); i++) s.field[i] += part[i];
     }
     for (int i = 0; i < count; i++) {
         const int v = stiffness.vertex_index[nodes[i]];

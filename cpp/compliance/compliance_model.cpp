@@ -34,10 +34,10 @@ ComplianceState::ComplianceState(const std::vector<FactoredStiffness>& bodies, s
         greens.push_back(&samples.back()->greens);
     }
     u.assign(3 * size_t(bodies[0].nodes()), 0);
-    elastic.resize(3 * samples.size() * capacity);
+    elastic.resize(3 * samples.size() * capacity), part.resize(field.size());
     if (recursion.fields == 0) return;
     history = std::make_unique<LoadHistory>(bodies[0], recursion);
-    acting.resize(3 * ContactSnapshot::capacity), part.resize(field.size());
+    acting.resize(3 * ContactSnapshot::capacity);
     if (modes.count() > 0) motion = std::make_unique<ModalMotion>(modes);
     shapes.resize(3 * size_t(modes.count()) * TissueModel::max_patches);
     values.reserve(size + history->most_numbers() + size_t(modes.width + recursion.fields) * modes.count());

@@ -90,6 +90,7 @@ private:
     void patch_compliance(const ComplianceState& s, int a, int b, double out[9]) const;
     void publish_snapshots(ComplianceState& s) const;
     const double* acting_loads(ComplianceState& s, int sample) const;
+    const float* sample_field(ComplianceState& s, int sample) const;
     void find_blocks(ComplianceState& s) const;
     void compute_missing(ComplianceState& s) const;
     void subtract_history(ComplianceState& s, int prescribed, double* driving) const;

@@ -13,7 +13,8 @@ from palpate.tissue.interval_correction import sample_interval
 from palpate.tissue.lump_outline import contrast_weights, tet_shares
 from palpate.tissue.stiffness_draws import latin_normals, log_normal
 from palpate.tissue.stiffness_update import StiffnessUpdate
-from palpate.volumes.radial_gradient import Ball, ball_near, ball_shares
+from palpate.volumes.ellipsoid_shares import ellipsoid_shares
+from palpate.volumes.radial_gradient import Ball, ball_near
 
 GRID = pp.Grid.centred((16, 24, 28), (2.5, 2, 2))
 SIZE = np.array([50.0, 42.0, 34.0])  # mm, of the box of tissue about the origin
@@ -96,7 +97,7 @@ def test_an_update_is_another_factorisation(tissue):
 
 def test_shares_of_voxels_and_tetrahedra_keep_a_balls_volume(tissue):
     for radius in (4.0, 6.5):
-        shares = ball_shares(GRID, Ball(CENTRE, radius))
+        shares = ellipsoid_shares(GRID, CENTRE, radius)
         ball = 4 / 3 * np.pi * radius**3
         assert shares.sum() * GRID.voxel_volume == pytest.approx(ball, rel=0.01)
         filled = tet_shares(tissue.mesh, shares, GRID)
@@ -129,7 +130,7 @@ def test_the_added_force_is_that_of_a_mesh_that_follows_the_lump(doubt, radii):
     """By finite elements on a boundary-fitted mesh: another mesh, and no share of any element."""
     k = int(np.argmax(radii))
     values, grid = box(1.0)
-    values[ball_shares(grid, Ball(CENTRE, doubt.diameter[k] / 2)) > 0.5] = 2
+    values[ellipsoid_shares(grid, CENTRE, doubt.diameter[k] / 2) > 0.5] = 2
     labels = pp.Labels(values, grid, {1: "body", 2: "lump"})
     mesh = pp.tetrahedralize(labels, "body", edge=7.0, inclusions=["lump"], fine={"lump": 3.0})
     fixed = pp.resting_on(mesh, (0, 0, -1))
@@ -171,13 +172,13 @@ def test_stiffness_is_log_normal_in_equal_strata():
 
 
 def test_the_contrast_is_the_mean_inside_less_that_around():
-    ball = Ball(CENTRE, 6.0)
-    weights = contrast_weights(ball_shares(GRID, ball))
+    shares = ellipsoid_shares(GRID, CENTRE, 6.0)
+    weights = contrast_weights(shares)
     assert weights.sum() == pytest.approx(0, abs=1e-5)
     plain = volume_of(Ball(CENTRE, 1e-3))
-    sharp = plain + 0.02 * ball_shares(GRID, ball)
-    inside = float(ball_shares(GRID, ball).astype(float).ravel() @ ball_shares(GRID, ball).ravel())
-    expected = 0.02 * inside / ball_shares(GRID, ball).sum()
+    sharp = plain + 0.02 * shares
+    inside = float(shares.astype(float).ravel() @ shares.ravel())
+    expected = 0.02 * inside / shares.sum()
     assert np.vdot(weights, sharp - plain) == pytest.approx(expected, rel=0.02)
 
 

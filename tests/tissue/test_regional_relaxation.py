@@ -8,8 +8,10 @@ from scipy.linalg import eigh, expm
 from scipy.sparse.linalg import splu
 from support.brick_meshes import brick
 from support.running_server import until
+from typer.testing import CliRunner
 
 import palpate as pp
+from palpate.commands import app
 from palpate.errors import MaterialError
 from palpate.simulation.recorded_session import session_like
 from palpate.simulation.scripted_device import ScriptedDevice
@@ -226,8 +228,8 @@ def test_force_and_surface_are_those_of_an_implicit_solution(relaxations):
     assert np.sqrt(((shown - true) ** 2).mean(axis=(1, 2))).max() < 0.02 * np.sqrt((true**2).mean(axis=(1, 2)).max())
 
 
-def test_with_one_relaxation_everywhere_creep_follows_the_closed_form():
-    """Shear alone at nu = 0.45 is all but the whole: force nearly as of a body that relaxes alike."""
+def test_near_incompressibility_shear_alone_is_felt_nearly_as_the_whole():
+    """The bulk gives a part at nu = 0.45: the force is somewhat less at once, and the same in the end."""
     alike, creeping = (two_layers({1: one, 2: one}, 6) for one in (pp.Relaxation((0.5,), (0.1,)), SHEAR))
     at = patch(alike, np.array([25.0, 25.0, 50.0]), RADIUS)
     found = []
@@ -278,6 +280,20 @@ def test_a_session_by_the_clock_replays_to_the_bit():
     record = session.record()
     assert session_like(record, tissue).replay(record) is None
     assert pp.Session(model, radius=RADIUS, sweeps=1).replay(record) is None
+
+
+def test_the_command_gives_a_region_a_relaxation_in_shear_alone(tmp_path):
+    tissue = two_layers(None, 4)
+    pp.write_mesh(tmp_path / "mesh.vtu", tissue.mesh)
+    words = ["fit", str(tmp_path / "mesh.vtu"), "--young", "5", "-o", str(tmp_path / "tissue.vtu"), "--no-bulk"]
+    done = CliRunner().invoke(app, [*words, "--region-relaxation", "1=0.5@0.1"])
+    assert done.exit_code == 0, done.output
+    assert "just after a strain stiffness in shear alone is 2 times" in done.output
+    assert "of what creeps at most 1.5% is off" in done.output
+    assert pp.read_tissue(tmp_path / "tissue.vtu").relaxation == {1: SHEAR}
+    refused = CliRunner().invoke(app, words)
+    assert refused.exit_code == 2
+    assert "--no-bulk" in refused.output
 
 
 def test_a_tissue_file_keeps_the_relaxation_of_each_region(tmp_path):

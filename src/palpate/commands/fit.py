@@ -140,6 +140,8 @@ def fit_command(
     solid = pp.read_mesh(mesh)
     for region, text in _by_region(solid, "--region-relaxation", str, relaxation, region_relaxation).items():
         relaxing[region] = pp.Relaxation.parse(text, bulk)
+    if not bulk and not relaxing:
+        raise typer.BadParameter("says what does not relax; give --relaxation, too", param_hint="--no-bulk")
     kinds = _by_region(solid, "--region-tissue", str, tissue, region_tissue)
     nu = _by_region(solid, "--region-poisson", float, poisson, region_poisson)
     E: Constant = _by_region(solid, "--region-young", float, young, region_young, region_tissue)

@@ -1,16 +1,17 @@
 """Keeps the scores of many sessions in one file, a row a session, without names."""
 
+import csv
 import hashlib
 import re
 import sqlite3
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from dataclasses import asdict, dataclass, fields
+from dataclasses import astuple, dataclass, fields
 from datetime import date
 from pathlib import Path
 
+from palpate.atomic_write import replacing
 from palpate.errors import DataError, FileError
-from palpate.report.tables import write_table
 from palpate.simulation.scoring import Score
 
 CHANNELS = ("screen", "sound", "gamepad", "device")
@@ -147,7 +148,7 @@ def add_session(
             score.wrong,
         )
         marks = ", ".join("?" * (1 + len(fields(row))))
-        database.execute(f"INSERT INTO sessions VALUES ({marks})", (digest, *asdict(row).values()))
+        database.execute(f"INSERT INTO sessions VALUES ({marks})", (digest, *astuple(row)))
     return row
 
 
@@ -179,7 +180,7 @@ def read_sessions(store: str | Path) -> list[StoredSession]:
     True
     """
     with _opened(store) as database:
-        return [StoredSession(*row[1:]) for row in database.execute("SELECT * FROM sessions ORDER BY rowid")]
+        return _rows(database)
 
 
 def export_sessions(store: str | Path, table: str | Path) -> int:
@@ -258,25 +259,27 @@ def delete_person(store: str | Path, person: str) -> tuple[int, list[Path]]:
         if not count:
             raise DataError(f"{store}: holds no session of {person!r}")
         known = [Path(path) for (path,) in database.execute("SELECT path FROM exports")]
-    with closing(_connected(store)) as database:
-        database.execute("VACUUM")
-    rows, written = read_sessions(store), [path for path in known if path.is_file()]
-    for path in written:
-        _write(path, rows)
+        written = [path for path in known if path.is_file()]
+        for path in written:  # first: if one cannot be written, the person is still there to be deleted again
+            _write(path, _rows(database))
     return count, written
+
+
+def _rows(database: sqlite3.Connection) -> list[StoredSession]:
+    return [StoredSession(*row[1:]) for row in database.execute("SELECT * FROM sessions ORDER BY rowid")]
 
 
 def _write(table: str | Path, rows: list[StoredSession]) -> None:
     path = Path(table)
     if path.suffix.lower() != ".csv":
         raise FileError(f"{table}: the rows are written as .csv; name it so")
-    if rows:
-        write_table(path, [asdict(row) for row in rows])
-    else:
-        path.write_text(",".join(field.name for field in fields(StoredSession)) + "\n", encoding="utf-8")
+    heads = [field.name for field in fields(StoredSession)]
+    with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file).writerows([heads, *(astuple(row) for row in rows)])
 
 
 def _connected(store: str | Path) -> sqlite3.Connection:
+    """With `secure_delete` SQLite overwrites what is deleted with zeros."""
     database = sqlite3.connect(store, isolation_level=None)
     for line in ("journal_mode = DELETE", "secure_delete = ON", "temp_store = MEMORY", "trusted_schema = OFF"):
         database.execute(f"PRAGMA {line}")

@@ -95,16 +95,15 @@ def _tissue(before: Tissue, mesh: CutMesh, held: Int32) -> Tissue:
     def copied(constant: Float64) -> Float64:
         return np.asarray(constant[first][mesh.parent])
 
-    return Tissue(
-        mesh,
-        copied(before.young),
-        copied(before.poisson),
-        np.isin(mesh.origin, held),
-        element=before.element,
-        materials=before.materials,
-        relaxation=relaxation,
-        inertia=before.inertia,
+    return before.replace(
+        mesh=mesh,
+        young=copied(before.young),
+        poisson=copied(before.poisson),
         stiffening=copied(before.stiffening),
+        fixed=np.isin(mesh.origin, held),
+        springs=None,
+        report=None,
+        relaxation=relaxation,
     )
 
 

@@ -8,7 +8,7 @@ from scipy.optimize import minimize_scalar
 from scipy.special import gamma
 from scipy.stats import t as student
 
-from palpate.arrays import ArrayLike, Float64, float64
+from palpate.arrays import ArrayLike, Float64, Int32, float64
 from palpate.errors import DataError
 from palpate.tissue.contact_patches import contacts
 from palpate.tissue.indentation_curve import IndentationCurve
@@ -219,18 +219,7 @@ def fit_curve(curve: IndentationCurve, force: Callable[[Float64], Float64], find
 def stiffer(tissue: Tissue, factor: float) -> Tissue:
     """The tissue with Young's modulus, and its springs, `factor` times as stiff everywhere."""
     springs = None if tissue.springs is None else replace(tissue.springs, scale=tissue.springs.scale * factor)
-    return Tissue(
-        tissue.mesh,
-        tissue.young * factor,
-        tissue.poisson,
-        tissue.fixed,
-        element=tissue.element,
-        springs=springs,
-        report=tissue.report,
-        relaxation=tissue.relaxation,
-        inertia=tissue.inertia,
-        stiffening=tissue.stiffening,
-    )
+    return tissue.replace(young=tissue.young * factor, springs=springs, materials=None)
 
 
 def surface_curvature(tissue: Tissue, point: ArrayLike) -> float:
@@ -251,15 +240,18 @@ def surface_curvature(tissue: Tissue, point: ArrayLike) -> float:
 
 def _least_radius(tissue: Tissue, point: ArrayLike) -> float:
     """mm: of a punch whose patch is `EDGES` mean edges wide where it touches."""
-    corners = tissue.mesh.surface[tissue.surface.closest(float64("point", point, (3,))).triangle]
-    ends = tissue.mesh.nodes[tissue.edges[np.isin(tissue.edges, corners).any(axis=1)]]
+    ends = tissue.mesh.nodes[tissue.edges[np.isin(tissue.edges, _touched(tissue, point)).any(axis=1)]]
     return float(EDGES * np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).mean() / (2 * PATCH))
 
 
 def _tet_at(tissue: Tissue, point: ArrayLike) -> int:
     """The tetrahedron behind the surface triangle nearest to a point."""
-    corners = tissue.mesh.surface[tissue.surface.closest(float64("point", point, (3,))).triangle]
-    return int(np.argmax(np.isin(tissue.mesh.tets, corners).sum(axis=1)))
+    return int(np.argmax(np.isin(tissue.mesh.tets, _touched(tissue, point)).sum(axis=1)))
+
+
+def _touched(tissue: Tissue, point: ArrayLike) -> Int32:
+    """(3,) nodes of the surface triangle nearest to a point."""
+    return np.asarray(tissue.mesh.surface[tissue.surface.closest(float64("point", point, (3,))).triangle])
 
 
 def punch_stiffness(exact: ComplianceModel, point: ArrayLike, widest: float) -> tuple[Float64, Float64, float]:

@@ -11,8 +11,9 @@ from palpate.errors import DataError
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.reconstruction.posterior import Posterior
 from palpate.tissue.stiffness_map import lattice
+from palpate.volumes.ellipsoid_shares import ellipsoid_shares
 from palpate.volumes.grid import Grid
-from palpate.volumes.radial_gradient import RADII, ball_near, ball_shares
+from palpate.volumes.radial_gradient import RADII, ball_near
 from palpate.volumes.segmentation import segment
 from palpate.volumes.volume import Volume
 
@@ -97,4 +98,4 @@ def ball_rule(volume: Volume, near: ArrayLike, inside: Bool, radii: tuple[float,
 def _near_ball(volume: Volume, centre: tuple[float, float, float], radius: float, inside: Bool) -> Float32:
     """The default rule: the ball near that of the MAP estimate."""
     found = ball_near(volume, centre, CLOSE[0], CLOSE[1], (SIZES[0] * radius, SIZES[1] * radius), inside)
-    return ball_shares(volume.grid, found)
+    return ellipsoid_shares(volume.grid, found.centre, found.radius)

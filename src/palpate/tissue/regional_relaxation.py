@@ -48,16 +48,16 @@ def at_rate(
 
     young, poisson: (M,) in the long term. Where the bulk does not relax, the bulk modulus stays, and Poisson's ratio changes.
     """
-    rise = np.ones(len(region))
-    still = np.zeros(len(region), dtype=bool)
+    stiff, ratio = young.copy(), poisson.copy()
     for number, one in relaxations.items():
-        inside = region == number
-        rise[inside], still[inside] = one.at_rate(s), not one.bulk
-    shear = young / (2 * (1 + poisson)) * rise
-    bulk = young / (3 * (1 - 2 * poisson))
-    softened = 9 * bulk * shear / (3 * bulk + shear)
-    ratio = (3 * bulk - 2 * shear) / (2 * (3 * bulk + shear))
-    return np.where(still, softened, young * rise), np.where(still, ratio, poisson)
+        inside, rise = region == number, one.at_rate(s)
+        stiff[inside] *= rise
+        if not one.bulk:
+            shear = young[inside] / (2 * (1 + poisson[inside])) * rise
+            bulk = young[inside] / (3 * (1 - 2 * poisson[inside]))
+            stiff[inside] = 9 * bulk * shear / (3 * bulk + shear)
+            ratio[inside] = (3 * bulk - 2 * shear) / (2 * (3 * bulk + shear))
+    return stiff, ratio
 
 
 def creep_of(relaxations: Iterable[Relaxation]) -> CreepFit:

@@ -1,7 +1,7 @@
 """Tissue: a mesh, its elastic constants, and its fixed nodes."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
@@ -186,6 +186,32 @@ class Tissue:
             raise MaterialError(
                 "inertia: parts that relax differently cannot swing; give one relaxation for shear and bulk of all regions"
             )
+
+    def replace(self, **changes: Any) -> "Tissue":
+        """Return a tissue that is like this one but for what is given.
+
+        Parameters
+        ----------
+        **changes
+            Arguments of `Tissue`, by name.
+
+        Returns
+        -------
+        Tissue
+            The other tissue.
+
+        Raises
+        ------
+        MaterialError
+            As `Tissue` does.
+
+        Examples
+        --------
+        >>> bool((tissue.replace(young=2 * tissue.young).young == 2 * tissue.young).all())
+        True
+        """
+        kept = {field.name: getattr(self, field.name) for field in fields(self)}
+        return Tissue(**{**kept, **changes})
 
     @property
     def time_dependent(self) -> bool:

@@ -7,7 +7,6 @@ from scipy import ndimage
 
 from palpate.arrays import ArrayLike, Bool, Float32, Float64, Int64, float64
 from palpate.errors import DataError
-from palpate.volumes.grid import Grid
 from palpate.volumes.volume import Volume
 
 ANGLES = 24  # along a circle
@@ -15,7 +14,6 @@ STEP, RADIUS_STEP = 1.0, 0.5  # mm between the centres and the radii that are tr
 SMOOTH = 0.8  # mm, standard deviation of the Gaussian before the gradient
 RADII = 3.0, 11.0  # mm, of the balls that are looked for
 FAVOUR = 0.25  # exponent of the radius: a longer circle averages more of the texture
-SUBVOXELS = 4  # along a voxel's side, where a ball's share of it is counted
 SKIN = 2  # voxels below the organ's outline that are left out: the step from skin to air is no lump's
 
 
@@ -71,25 +69,6 @@ def ball_near(
     across = [middle[i] + offsets[0] + STEP * step for i, step in enumerate((dy, dx))]
     centre = volume.grid.points(np.array([[slices[0] + z, *(first + across / spacing[1:])]]))[0]
     return Ball((float(centre[0]), float(centre[1]), float(centre[2])), low + RADIUS_STEP * r)
-
-
-def ball_shares(grid: Grid, ball: Ball) -> Float32:
-    """(z, y, x) share of each voxel that lies in a ball, 0 to 1."""
-    at, spacing = grid.indices(ball.centre)[0], np.array(grid.spacing)
-    sub = (np.arange(SUBVOXELS) + 0.5) / SUBVOXELS - 0.5
-    axes = []
-    for k in range(3):
-        fine = ((np.arange(grid.shape[k])[:, None] + sub).ravel() - at[k]) * spacing[k]
-        axes.append(fine**2)
-    shares = np.zeros(grid.shape, np.float32)
-    near = [slice(*np.flatnonzero(a <= ball.radius**2)[[0, -1]] // SUBVOXELS + [0, 1]) if (a <= ball.radius**2).any() else
-            slice(0, 0) for a in axes]  # fmt: skip
-    fine = [a.reshape(-1, SUBVOXELS)[here].ravel() for a, here in zip(axes, near, strict=True)]
-    within = (fine[0][:, None, None] + fine[1][:, None] + fine[2]) <= ball.radius**2
-    n = [len(a) // SUBVOXELS for a in fine]
-    counted = within.reshape(n[0], SUBVOXELS, n[1], SUBVOXELS, n[2], SUBVOXELS).mean(axis=(1, 3, 5))
-    shares[tuple(near)] = counted
-    return shares
 
 
 def _within(values: Float32, inside: Bool | None, box: tuple[slice, ...]) -> Float64:

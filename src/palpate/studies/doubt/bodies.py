@@ -25,9 +25,8 @@ from palpate.studies.doubt.config import (
 )
 from palpate.tissue.named_tissues import tissue_properties
 from palpate.tissue.stiffness_draws import log_normal
-from palpate.volumes.grid import Grid
+from palpate.volumes.ellipsoid_shares import ellipsoid_shares
 
-SUBVOXELS = 4  # along a voxel's side, where the lump's share of it is counted
 TRIES = 1000
 
 
@@ -80,19 +79,6 @@ def random_body(seed: int, setting: Setting) -> Body:
         made.append(float(np.exp(middle + spread * rng.standard_normal())))
     mark = centre[:2] + rng.normal(0, MARK, 2)
     return Body(breast, values, shares, centre, radii, contrast, (made[0], made[1]), scan, mark)
-
-
-def ellipsoid_shares(grid: Grid, centre: Float64, radii: Float64) -> Float32:
-    """(z, y, x) share of each voxel that lies in an ellipsoid."""
-    sub = (np.arange(SUBVOXELS) + 0.5) / SUBVOXELS - 0.5
-    squares = []
-    for k, name in enumerate("zyx"):
-        fine = (grid.axis(name)[:, None] + sub * grid.spacing[k]).ravel()
-        squares.append(((fine - centre[2 - k]) / radii[2 - k]) ** 2)
-    within = squares[0][:, None, None] + squares[1][:, None] + squares[2] <= 1
-    n = grid.shape
-    counted = within.reshape(n[0], SUBVOXELS, n[1], SUBVOXELS, n[2], SUBVOXELS).mean(axis=(1, 3, 5))
-    return np.asarray(counted, np.float32)
 
 
 def _place(radii: Float64, setting: Setting, rng: np.random.Generator) -> Float64:
