@@ -15,9 +15,12 @@ from types import CodeType, FrameType
 from typing import NoReturn
 
 _IMPORTING = "<frozen importlib._bootstrap>"  # where Python loads modules
+# Functions that a C library calls which crashes where an exception comes out of one: while one runs, Ctrl-C is put off.
+CALLED_BY_C: set[CodeType] = set()
 STOPPED = 130  # what a shell expects of a program that Ctrl-C ended
 AGAIN = 0.02  # s, after which a KeyboardInterrupt that Python dropped is raised again
 PATIENCE = 1.0  # s that a call outside Python may go on after Ctrl-C, and threads after the last word
+_insists = threading.Event()  # while a thread sends a signal that was put off again and again
 
 
 def end_at_once() -> None:
@@ -42,7 +45,6 @@ def raised() -> Iterator[Callable[[], bool]]:
     that lasts longer than `PATIENCE`.
     """
     handled = [-math.inf]  # when, in s
-    insists = [False]  # whether a thread sends the signal again and again
     before, told = signal.getsignal(signal.SIGINT), sys.unraisablehook
 
     def interrupt(number: int, frame: FrameType | None) -> None:
@@ -50,18 +52,19 @@ def raised() -> Iterator[Callable[[], bool]]:
             return  # extension modules that are being made drop exceptions, or abort; the hook would drop it once more
         if time.monotonic() < handled[0] + AGAIN:
             return  # the thread's last signal, sent while the one before was handled
-        insists[0] = False
+        _insists.clear()
         handled[0] = time.monotonic()
         signal.default_int_handler(number, frame)
 
     def put_off() -> bool:
-        if not insists[0]:
-            insists[0] = True  # first: the signal may come while the thread is being started
-            insists[0] = _after(AGAIN, insist)
-        return insists[0]
+        if not _insists.is_set():
+            _insists.set()  # first: the signal may come while the thread is being started
+            if not _after(AGAIN, insist):
+                _insists.clear()
+        return _insists.is_set()
 
     def insist() -> None:
-        while insists[0]:
+        while _insists.is_set():
             _interrupt_main()
             time.sleep(AGAIN)
 
@@ -83,7 +86,7 @@ def raised() -> Iterator[Callable[[], bool]]:
             signal.signal(signal.SIGINT, interrupt)
             yield was_raised
         finally:
-            insists[0] = False
+            _insists.clear()
             signal.signal(signal.SIGINT, before)
             sys.unraisablehook = told
 
@@ -135,7 +138,7 @@ def _watched(interrupt: Callable[[int, FrameType | None], None], handled: list[f
 
 @contextlib.contextmanager
 def waiting() -> Iterator[None]:
-    """During the block Ctrl-C waits for its end; a second one does not."""
+    """During the block Ctrl-C waits for its end; a second one does not, except within `CALLED_BY_C`."""
     if threading.current_thread() is not threading.main_thread():  # only there do signals arrive
         yield
         return
@@ -143,9 +146,10 @@ def waiting() -> Iterator[None]:
 
     def wait(number: int, frame: FrameType | None) -> None:
         nonlocal came
-        if came:
+        if not came or _insists.is_set():  # what is sent again is the first one still
+            came = True
+        elif CALLED_BY_C.isdisjoint(_running(frame)) or not _after(AGAIN, _interrupt_main):
             raise KeyboardInterrupt
-        came = True
 
     before = signal.signal(signal.SIGINT, wait)
     try:

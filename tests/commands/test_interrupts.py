@@ -212,6 +212,66 @@ print(_core.__name__)
     assert run.stdout.split() == ["sent", "raised", "palpate._core"], run.stderr
 
 
+def test_one_that_is_sent_again_waits_for_the_end_of_a_write(tmp_path):
+    """It came while a module was loaded, and is sent each 20 ms until it is heard. It is still the first one."""
+    (tmp_path / "loads.py").write_text("import signal\nsignal.raise_signal(signal.SIGINT)\n")
+    code = """
+import sys, time
+from palpate import interrupts
+
+sys.path.insert(0, ".")
+try:
+    with interrupts.raised():
+        with interrupts.waiting():  # as an output is begun
+            pass
+        import loads
+        with interrupts.waiting():
+            end = time.monotonic() + 0.3
+            while time.monotonic() < end:
+                pass
+            print("written")
+except KeyboardInterrupt:
+    print("raised")
+"""
+    run = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, env=HERE, capture_output=True, text=True, timeout=60
+    )
+    assert run.stdout.split() == ["written", "raised"], run.stderr
+
+
+def test_a_second_one_within_a_write_of_hdf5(tmp_path):
+    """The library calls Python to write, and would crash where KeyboardInterrupt came out of that."""
+    code = """
+import signal, sys
+import numpy as np
+from palpate.volumes import hdf5_output
+
+sent = []
+
+def interrupt(frame, event, argument):
+    if event == "call" and frame.f_code.co_name == "write" and frame.f_code.co_filename == hdf5_output.__file__:
+        if len(sent) < 3:
+            sent.append("sent")
+            signal.raise_signal(signal.SIGINT)
+
+try:
+    with hdf5_output.replacing_hdf5("whole.h5") as file:
+        sys.setprofile(interrupt)
+        file["values"] = np.arange(10**5)
+        file.flush()
+        while True:  # the second one does not wait for this
+            pass
+except KeyboardInterrupt:
+    sys.setprofile(None)
+    print(*sent, "raised")
+"""
+    run = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, env=HERE, capture_output=True, text=True, timeout=60
+    )
+    assert run.stdout.split() == ["sent"] * 3 + ["raised"], (run.returncode, run.stderr)
+    assert not list(tmp_path.iterdir())
+
+
 def test_while_a_command_loads_a_module_that_swallows_it(scan_file, tmp_path):
     """As extension modules do: what is raised while they are made is an ImportError, or nothing at all."""
     swallows = (

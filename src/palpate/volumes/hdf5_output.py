@@ -9,6 +9,7 @@ from typing import Any
 import h5py
 
 from palpate.atomic_write import replacing
+from palpate.interrupts import CALLED_BY_C
 
 
 @contextlib.contextmanager
@@ -28,7 +29,7 @@ def replacing_hdf5(path: str | Path) -> Iterator[h5py.File]:
 class _TakesEverything(io.FileIO):
     """A file whose writes never fail; the first that did is in `refused`, and none is tried after it."""
 
-    refused: BaseException | None = None
+    refused: OSError | None = None
 
     def write(self, data: Any) -> int:
         rest = memoryview(data).cast("B")
@@ -36,7 +37,7 @@ class _TakesEverything(io.FileIO):
         try:
             while len(rest) and self.refused is None:
                 rest = rest[super().write(rest) or 0 :]
-        except BaseException as problem:  # a second Ctrl-C too, which does not wait
+        except OSError as problem:
             self.refused = problem
         return size
 
@@ -47,3 +48,6 @@ class _TakesEverything(io.FileIO):
             except OSError as problem:
                 self.refused = problem
         return size or 0
+
+
+CALLED_BY_C.update({_TakesEverything.write.__code__, _TakesEverything.truncate.__code__})
