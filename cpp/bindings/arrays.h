@@ -8,9 +8,9 @@
 #include <new>
 #include <vector>
 
-using Vector = std::array<double, 3>;
+using Vector3 = std::array<double, 3>;
 
-inline Vector vector(const double v[3]) { return {v[0], v[1], v[2]}; }
+inline Vector3 vector(const double v[3]) { return {v[0], v[1], v[2]}; }
 
 template <class T, int rank> using Owned = nb::ndarray<nb::numpy, T, nb::ndim<rank>, nb::c_contig>;
 

@@ -77,8 +77,8 @@ void bind_status(nb::module_& m) {
         .def_prop_ro("hand", [](const DevicePose& p) { return vector(p.hand); });
 }
 
-void answer(Servo& servo, bool touching, const Vector& at, const Vector& force, const Matrix& stiffness,
-            const Vector& normal, int64_t serial) {
+void answer(Servo& servo, bool touching, const Vector3& at, const Vector3& force, const Matrix& stiffness,
+            const Vector3& normal, int64_t serial) {
     LocalContactModel& local = servo.answers.write_slot();
     local.serial = serial;
     local.touching = touching;
@@ -94,9 +94,9 @@ void bind_servo(nb::module_& m) {
         .def(nb::init<const ServoSettings&>(), "settings"_a)
         .def(
             "tick",
-            [](Servo& servo, const Vector& position, uint8_t buttons, int64_t now) {
+            [](Servo& servo, const Vector3& position, uint8_t buttons, int64_t now) {
                 expect(within<int64_t>(now, 0, int64_t(1) << 62), "now_ns: 0 to 2^62");
-                Vector force;
+                Vector3 force;
                 servo.tick(position.data(), buttons, now, force.data());
                 return force;
             },
@@ -116,7 +116,7 @@ void bind_servo(nb::module_& m) {
     nb::class_<VirtualWall>(m, "VirtualWall", "A stand-in for the solver: a flat wall. For tests of devices.")
         .def(
             "__init__",
-            [](VirtualWall* self, Servo& servo, double stiffness, const Vector& point, const Vector& normal,
+            [](VirtualWall* self, Servo& servo, double stiffness, const Vector3& point, const Vector3& normal,
                double reported, int delay) {
                 expect(within(delay, 0, 1'000'000), "delay: 0 to 1000000");
                 new (self) VirtualWall(servo, stiffness, point.data(), normal.data(), reported, delay);

@@ -125,8 +125,8 @@ Owned<double, 3> step(Driven& driven, Device& device, int64_t ticks) {
 }
 
 std::vector<int> contacts(const Frame& f) { return {f.contact, f.contact + most_tools}; }
-std::vector<Vector> vectors(const double* v) { // of each tool
-    std::vector<Vector> out;
+std::vector<Vector3> vectors(const double* v) { // of each tool
+    std::vector<Vector3> out;
     for (int t = 0; t < most_tools; t++) out.push_back(vector(v + 3 * t));
     return out;
 }
@@ -148,7 +148,7 @@ void bind_devices(nb::module_& m) {
         .def(nb::init<>())
         .def(
             "send",
-            [](Pointer& pointer, int tool, int number, Vector point, Vector displacement, int64_t serial) {
+            [](Pointer& pointer, int tool, int number, Vector3 point, Vector3 displacement, int64_t serial) {
                 if (tool < 0 || tool >= most_tools) throw std::invalid_argument("tool: 0 to 3");
                 Command command{kind(number), {point[0], point[1], point[2]}, {}};
                 for (int k = 0; k < 3; k++) command.displacement[k] = displacement[k];
