@@ -15,7 +15,7 @@ pytestmark = pytest.mark.browser
 
 @pytest.fixture(params=[LAPTOP], ids=["laptop"])
 def touched(browser, request):
-    session = pp.Session(pp.model(organ(11), "blocks"), radius=10.0, sweeps=8)
+    session = pp.Session(pp.model(organ(11), "blocks"), radius=10.0, sweeps=2)
     view = request.param
     context = browser.new_context(viewport=view, has_touch=view is PHONE, color_scheme="light")
     with serving(session, loopback_socket(None), title="Test organ") as address:
@@ -122,16 +122,16 @@ def test_dragging_beside_the_organ_turns_the_view_and_touches_nothing(touched):
 
 
 def test_session_felt_in_the_page_replays_to_the_bit(touched, album, tmp_path):
-    touched.drag(touched.place(), np.array((70, 20)), steps=30)
+    touched.drag(touched.place(), np.array((70, 20)))
     touched.page.mouse.up()
     touched.page.click("text=Pull")
-    touched.drag(touched.place(0.45), np.array((30, -30)), steps=15)
+    touched.drag(touched.place(0.45), np.array((30, -30)))
     session = touched.session
     session.stop()
     pp.write_record(tmp_path / "session.h5", session.record())
     record = pp.read_record(tmp_path / "session.h5")
     assert (record.kinds == 1).sum() > 10
-    again = pp.Session(session.model, radius=10.0, sweeps=8)
+    again = pp.Session(session.model, radius=10.0, sweeps=2)
     assert again.replay(record) is None
     assert again.displacement.tobytes() == session.displacement.tobytes()
     assert np.abs(session.displacement).max() > 0.1
@@ -141,7 +141,7 @@ def test_a_record_is_shown_and_obeys_no_hand(browser):
     model, point = pp.model(organ(), "blocks"), (0.0, 0.0, 25.0)
     session = pp.Session(model, radius=10.0, sweeps=4)
     both = [pp.Command(True, point, (0, 0, -5)), None, None, pp.Command(True, (25, 0, 18), (-8, 0, -8), "needle")]
-    session.step([None] * 500 + [both] * 20_000)
+    session.step([None] * 500 + [both] * 8_000)
     with serving(pp.Session(model, radius=10.0, sweeps=4), loopback_socket(None), replay=session.record()) as address:
         context = browser.new_context(viewport=LAPTOP)
         touched = Touched(session, context.new_page())
@@ -206,7 +206,7 @@ def test_the_token_is_not_left_in_the_address_and_the_page_can_be_loaded_again(b
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_fits_a_phone_and_obeys_a_finger(browser, album, scheme):
-    session = pp.Session(pp.model(organ(11), "blocks"), radius=10.0, sweeps=8)
+    session = pp.Session(pp.model(organ(11), "blocks"), radius=10.0, sweeps=2)
     context = browser.new_context(viewport=PHONE, has_touch=True, is_mobile=True, color_scheme=scheme)
     with serving(session, loopback_socket(None), title="Test organ") as address:
         touched = Touched(session, context.new_page())

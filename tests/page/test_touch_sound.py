@@ -23,7 +23,7 @@ RUMBLES = """(() => {
 
 @pytest.fixture(scope="module")
 def touched(browser):
-    session = pp.Session(pp.model(organ(9), "blocks"), radius=10.0, sweeps=8)
+    session = pp.Session(pp.model(organ(9), "blocks"), radius=10.0, sweeps=2)
     context = browser.new_context(viewport=LAPTOP)
     with serving(session, loopback_socket(None), title="Test organ") as address:
         mine = Touched(session, context.new_page())

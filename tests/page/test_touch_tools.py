@@ -46,7 +46,7 @@ def opened_page(browser, organs, ct):
     closing = []
 
     def start(viewport=LAPTOP, script="", **options):
-        session = pp.Session(pp.model(organs["coarse"], "blocks"), radius=8.0, sweeps=8)
+        session = pp.Session(pp.model(organs["coarse"], "blocks"), radius=8.0, sweeps=2)
         live = LiveSession(
             session, Pointer(), "Test organ", organs, image_payloads([ct], ["CT"]), "Find the lump.", WHY
         )

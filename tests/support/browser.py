@@ -17,6 +17,7 @@ ARGUMENTS = [
     "--disable-sync",
     "--disable-default-apps",
 ]
+PATIENCE = 90  # s: on a busy machine without a graphics card a picture takes seconds
 LAPTOP, PHONE = {"width": 1280, "height": 800}, {"width": 390, "height": 844}
 
 
@@ -43,6 +44,7 @@ class Seen:
 
     def __init__(self, page):
         self.page = page
+        self.page.set_default_timeout(1000 * PATIENCE)
         self.problems = []
         page.on("pageerror", lambda error: self.problems.append(str(error)))
         page.on("console", lambda line: line.type == "error" and self.problems.append(line.text))
@@ -50,7 +52,7 @@ class Seen:
     def see(self, expression):
         return self.page.evaluate(expression)
 
-    def wait(self, expression, seconds=20, told="null"):
+    def wait(self, expression, seconds=PATIENCE, told="null"):
         """Until the page finds `expression` true; `told`: what a failure shows of the page."""
         for _ in range(seconds * 20):
             if self.see(expression):

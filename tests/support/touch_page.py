@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from support.browser import Seen
+from support.browser import PATIENCE, Seen
 
 RECORD_HINTS = """(() => {
     window.hints = [];
@@ -20,7 +20,7 @@ class Touched(Seen):
         super().__init__(page)
         self.session = session
 
-    def wait(self, expression, seconds=20):
+    def wait(self, expression, seconds=PATIENCE):
         super().wait(expression, seconds, told="palpate.frame")
 
     def open(self, address):
