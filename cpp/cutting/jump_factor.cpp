@@ -59,7 +59,7 @@ bool JumpFactor::append(const double* rows, int count, double s, double least) {
 bool JumpFactor::append_three(const double* rows, int count, int stride, double s, double least) {
     const int n = size();
     std::vector<double> y(size_t(together) * n);
-    for (int c = 0; c < count; c++) std::copy_n(rows + size_t(c) * stride, n, &y[size_t(c) * n]);
+    for (int c = 0; c < count; c++) std::copy_n(rows + size_t(c) * stride, n, y.data() + size_t(c) * n);
     for (int i = 0; i < n; i++) { // L (S l) = m
         double sum[together];
         const double* l = row(i);

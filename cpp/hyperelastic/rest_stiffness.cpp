@@ -52,12 +52,15 @@ void RestStiffness::solve_three(const double* load, double* out) {
 }
 
 void RestStiffness::solve_patch(const ContactPatch& patch, double* out) {
+    int count = 0;
     for (int i = 0; i < patch.count; i++) {
-        loaded[i] = free_index[patch.node[i]];
-        std::fill_n(&load[24 * i], 24, 0.0f);
-        for (int c = 0; c < 3; c++) load[24 * i + 8 * c + c] = float(patch.weight[i]);
+        if (free_index[patch.node[i]] < 0) continue; // the support bears what is on a fixed node
+        loaded[count] = free_index[patch.node[i]];
+        std::fill_n(&load[24 * count], 24, 0.0f);
+        for (int c = 0; c < 3; c++) load[24 * count + 8 * c + c] = float(patch.weight[i]);
+        count++;
     }
-    partial.solve(loaded.data(), patch.count, load.data(), rows.data(), int(rows.size()), solution.data(), 3);
+    partial.solve(loaded.data(), count, load.data(), rows.data(), int(rows.size()), solution.data(), 3);
     std::fill_n(out, 9 * size_t(nodes), 0.0);
     for (size_t k = 0; k < free_nodes.size(); k++)
         for (int axis = 0; axis < 3; axis++)

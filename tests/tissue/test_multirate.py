@@ -117,6 +117,16 @@ def test_a_solution_from_the_one_before_is_the_one_from_rest():
     np.testing.assert_allclose(force, again, rtol=0.01, atol=0.01 * np.abs(again).max())
 
 
+def test_the_support_bears_what_a_patch_puts_on_a_fixed_node():
+    """A patch of a free node and of a fixed one moves the free one twice as far, with half the force on it."""
+    free, fixed = int(np.argmin(np.linalg.norm(TISSUE.mesh.nodes - TOP, axis=1))), int(TISSUE.fixed[0])
+    both = _core.tissue.ContactPatch(np.array([free, fixed], np.int32), np.array([0.5, 0.5]))
+    alone = _core.tissue.ContactPatch(np.array([free], np.int32), np.array([1.0]))
+    far = solver().solve([both], np.array([[0.0, 0.0, -0.5]]), True)[2]
+    near = solver().solve([alone], np.array([[0.0, 0.0, -1.0]]), True)[2]
+    np.testing.assert_allclose(far, 2 * near, rtol=0.03, atol=0.03 * np.abs(near).max())
+
+
 def pressed(depth, ticks, hold=0, back=True):
     """Commands that press at a steady speed, hold, and come back."""
     way = np.concatenate(
