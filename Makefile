@@ -9,7 +9,7 @@ export PIP_NO_INPUT := 1
 export PYTHONNOUSERSITE := 1
 unexport PYTHONPATH
 
-.PHONY: help demo test test-cpp cross test-aarch64 manylinux mutate mutants fuzz fuzz-core cuts interrupt lint docs docs-figures bench wheel tools clean
+.PHONY: help demo test test-cpp cross test-aarch64 manylinux wasm mutate mutants fuzz fuzz-core cuts interrupt lint docs docs-figures bench wheel tools clean
 help:
 	@echo "make demo    set up, then X-ray counts to an organ in the browser"
 	@echo "make test    set up, then the tests against the built wheel"
@@ -18,6 +18,7 @@ help:
 	@echo "make test-aarch64  the kernels' own tests on an emulated aarch64 (needs cmake, doctest-dev,"
 	@echo "             g++-aarch64-linux-gnu, qemu-user-static)"
 	@echo "make manylinux  a wheel for Linux with glibc 2.28 or newer, compiled by zig, in build/manylinux/"
+	@echo "make wasm    the engine of an exported page, compiled by zig into src/palpate/export/ (CHECK=--check: is it the committed one?)"
 	@echo "make mutate  set up, then 1,300 files that lie, each to be refused in one line (HOSTILE=\"20 --seed 2\"), and 5,000"
 	@echo "             damaged ones, none of which may crash a reader (MUTANTS=\"9000 --seed 2\")"
 	@echo "make mutants  faults put into a copy of the last commit, which tests must notice (SEED=1 N=100)"
@@ -58,6 +59,9 @@ test-aarch64:
 
 manylinux: $(VENV)/crossed-with $(VENV)/tested-with
 	PYTHON=$(abspath $(BIN)/python) ZIG_TARGET=x86_64-linux-gnu.2.28 LEVELS="$(LEVELS)" .ci/manylinux
+
+wasm: $(VENV)/crossed-with
+	$(BIN)/python .ci/wasm $(CHECK)
 
 mutate: $(VENV)/tested-with
 	$(BIN)/python tests/fuzz/hostile_files.py $(HOSTILE)

@@ -10,8 +10,13 @@ namespace {
 using clock = std::chrono::steady_clock;
 constexpr auto display_period = std::chrono::milliseconds(33);
 constexpr auto idle_wait = std::chrono::microseconds(200);
-constexpr int horizon = 200;          // ticks that the path is predicted for
-constexpr double slow_speed = 0.01;   // mm per tick: below it columns are computed
+constexpr int horizon = 200;        // ticks that the path is predicted for
+constexpr double slow_speed = 0.01; // mm per tick: below it columns are computed
+#ifdef __wasm__
+constexpr int batch = 2; // vertices at a time: ticks wait for it
+#else
+constexpr int batch = GreensFunctions::batch;
+#endif
 constexpr double reach_margin = 1.25; // reach of the blocks over the patch's width, which varies over the surface
 
 } // namespace
@@ -25,7 +30,7 @@ PrecomputeThread::PrecomputeThread(const FactoredStiffness& stiffness, GreensFun
 
 PrecomputeThread::~PrecomputeThread() {
     stopping = true;
-    thread.join();
+    if (thread.joinable()) thread.join();
 }
 
 void ContactSnapshot::copy(const ContactSnapshot& other) {
@@ -39,21 +44,22 @@ void ContactSnapshot::copy(const ContactSnapshot& other) {
 
 void PrecomputeThread::run() {
     lower_thread_priority(); // below the loop's
-    auto next_field = clock::now();
-    while (!stopping.load(std::memory_order_relaxed)) {
-        read_snapshot();
-        if (clock::now() >= next_field && snapshot.serial != field_serial) {
-            publish_field();
-            next_field = clock::now() + display_period;
-        }
-        if (snapshot.count > 0) {
-            predict_path();
-            if (compute_wanted_blocks()) continue;
-            if (length(velocity) < slow_speed && compute_columns()) continue;
-        }
-        if (reach > 0 && compute_nearest_blocks()) continue;
-        std::this_thread::sleep_for(idle_wait);
+    while (!stopping.load(std::memory_order_relaxed))
+        if (!work()) std::this_thread::sleep_for(idle_wait);
+}
+
+bool PrecomputeThread::work() {
+    read_snapshot();
+    if (clock::now() >= next_field && snapshot.serial != field_serial) {
+        publish_field();
+        next_field = clock::now() + display_period;
     }
+    if (snapshot.count > 0) {
+        predict_path();
+        if (compute_wanted_blocks()) return true;
+        if (length(velocity) < slow_speed && compute_columns()) return true;
+    }
+    return reach > 0 && compute_nearest_blocks();
 }
 
 // Takes the newest snapshot: the patch's centre, width and velocity.
@@ -109,11 +115,11 @@ void PrecomputeThread::predict_path() {
 bool PrecomputeThread::compute_wanted_blocks() {
     wanted.assign(snapshot.vertex, snapshot.vertex + snapshot.loads);
     wanted.insert(wanted.end(), predicted.begin(), predicted.end());
-    int missing[GreensFunctions::batch], count = 0;
+    int missing[batch], count = 0;
     for (int v : wanted) {
         if (greens.has_blocks(v, needed_reach) || std::find(missing, missing + count, v) < missing + count) continue;
         missing[count++] = v;
-        if (count == GreensFunctions::batch) break;
+        if (count == batch) break;
     }
     if (count == 0) return false;
     greens.mark_used(wanted.data(), int(wanted.size()));
@@ -141,9 +147,9 @@ bool PrecomputeThread::compute_nearest_blocks() {
     }
     all_computed = candidates.empty();
     if (all_computed) return false;
-    const int count = int(std::min<size_t>(GreensFunctions::batch, candidates.size()));
+    const int count = int(std::min<size_t>(batch, candidates.size()));
     std::partial_sort(candidates.begin(), candidates.begin() + count, candidates.end());
-    int missing[GreensFunctions::batch];
+    int missing[batch];
     for (int k = 0; k < count; k++) missing[k] = candidates[k].second;
     greens.compute_blocks(missing, count, reach);
     return true;

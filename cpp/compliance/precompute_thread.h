@@ -5,6 +5,7 @@
 #include "compliance/vibration_modes.h"
 #include "realtime/triple_buffer.h"
 #include "tissue/contact_patch.h"
+#include <chrono>
 #include <thread>
 
 namespace palpate {
@@ -30,6 +31,9 @@ public:
     PrecomputeThread(const FactoredStiffness& stiffness, GreensFunctions& greens, const VibrationModes& modes,
                      TripleBuffer<ContactSnapshot>& snapshots);
     ~PrecomputeThread();
+    // The next piece of work, of some ms. False: there was none. The thread calls it; where there are no threads
+    // (wasm/), who runs the ticks does, between them.
+    bool work();
     const float* newest_field() { return fields.latest().data(); } // (vertices, 3) mm; for one thread
 
 private:
@@ -46,6 +50,7 @@ private:
     bool all_computed = false;                             // every vertex has its blocks
     std::vector<int> predicted, wanted;
     std::vector<std::pair<double, int>> candidates; // cost, vertex
+    std::chrono::steady_clock::time_point next_field = std::chrono::steady_clock::now();
     std::atomic<bool> stopping{false};
     std::thread thread;
     void run();

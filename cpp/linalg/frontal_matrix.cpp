@@ -14,6 +14,21 @@ constexpr int together = 3; // panels that share what is read of another
 
 // c -= A B' for a tile of 8 rows and 4 columns; a, b: 8 numbers a column of A and B, of which b's first four count.
 // Numerical kernel.
+#ifdef __wasm__ // whose engines have registers for a half of it
+PALPATE_INLINE void subtract_half(const double* a, const double* b, int64_t depth, double* c) {
+    f64x4 c0, c1, c2, c3, x;
+    load(c0, c), load(c1, c + 8), load(c2, c + 16), load(c3, c + 24);
+    for (int64_t k = 0; k < depth; k++, a += width, b += width) {
+        load(x, a);
+        c0 -= x * b[0], c1 -= x * b[1], c2 -= x * b[2], c3 -= x * b[3];
+    }
+    store(c, c0), store(c + 8, c1), store(c + 16, c2), store(c + 24, c3);
+}
+PALPATE_INLINE void subtract_product(const double* a, const double* b, int64_t depth, double* c) {
+    subtract_half(a, b, depth, c);
+    subtract_half(a + 4, b, depth, c + 4);
+}
+#else
 PALPATE_INLINE void subtract_product(const double* a, const double* b, int64_t depth, double* c) {
     f64x4 c00, c01, c10, c11, c20, c21, c30, c31;
     load(c00, c), load(c01, c + 4), load(c10, c + 8), load(c11, c + 12);
@@ -28,6 +43,7 @@ PALPATE_INLINE void subtract_product(const double* a, const double* b, int64_t d
     store(c, c00), store(c + 4, c01), store(c + 8, c10), store(c + 12, c11);
     store(c + 16, c20), store(c + 20, c21), store(c + 24, c30), store(c + 28, c31);
 }
+#endif
 
 // c = c L^-T for a tile c and the factored diagonal tile L.
 PALPATE_INLINE void solve_tile(const double* L, const double* reciprocal, double* c) {

@@ -1,6 +1,7 @@
 """The public names of palpate; lazy_loader imports each from its module when it is first used."""
 
 from .demos.registry import run_demo as run_demo
+from .export.organ_page import export as export
 from .haptics.discovery import find_devices as find_devices
 from .haptics.force_dimension import ForceDimension as ForceDimension
 from .haptics.haply import Haply as Haply

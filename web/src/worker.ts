@@ -1,5 +1,8 @@
-// The worker of the page: it owns the WebSocket, keeps only the newest frame, and decodes it when the page asks for one.
+// The worker of the page: it owns the WebSocket or, in an exported file, the session; keeps only the newest frame, and
+// decodes it when the page asks for one.
 import { ColorMap, FIRST_ENDS } from "./organ/color-map";
+import { LocalSession } from "./engine/local-session";
+import { TouchEngine } from "./engine/touch-engine";
 import { normalize, normals, packNormals, uniqueEdges } from "./organ/mesh-geometry";
 import { buffersOf, type ColorMode, type FromWorker, type NodeArrays, type Organ, type Scale, type ToWorker } from "./protocol/worker-messages";
 import {
@@ -19,6 +22,7 @@ let organ: Organ | null = null;
 let colorMap: ColorMap | null = null;
 let normalSums: Float32Array<ArrayBuffer>;
 let socket: WebSocket | null = null;
+let local: LocalSession | null = null; // in place of the socket
 let newest: ArrayBuffer | null = null; // frame that was not sent to the page yet
 let last: ArrayBuffer | null = null; // frame that was sent last
 let lastAtRest = false; // and whether it shows the organ at rest
@@ -34,7 +38,11 @@ const pool: NodeArrays[] = []; // arrays that the page has returned
 async function load(address: string): Promise<void> {
   const answer = await fetch(address);
   if (!answer.ok) throw new Error(answer.status === 403 ? "refused" : `the server answers ${answer.status}`);
-  const data = await answer.arrayBuffer();
+  show(await answer.arrayBuffer());
+}
+
+/** Shows an organ, from a `Scene` message. */
+function show(data: ArrayBuffer): void {
   const header = new DataView(data).getUint32(0, true);
   const scene = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, header))) as Scene;
   const rest = new Float32Array(data.slice(4 + header, 4 + header + 12 * scene.nodes));
@@ -65,19 +73,39 @@ function connect(address: string): void {
   socket.onmessage = (event: MessageEvent<ArrayBuffer | string>) => {
     if (typeof event.data === "string") return page.postMessage({ kind: "notice", text: event.data });
     if (new DataView(event.data).getUint8(0) === DIFFERENCE_KIND) return takeDifference(event.data);
-    newest = event.data;
-    if (waiting || supersedes(event.data)) sendFrame();
+    takeFrame(event.data);
   };
+}
+
+function takeFrame(data: ArrayBuffer): void {
+  newest = data;
+  if (waiting || supersedes(data)) sendFrame();
+}
+
+/** Starts a session of an exported organ: two parts, the scene and the solid, each after its length. */
+async function openFile(data: ArrayBuffer, module: ArrayBuffer): Promise<void> {
+  const length = new DataView(data).getUint32(0, true);
+  const engine = await TouchEngine.load(module);
+  show(data.slice(4, 4 + length));
+  engine.make(new Uint8Array(data, 8 + length));
+  local = new LocalSession(engine, takeFrame);
+  local.start();
+  page.postMessage({ kind: "status", good: true, text: "" });
 }
 
 /** Does the frame obey a newer command than the one that the page has not drawn yet? Then it is sent at once, if decoding
  * it takes little time. */
 const supersedes = (data: ArrayBuffer): boolean => decodeTime < FAST_DECODE && decodeFrame(new DataView(data)).serial > lastSerial;
 
+function send(message: ArrayBuffer): void {
+  if (local) local.send(message);
+  else if (socket?.readyState === WebSocket.OPEN) socket.send(message);
+}
+
 /** Asks the server to compare with finite elements, or to stop. */
 function requestComparison(on: boolean): void {
   if (colorMap) colorMap.error = null;
-  if (socket?.readyState === WebSocket.OPEN) socket.send(encodeCompare({ on: Number(on) }));
+  send(encodeCompare({ on: Number(on) }));
 }
 
 /** Takes the newest difference: the next frame is colored by it. */
@@ -183,8 +211,9 @@ page.onmessage = ({ data }) => {
   else if (data.kind === "ends") {
     ends[data.mode] = data.ends;
     colorAgain();
-  } else if (socket?.readyState !== WebSocket.OPEN) return;
-  else if (data.kind === "command") socket.send(encodeToolCommand(data.command));
-  else if (data.kind === "select") socket.send(encodeSelection(data.selection));
-  else socket.send(encodeMark(data.mark));
+  } else if (data.kind === "open-file") {
+    openFile(data.organ, data.engine).catch((problem: unknown) => page.postMessage({ kind: "status", good: false, text: String(problem) }));
+  } else if (data.kind === "command") send(encodeToolCommand(data.command));
+  else if (data.kind === "select") send(encodeSelection(data.selection));
+  else send(encodeMark(data.mark));
 };

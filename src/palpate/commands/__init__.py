@@ -26,6 +26,7 @@ COMMANDS = (
     "cut",
     "indent",
     "touch",
+    "export",
     "score",
     "sessions",
     "demo",

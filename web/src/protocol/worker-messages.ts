@@ -37,9 +37,10 @@ export type FromWorker =
   | { kind: "notice"; text: string }
   | { kind: "status"; good: boolean; text: string };
 
-/** ends: of the scale of a mode, from now on. next: asks for the next frame; pressing: whether the first tool measures stiffness. return: arrays to use again. */
+/** open-file: an exported organ and its engine, instead of a server. ends: of the scale of a mode, from now on. next: asks for the next frame; pressing: whether the first tool measures stiffness. return: arrays to use again. */
 export type ToWorker =
   | { kind: "open"; scene: string; socket: string }
+  | { kind: "open-file"; organ: ArrayBuffer; engine: ArrayBuffer }
   | { kind: "command"; command: ToolCommand }
   | { kind: "select"; selection: Selection }
   | { kind: "mark"; mark: Mark }

@@ -2,6 +2,7 @@
 import { buffersOf, type ColorMode, type FromWorker, type NodeArrays, type ToWorker } from "../protocol/worker-messages";
 import { ContactState, MarkKind, SelectionKind, type Frame, type Scene } from "../protocol/server-messages";
 import { takeToken } from "../protocol/access-token";
+import { embeddedFile, isExported, workerAddress } from "../protocol/embedded-file";
 import { NEEDLE } from "../rendering/tool-meshes";
 import { OrganView } from "../rendering/organ-view";
 import { CommandQueue } from "../tools/command-queue";
@@ -20,9 +21,9 @@ import { AudioFeedback, SOUND_MODES, type SoundMode } from "../sound/audio-feedb
 import { SideSlices } from "./side-slices";
 import { exposeTestHooks } from "./test-hooks";
 
-const worker = new Worker("static/worker.js", { type: "module" });
+const worker = new Worker(workerAddress(), isExported ? {} : { type: "module" });
 const post = (message: ToWorker, transfer: Transferable[] = []) => worker.postMessage(message, transfer);
-const token = takeToken();
+const token = isExported ? "" : takeToken();
 
 const canvas = element<HTMLCanvasElement>("view");
 const view = new OrganView(canvas);
@@ -248,7 +249,15 @@ const testHooks = exposeTestHooks({
   scene: () => scene,
 });
 void WebXRInput.isSupported().then((supported) => (element("headset").hidden = !supported));
-const secure = location.protocol === "https:" ? "wss" : "ws";
-post({ kind: "open", scene: `${location.origin}/scene?${token}`, socket: `${secure}://${location.host}/socket?${token}` });
+if (isExported) {
+  write("status", "Preparing the organ…");
+  // Comparing with finite elements takes a solver that the file does not have.
+  document.querySelector('#color-mode [data-value="error"], #color-mode [value="error"]')?.remove();
+  COLOR_MODES.splice(COLOR_MODES.indexOf("error"), 1);
+  void embeddedFile().then(({ organ, engine }) => post({ kind: "open-file", organ, engine }, [organ, engine]));
+} else {
+  const secure = location.protocol === "https:" ? "wss" : "ws";
+  post({ kind: "open", scene: `${location.origin}/scene?${token}`, socket: `${secure}://${location.host}/socket?${token}` });
+}
 updateHint();
 view.renderer.setAnimationLoop(renderLoop);

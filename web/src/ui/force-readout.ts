@@ -1,4 +1,5 @@
 // The measurements: force, depth and stiffness of the active tool as numbers and over time, and the timing of loop and page.
+import { isExported } from "../protocol/embedded-file";
 import type { CommandQueue } from "../tools/command-queue";
 import { length, toolVector } from "../organ/mesh-geometry";
 import { TOOL_NUMBERS, type ToolKind } from "../tools/tool-controller";
@@ -80,7 +81,7 @@ export class ForceReadout {
       this.updateNumbers(here, kind);
       write("mesh-error", here ? meshError(here.force, frame.mesh_error) : "–");
       const finiteStrain = scene.models[frame.model] === "neo-hookean";
-      element("linearity-row").hidden = element("mesh-error-row").hidden = finiteStrain;
+      element("linearity-row").hidden = element("mesh-error-row").hidden = finiteStrain || isExported;
       element("solution-row").hidden = !finiteStrain;
       write("solution", solution(frame));
       if (finiteStrain) element("hand-over").hidden = true;
@@ -127,7 +128,7 @@ export class ForceReadout {
     if (newest && before && newest.seconds > before.seconds)
       write("tick-rate", `${((newest.tick - before.tick) / (newest.seconds - before.seconds)).toFixed(0)} /s`);
     if (newest) {
-      write("late", `${newest.late.toLocaleString("en", { notation: "compact" })} (${((100 * newest.late) / Math.max(1, newest.tick)).toFixed(1)} %)`);
+      write("late", newest.late ? `${((100 * newest.late) / Math.max(1, newest.tick)).toFixed(1)} %` : "0");
       write("tick-time", `${(1e3 * newest.busy).toFixed(2)} ms`);
       write("energy", `${newest.energy.toFixed(2).replace(/^-(0\.00)$/, "$1").replace("-", "−")} mJ`);
     }

@@ -1,0 +1,33 @@
+"""`palpate export`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+import palpate as pp
+
+
+def add(app: typer.Typer) -> None:
+    """Adds the command to `app`."""
+    app.command("export", short_help="Writes an organ as one page, to touch anywhere.")(export_command)
+
+
+def export_command(
+    tissue: Annotated[
+        Path, typer.Argument(help="What `palpate fit` or `palpate demo` wrote: .vtu.", show_default=False)
+    ],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Page to write: .html.", show_default=False)],
+    title: Annotated[str | None, typer.Option(help="Name that the page shows. Default: organ.")] = None,
+    radius: Annotated[float | None, typer.Option(help="Of the contact, mm. Default: two edge lengths.")] = None,
+) -> None:
+    """Example: [bold]palpate export tissue.vtu -o organ.html --title Kidney[/bold]
+
+    Writes an organ as one page, to touch anywhere.
+
+    The page holds the organ and the engine of the real-time loop. It works
+    from a disk or any web host, without a server and offline. It names no
+    patient and no file: the title is what you give.
+    """
+    written = pp.export(pp.read_tissue(tissue), output, title=title, radius=radius)
+    typer.echo(f"{written}: {written.stat().st_size / 1e6:.1f} MB; open it in a browser")

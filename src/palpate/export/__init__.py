@@ -1,0 +1,1 @@
+"""An organ in one file: the page, the engine as WebAssembly, and the tissue."""

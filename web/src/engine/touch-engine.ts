@@ -1,0 +1,140 @@
+// The engine of the real-time loop as WebAssembly (cpp/wasm/engine.cpp): one organ, one thread, ticks in lockstep.
+const TOOLS = 4;
+const FRAME_NUMBERS = 4 + TOOLS + 3 * 3 * TOOLS + TOOLS;
+const MOST_TICKS = 64; // in one call
+
+interface Exports {
+  memory: WebAssembly.Memory;
+  _initialize(): void;
+  allocate(bytes: number): number;
+  release(at: number): void;
+  make(
+    nodes: number, node: number, tets: number, tet: number, region: number, lam: number, mu: number, fixed: number,
+    triangles: number, triangle: number, shownNodes: number, shown: number, radius: number, limit: number, friction: number,
+  ): number;
+  command(tool: number, kind: number, x: number, y: number, z: number, u: number, v: number, w: number, serial: number): void;
+  step(ticks: number, forces: number): void;
+  follow_clock(on: number): void;
+  prepare(): number;
+  frame(out: number): number;
+  digest_high(): number;
+  digest_low(): number;
+}
+
+/** The numbers of an organ, and the settings of its session: mm and N. Its arrays follow in the file (`arrays`). */
+interface Header {
+  nodes: number;
+  tets: number;
+  triangles: number;
+  shown: number;
+  radius: number;
+  limit: number;
+  friction: number;
+}
+
+/** The state after a tick: lengths in mm, force in N of the tissue on the tool, tool after tool. */
+export interface EngineFrame {
+  tick: number;
+  faults: number;
+  serial: number;
+  energy: number; // N mm
+  contact: number[];
+  point: number[];
+  displacement: number[];
+  force: number[];
+  insertion: number[];
+  shown: Float32Array; // (shown nodes, 3) mm; valid until the next call
+}
+
+/** Bytes of each array of an organ's file, in their order. */
+const arrays = ({ nodes, tets, triangles, shown }: Header) => ({
+  node: 24 * nodes, lam: 8 * tets, mu: 8 * tets, tet: 16 * tets, region: 4 * tets, triangle: 12 * triangles, shown: 4 * shown, fixed: nodes,
+});
+
+export class TouchEngine {
+  private readonly engine: Exports;
+  private readonly forces: number;
+  private readonly numbers: number;
+  private shownNodes = 0;
+
+  private constructor(engine: Exports) {
+    this.engine = engine;
+    this.forces = engine.allocate(8 * 3 * TOOLS * MOST_TICKS);
+    this.numbers = engine.allocate(8 * FRAME_NUMBERS);
+  }
+
+  /** Compiles the module. Of what WASI offers it uses the clock alone. */
+  static async load(module: BufferSource): Promise<TouchEngine> {
+    const compiled = await WebAssembly.compile(module);
+    const system: Record<string, (...given: number[]) => number> = {};
+    for (const { name } of WebAssembly.Module.imports(compiled)) system[name] = () => 0;
+    system.clock_time_get = (_clock, _precision, at) => {
+      new DataView(engine.memory.buffer).setBigUint64(at, BigInt(Math.round(1e6 * performance.now())), true); // ns
+      return 0;
+    };
+    const { exports } = await WebAssembly.instantiate(compiled, { wasi_snapshot_preview1: system });
+    const engine = exports as unknown as Exports;
+    engine._initialize();
+    return new TouchEngine(engine);
+  }
+
+  /** Makes the organ of a file's bytes: assembles its stiffness and factors it. */
+  make(file: Uint8Array): void {
+    const length = new DataView(file.buffer, file.byteOffset).getUint32(0, true);
+    const header = JSON.parse(new TextDecoder().decode(file.subarray(4, 4 + length))) as Header;
+    const at: Record<string, number> = {};
+    let from = 4 + length;
+    for (const [name, bytes] of Object.entries(arrays(header))) {
+      if (from + bytes > file.length) throw new Error(`the organ's file ends within ${name}`);
+      at[name] = this.engine.allocate(bytes);
+      new Uint8Array(this.engine.memory.buffer, at[name], bytes).set(file.subarray(from, from + bytes));
+      from += bytes;
+    }
+    const { nodes, tets, triangles, shown, radius, limit, friction } = header;
+    const failed = this.engine.make(
+      nodes, at.node, tets, at.tet, at.region, at.lam, at.mu, at.fixed, triangles, at.triangle, shown, at.shown, radius, limit, friction,
+    );
+    for (const address of Object.values(at)) this.engine.release(address);
+    if (failed) throw new Error("the organ's stiffness is not positive definite");
+    this.shownNodes = shown;
+  }
+
+  /** Commands a tool, as a `ToolCommand` does. */
+  command(tool: number, kind: number, [x, y, z]: readonly number[], [u, v, w]: readonly number[], serial: number): void {
+    this.engine.command(tool, kind, x, y, z, u, v, w, serial);
+  }
+
+  /** Runs ticks and returns the forces after each, (ticks, tools, 3) N; valid until the next call. */
+  step(ticks: number): Float64Array {
+    if (!(ticks <= MOST_TICKS)) throw new Error(`step: at most ${MOST_TICKS} ticks`);
+    this.engine.step(ticks, this.forces);
+    return new Float64Array(this.engine.memory.buffer, this.forces, 3 * TOOLS * ticks);
+  }
+
+  /** Off: a tick makes the tables that it lacks, so that the forces depend on the commands alone; until then they follow late. */
+  followClock(on: boolean): void {
+    this.engine.follow_clock(Number(on));
+  }
+
+  /** Makes tables that the next ticks will need, for some ms. False: there was nothing to make. */
+  prepare(): boolean {
+    return this.engine.prepare() !== 0;
+  }
+
+  frame(): EngineFrame {
+    const shown = this.engine.frame(this.numbers);
+    const numbers = [...new Float64Array(this.engine.memory.buffer, this.numbers, FRAME_NUMBERS)];
+    const take = (count: number) => numbers.splice(0, count);
+    const [tick, faults, serial, energy] = take(4);
+    return {
+      tick, faults, serial, energy,
+      contact: take(TOOLS), point: take(3 * TOOLS), displacement: take(3 * TOOLS), force: take(3 * TOOLS), insertion: take(TOOLS),
+      shown: new Float32Array(this.engine.memory.buffer, shown, 3 * this.shownNodes),
+    };
+  }
+
+  /** Of state and forces, to compare replays: 16 hexadecimal digits. */
+  digest(): string {
+    return [this.engine.digest_high(), this.engine.digest_low()].map((half) => half.toString(16).padStart(8, "0")).join("");
+  }
+}
