@@ -18,7 +18,7 @@ help:
 	@echo "make test-aarch64  the kernels' own tests on an emulated aarch64 (needs cmake, doctest-dev,"
 	@echo "             g++-aarch64-linux-gnu, qemu-user-static)"
 	@echo "make manylinux  a wheel for Linux with glibc 2.28 or newer, compiled by zig, in build/manylinux/"
-	@echo "make wasm    the engine of an exported page, compiled by zig into src/palpate/export/ (CHECK=--check: is it the committed one?)"
+	@echo "make wasm    the engine of an exported page, compiled by zig into src/palpate/standalone/ (CHECK=--check: is it the committed one?)"
 	@echo "make mutate  set up, then 1,300 files that lie, each to be refused in one line (HOSTILE=\"20 --seed 2\"), and 5,000"
 	@echo "             damaged ones, none of which may crash a reader (MUTANTS=\"9000 --seed 2\")"
 	@echo "make mutants  faults put into a copy of the last commit, which tests must notice (SEED=1 N=100)"

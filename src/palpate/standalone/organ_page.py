@@ -9,7 +9,7 @@ from pathlib import Path
 
 from palpate.atomic_write import replacing, writable
 from palpate.errors import FileError
-from palpate.export.organ_data import organ_data, session_of
+from palpate.standalone.organ_data import organ_data, session_of
 from palpate.server.access_control import STATIC, check_page
 from palpate.tissue.tissue import Tissue
 
