@@ -9,8 +9,8 @@ from pathlib import Path
 
 from palpate.atomic_write import replacing, writable
 from palpate.errors import FileError
-from palpate.standalone.organ_data import organ_data, session_of
 from palpate.server.access_control import STATIC, check_page
+from palpate.standalone.organ_data import organ_data, session_of
 from palpate.tissue.tissue import Tissue
 
 MODULE = Path(__file__).with_name("engine.wasm")
