@@ -119,6 +119,9 @@ EXPORTED const float* frame(double* out) {
     return organ.shown.data();
 }
 
+// Of the last tick, as a recording keeps it: TableEvent::missing_tables.
+EXPORTED int missing_tables() { return organ.simulation->missing_tables; }
+
 // Of state and forces, as two halves of 32 bits.
 EXPORTED double digest_high() { return double(organ.simulation->digest() >> 32); }
 EXPORTED double digest_low() { return double(organ.simulation->digest() & 0xffffffffu); }

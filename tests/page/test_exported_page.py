@@ -19,6 +19,7 @@ from support.touch_page import Touched
 
 import palpate as pp
 from palpate.errors import FileError, MaterialError
+from palpate.simulation.session_compatibility import recorded_settings
 from palpate.standalone.organ_data import organ_data, session_of
 from palpate.standalone.organ_page import MODULE
 
@@ -88,7 +89,7 @@ def page_file(tmp_path_factory):
     """A kidney's size, written by the command."""
     folder = tmp_path_factory.mktemp("exported")
     pp.write_tissue(folder / "of-a-patient.vtu", organ(11))
-    code, out, err = ended("export of-a-patient.vtu -o organ.html --title Training", folder)
+    code, out, err = ended("export of-a-patient.vtu -o organ.html --title Training --task lump", folder)
     assert code == 0, err
     assert "organ.html" in out
     return folder / "organ.html"
@@ -149,10 +150,62 @@ def test_a_second_has_a_thousand_ticks(opened):
     assert after[2] - before[2] == pytest.approx(ticks / 1000)
 
 
+def test_a_saved_session_is_scored(opened, tmp_path):
+    """By the native engine, from the file alone; the force of its replay is the one that the page showed."""
+    if opened.device == "phone":
+        opened.page.tap("#more")
+    opened.drag(opened.place(), np.array((20, 10)))
+    opened.settle()
+    force = opened.tool()[2]
+    tick = int(opened.see("palpate.frame.tick"))
+    opened.page.keyboard.press("f")
+    opened.until_told("Noted")
+    opened.page.mouse.up()
+    with opened.page.expect_download() as saved:
+        opened.page.locator("#save-session").click()
+    saved.value.save_as(tmp_path / "session.json")
+    record = pp.read_record(tmp_path / "session.json")
+    session = pp.Session(pp.model(organ(11), "compliance"), **recorded_settings(record))
+    shown = next(session.replayed(record, record.length))[1]  # up to the mark
+    shown = shown[min(tick, len(shown)) - 1, 0]
+    assert np.abs(shown - force).max() <= 1e-3  # another instruction set: a millinewton
+    score = pp.score(record, organ(11), pp.Task("lump"))
+    assert [mark[1:] for mark in record.marks] == [(0, 0)]
+    assert score.touches == len(score.claims) == 1
+    assert score.max_force >= 0.99 * np.linalg.norm(force) > 0.1
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"version": 2}, "version"),
+        ({"commands": [[0, 0, 1, 0, 0, None, 0, 0, 0]]}, "not finite"),
+        ({"commands": [[0, 0, 999, 0, 0, 0, 0, 0, 0]]}, "tool or kind"),
+        ({"commands": [[5, 0, 1, 0, 0, 0, 0, 0, 0]]}, "length"),
+        ({"digests": [[100, "xyz"]]}, "no session"),
+        ({"switches": [[-1, 1]]}, "switch"),
+        ({"marks": [[99, 0, 0]]}, "marks"),
+        ({"settings": None}, "no session"),
+    ],
+)
+def test_a_file_that_no_page_saved_is_refused(change, words, tmp_path):
+    good = {"format": "palpate page session", "version": 1, "model": "compliance", "tissue": "0", "instructions": "wasm",
+            "settings": {}, "length": 5, "commands": [], "digests": [], "switches": [], "marks": []}  # fmt: skip
+    path = tmp_path / "session.json"
+    path.write_text(json.dumps(good))
+    assert pp.read_record(path).length == 5
+    path.write_text(json.dumps(good | change))
+    with pytest.raises(FileError, match=words):
+        pp.read_record(path)
+    path.write_text(json.dumps(good)[:-20])
+    with pytest.raises(FileError, match="no session"):
+        pp.read_record(path)
+
+
 def test_what_needs_a_server_is_not_offered(opened):
     assert opened.page.locator("#color-mode button").all_inner_texts()[:1] == ["Plain"] or opened.device == "phone"
     assert opened.see("document.querySelector('[data-value=error]')") is None
-    for name in ("slices-toggle", "model-and-mesh", "task", "mesh-error-row", "linearity-row"):
+    for name in ("slices-toggle", "model-and-mesh", "mesh-error-row", "linearity-row"):
         assert opened.see(f"document.getElementById('{name}').hidden"), name
 
 
@@ -167,7 +220,7 @@ def test_it_names_no_one(page_file):
         assert b"/home/" not in inside
         assert str(page_file.parent).encode() not in inside
     again = page_file.with_name("again.html")
-    pp.export(organ(11), again, title="Training")
+    pp.export(organ(11), again, title="Training", task=pp.Task("lump"))
     assert again.read_bytes() == page_file.read_bytes()
     for words in ("Apache License", "three.js", "libc++"):  # what is in it, under its licence
         assert words in text

@@ -213,6 +213,8 @@ page.onmessage = ({ data }) => {
     colorAgain();
   } else if (data.kind === "open-file") {
     openFile(data.organ, data.engine).catch((problem: unknown) => page.postMessage({ kind: "status", good: false, text: String(problem) }));
+  } else if (data.kind === "save") {
+    if (local) page.postMessage({ kind: "record", text: local.recorded() });
   } else if (data.kind === "command") send(encodeToolCommand(data.command));
   else if (data.kind === "select") send(encodeSelection(data.selection));
   else send(encodeMark(data.mark));

@@ -20,6 +20,9 @@ def export_command(
     output: Annotated[Path, typer.Option("-o", "--output", help="Page to write: .html.", show_default=False)],
     title: Annotated[str | None, typer.Option(help="Name that the page shows. Default: organ.")] = None,
     radius: Annotated[float | None, typer.Option(help="Of the contact, mm. Default: two edge lengths.")] = None,
+    task: Annotated[
+        str, typer.Option(help="Set a trainee a task: lump or biopsy; the page saves the session.")
+    ] = "touch",
 ) -> None:
     """Example: [bold]palpate export tissue.vtu -o organ.html --title Kidney[/bold]
 
@@ -27,7 +30,9 @@ def export_command(
 
     The page holds the organ and the engine of the real-time loop. It works
     from a disk or any web host, without a server and offline. It names no
-    patient and no file: the title is what you give.
+    patient and no file: the title is what you give. "Save session" in the
+    page writes what was done there, for a score:
+    palpate score session.json tissue.vtu
     """
-    written = pp.export(pp.read_tissue(tissue), output, title=title, radius=radius)
+    written = pp.export(pp.read_tissue(tissue), output, title=title, radius=radius, task=pp.Task(task))
     typer.echo(f"{written}: {written.stat().st_size / 1e6:.1f} MB; open it in a browser")

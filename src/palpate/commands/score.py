@@ -16,7 +16,10 @@ def add(app: typer.Typer) -> None:
 
 
 def score_command(
-    session: Annotated[Path, typer.Argument(help="What `palpate touch --record` wrote (.h5).", show_default=False)],
+    session: Annotated[
+        Path,
+        typer.Argument(help="What `palpate touch --record` wrote (.h5), or a page saved (.json).", show_default=False),
+    ],
     tissue: Annotated[Path, typer.Argument(help="The tissue that was touched (.vtu).", show_default=False)],
     output: Annotated[Path, typer.Option("-o", "--output", help="Report to write; .json and .csv beside it.")] = Path(
         "report.html"

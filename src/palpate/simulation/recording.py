@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from palpate.arrays import Float64, Int64, UInt8
 from palpate.errors import FileError
 from palpate.simulation.event_log import COLUMNS
+from palpate.simulation.page_record import read_page_record
 from palpate.simulation.pointer import KINDS, TOOLS
 from palpate.simulation.session_journal import SessionJournal, journal_path, read_journal
 from palpate.volumes.hdf5_guard import check_heap, read_dataset
@@ -132,7 +133,7 @@ def read_record(path: str | Path) -> Record:
     Parameters
     ----------
     path : str or Path
-        An HDF5 file that `write_record` or `palpate touch --record` wrote.
+        An HDF5 file that `write_record` or `palpate touch --record` wrote, or a JSON file that an exported page saved.
 
     Returns
     -------
@@ -153,6 +154,10 @@ def read_record(path: str | Path) -> Record:
     'compliance'
     """
     path = Path(path)
+    if path.suffix == ".json":
+        saved = Record(**read_page_record(path))
+        _check(path, saved)
+        return saved
     journal = journal_path(path)
     if journal.is_file() and (record := _recovered(journal)) is not None:
         warnings.warn(

@@ -12,6 +12,8 @@ from palpate.tissue.models.compliance import ComplianceModel
 from palpate.tissue.reference.linear_elasticity import lame
 from palpate.tissue.tissue import Tissue
 
+INSTRUCTIONS = "wasm simd128"
+
 
 def session_of(tissue: Tissue, radius: float | None = None) -> Session:
     """A session of model `compliance`, which the page's engine repeats.
@@ -28,7 +30,7 @@ def session_of(tissue: Tissue, radius: float | None = None) -> Session:
     return Session(ComplianceModel(tissue), radius=radius, sweeps=1)
 
 
-def organ_data(session: Session, title: str) -> bytes:
+def organ_data(session: Session, title: str, task: str = "") -> bytes:
     """The scene as the server sends it, then the solid.
 
     Both begin with their length, 32 bits. The solid is JSON of a length that comes first, then the arrays node, lam, mu
@@ -36,7 +38,9 @@ def organ_data(session: Session, title: str) -> bytes:
     """
     mesh, tissue, settings = session.mesh, session.model.tissue, session.settings
     lam, mu = lame(tissue.young, tissue.poisson)
+    described = session.description() | {"instructions": INSTRUCTIONS}
     header = {
+        "description": {name: described[name] for name in ("model", "tissue", "settings", "instructions")},
         "nodes": len(mesh.nodes),
         "tets": len(mesh.tets),
         "triangles": len(mesh.surface),
@@ -52,5 +56,5 @@ def organ_data(session: Session, title: str) -> bytes:
         tissue.held.astype(np.uint8),
     ]
     solid = struct.pack("<I", len(text)) + text + b"".join(a.tobytes() for a in arrays)
-    scene = scene_bytes(session, title)
+    scene = scene_bytes(session, title, task=task)
     return b"".join(struct.pack("<I", len(part)) + part for part in (scene, solid))

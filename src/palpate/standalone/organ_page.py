@@ -10,6 +10,7 @@ from pathlib import Path
 from palpate.atomic_write import replacing, writable
 from palpate.errors import FileError
 from palpate.server.access_control import STATIC, check_page
+from palpate.simulation.training_task import Task, target_of
 from palpate.standalone.organ_data import organ_data, session_of
 from palpate.tissue.tissue import Tissue
 
@@ -21,7 +22,14 @@ POLICY = (
 )
 
 
-def export(tissue: Tissue, path: str | Path, *, title: str | None = None, radius: float | None = None) -> Path:
+def export(
+    tissue: Tissue,
+    path: str | Path,
+    *,
+    title: str | None = None,
+    radius: float | None = None,
+    task: Task | None = None,
+) -> Path:
     """Write an organ as one file that can be touched in any browser, without a server.
 
     The file holds the page, the engine as WebAssembly and the tissue. It holds no name of a patient, user, file or
@@ -37,6 +45,8 @@ def export(tissue: Tissue, path: str | Path, *, title: str | None = None, radius
         What the page shows as the organ's name. The default is "organ".
     radius : float, optional
         Radius of the contact, mm. The default is two mean edges of the surface.
+    task : Task, optional
+        What the page asks of a trainee. The page saves the session for `palpate score`.
 
     Returns
     -------
@@ -50,7 +60,7 @@ def export(tissue: Tissue, path: str | Path, *, title: str | None = None, radius
     MaterialError
         If the engine does not follow the tissue.
     DataError
-        If the radius is not valid.
+        If the radius is not valid, or the tissue has no target for the task.
 
     Examples
     --------
@@ -61,7 +71,10 @@ def export(tissue: Tissue, path: str | Path, *, title: str | None = None, radius
     if path.suffix not in (".html", ".htm"):
         raise FileError(f"{path}: a page ends in .html; name it organ.html, for example")
     path = writable(path)
-    page = organ_page(organ_data(session_of(tissue, radius), title or "organ"), title or "organ")
+    asked = task or Task()
+    target_of(asked, tissue)
+    title = title or "organ"
+    page = organ_page(organ_data(session_of(tissue, radius), title, asked.text), title)
     with replacing(path) as temporary:
         temporary.write_text(page, encoding="utf-8")
     return path

@@ -1,7 +1,8 @@
 // A session in the page itself, in place of a server: it takes and sends the same messages.
 import {
-  COMPARE_KIND, FRAME_BYTES, TOOLCOMMAND_KIND, decodeToolCommand, encodeFrame, type Frame,
+  FRAME_BYTES, MARK_KIND, TOOLCOMMAND_KIND, TOOLS, decodeMark, decodeToolCommand, encodeFrame, type Frame, type ToolCommand,
 } from "../protocol/server-messages";
+import { SessionRecord } from "./session-record";
 import type { EngineFrame, TouchEngine } from "./touch-engine";
 
 const RATE = 1000; // ticks a second
@@ -22,8 +23,12 @@ export class LocalSession {
   private serial = 0; // of the newest command
   private shownAt = -Infinity; // ms, the last frame
   private frameTime = 0; // ms that it took
+  private readonly waiting: (ToolCommand | null)[] = Array(TOOLS).fill(null); // newest commands, for the next tick
+  private readonly record: SessionRecord;
 
-  constructor(private readonly engine: TouchEngine, private readonly post: (message: ArrayBuffer) => void) {}
+  constructor(private readonly engine: TouchEngine, private readonly post: (message: ArrayBuffer) => void) {
+    this.record = new SessionRecord(engine);
+  }
 
   /** Runs a millisecond's tick for every millisecond of the clock, in batches, from now on. */
   start(): void {
@@ -40,10 +45,25 @@ export class LocalSession {
   /** Takes a message of the page. */
   send(data: ArrayBuffer): void {
     const kind = new DataView(data).getUint8(0);
-    if (kind === COMPARE_KIND || kind !== TOOLCOMMAND_KIND) return; // nothing to compare with, to select or to score
-    const { tool, kind: how, point, displacement, serial } = decodeToolCommand(new DataView(data));
-    this.engine.command(tool, how, point, displacement, serial);
-    this.serial = serial;
+    if (kind === MARK_KIND) this.record.addMark(this.ticks, decodeMark(new DataView(data)));
+    if (kind !== TOOLCOMMAND_KIND) return; // there is nothing to compare with and nothing to select
+    const command = decodeToolCommand(new DataView(data));
+    this.waiting[command.tool] = command;
+    this.serial = command.serial;
+  }
+
+  /** The session up to now, which `palpate score` reads. */
+  recorded(): string {
+    return this.record.text(this.ticks);
+  }
+
+  private obey(): void {
+    for (const command of this.waiting) {
+      if (!command) continue;
+      this.waiting[command.tool] = null;
+      this.engine.command(command.tool, command.kind, command.point, command.displacement, command.serial);
+      this.record.addCommand(this.ticks, command);
+    }
   }
 
   /** Runs the ticks that are due, BATCH at most, or does other work. False: there was none. */
@@ -57,8 +77,11 @@ export class LocalSession {
     const due = Math.min(BATCH, Math.floor(behind * (RATE / 1000)));
     if (due >= 1) {
       if (behind > LATE) this.late += due;
-      this.engine.step(due);
-      this.ticks += due;
+      this.obey();
+      for (let i = 0; i < due; i++) {
+        this.engine.step(1);
+        this.record.addTick(++this.ticks);
+      }
       const done = performance.now();
       this.busy += (1 - 0.99 ** due) * ((done - now) / 1000 / due - this.busy);
       now = done;

@@ -17,12 +17,15 @@ interface Exports {
   follow_clock(on: number): void;
   prepare(): number;
   frame(out: number): number;
+  missing_tables(): number;
   digest_high(): number;
   digest_low(): number;
 }
 
-/** The numbers of an organ, and the settings of its session: mm and N. Its arrays follow in the file (`arrays`). */
+/** The numbers of an organ, and the settings of its session: mm and N. Its arrays follow in the file (`arrays`).
+ * description: what a record says of the session as a whole. */
 interface Header {
+  description: Record<string, unknown>;
   nodes: number;
   tets: number;
   triangles: number;
@@ -56,6 +59,7 @@ export class TouchEngine {
   private readonly forces: number;
   private readonly numbers: number;
   private shownNodes = 0;
+  description: Record<string, unknown> = {};
 
   private constructor(engine: Exports) {
     this.engine = engine;
@@ -97,6 +101,7 @@ export class TouchEngine {
     for (const address of Object.values(at)) this.engine.release(address);
     if (failed) throw new Error("the organ's stiffness is not positive definite");
     this.shownNodes = shown;
+    this.description = header.description;
   }
 
   /** Commands a tool, as a `ToolCommand` does. */
@@ -131,6 +136,11 @@ export class TouchEngine {
       contact: take(TOOLS), point: take(3 * TOOLS), displacement: take(3 * TOOLS), force: take(3 * TOOLS), insertion: take(TOOLS),
       shown: new Float32Array(this.engine.memory.buffer, shown, 3 * this.shownNodes),
     };
+  }
+
+  /** Which tables the last tick lacked, as a record keeps it. */
+  get missingTables(): number {
+    return this.engine.missing_tables();
   }
 
   /** Of state and forces, to compare replays: 16 hexadecimal digits. */

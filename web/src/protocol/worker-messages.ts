@@ -35,9 +35,10 @@ export type FromWorker =
   | { kind: "frame"; frame: Frame; arrays: NodeArrays | null; scale: Scale; work: number }
   | { kind: "difference"; difference: Difference }
   | { kind: "notice"; text: string }
-  | { kind: "status"; good: boolean; text: string };
+  | { kind: "status"; good: boolean; text: string }
+  | { kind: "record"; text: string };
 
-/** open-file: an exported organ and its engine, instead of a server. ends: of the scale of a mode, from now on. next: asks for the next frame; pressing: whether the first tool measures stiffness. return: arrays to use again. */
+/** open-file: an exported organ and its engine, instead of a server; save: asks for its record. ends: of the scale of a mode, from now on. next: asks for the next frame; pressing: whether the first tool measures stiffness. return: arrays to use again. */
 export type ToWorker =
   | { kind: "open"; scene: string; socket: string }
   | { kind: "open-file"; organ: ArrayBuffer; engine: ArrayBuffer }
@@ -46,5 +47,6 @@ export type ToWorker =
   | { kind: "mark"; mark: Mark }
   | { kind: "color"; mode: ColorMode }
   | { kind: "ends"; mode: ColorMode; ends: Ends }
+  | { kind: "save" }
   | { kind: "return"; arrays: NodeArrays }
   | { kind: "next"; arrays: NodeArrays | null; pressing: boolean };

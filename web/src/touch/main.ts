@@ -12,7 +12,7 @@ import { HELP, listenToKeys } from "../input/keyboard";
 import { PointerInput } from "../input/pointer";
 import { SurfaceCursor } from "../input/surface-cursor";
 import { WebXRInput } from "../input/webxr";
-import { element, helpRow, SelectList, selector, toggle, write } from "../ui/controls";
+import { element, helpRow, saveText, SelectList, selector, toggle, write } from "../ui/controls";
 import { ColorLegend } from "../ui/color-legend";
 import { DepthSlider } from "../ui/depth-slider";
 import { ErrorReadout } from "../ui/error-readout";
@@ -69,6 +69,8 @@ worker.onmessage = ({ data }: MessageEvent<FromWorker>) => {
     if (colorMode === "error") errorReadout.update(scene, newest);
   } else if (data.kind === "difference") {
     errorReadout.setDifference(data.difference);
+  } else if (data.kind === "record") {
+    saveText(data.text, "session.json");
   } else if (data.kind === "notice") {
     showMessage(data.text);
   } else if (data.kind === "status") {
@@ -221,7 +223,7 @@ const resetView = () => {
 };
 const help = element<HTMLDialogElement>("help");
 const onClick: Record<string, () => void> = {
-  reset: resetView, found: markLump, sample: takeSample, "needle-out": () => controller.withdrawNeedle(), "help-open": () => help.showModal(),
+  reset: resetView, "save-session": () => post({ kind: "save" }), found: markLump, sample: takeSample, "needle-out": () => controller.withdrawNeedle(), "help-open": () => help.showModal(),
   headset: () => void webxr.enter(scene?.reach ?? 1).catch((problem: unknown) => showMessage(String(problem))),
 };
 for (const [id, action] of Object.entries(onClick)) element(id).addEventListener("click", action);
@@ -251,6 +253,7 @@ const testHooks = exposeTestHooks({
 void WebXRInput.isSupported().then((supported) => (element("headset").hidden = !supported));
 if (isExported) {
   write("status", "Preparing the organ…");
+  element("save-session").hidden = false;
   // Comparing with finite elements takes a solver that the file does not have.
   document.querySelector('#color-mode [data-value="error"], #color-mode [value="error"]')?.remove();
   COLOR_MODES.splice(COLOR_MODES.indexOf("error"), 1);

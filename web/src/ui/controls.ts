@@ -84,3 +84,12 @@ export class SelectList {
     if (this.requested < 0 && this.list.selectedIndex !== index) this.list.selectedIndex = index;
   }
 }
+
+/** Lets the browser save a text as a file. */
+export function saveText(text: string, name: string): void {
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(new Blob([text], { type: "application/json" }));
+  link.download = name;
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+}

@@ -1,0 +1,44 @@
+// The record of a session in the page, as JSON that `palpate score` reads: what palpate.simulation.page_record expects.
+import type { Mark, ToolCommand } from "../protocol/server-messages";
+import type { TouchEngine } from "./touch-engine";
+
+const DIGEST_TICKS = 100; // between two digests
+const FORMAT = "palpate page session", VERSION = 1;
+
+type Row = (number | string)[];
+
+export class SessionRecord {
+  private readonly commands: Row[] = []; // tick, tool, kind, point, displacement
+  private readonly digests: Row[] = []; // ticks, hexadecimal digits
+  private readonly switches: Row[] = []; // tick, what it lacked
+  private readonly marks: Row[] = []; // tick, what, tool
+  private readonly last: string[] = []; // command of each tool
+  private missing = 0;
+
+  constructor(private readonly engine: TouchEngine) {}
+
+  /** A command that is obeyed from this tick on. */
+  addCommand(tick: number, { tool, kind, point, displacement }: ToolCommand): void {
+    const row = [kind, ...point, ...displacement];
+    if (this.last[tool] === String(row)) return;
+    this.last[tool] = String(row);
+    this.commands.push([tick, tool, ...row]);
+  }
+
+  addMark(tick: number, { kind, tool }: Mark): void {
+    this.marks.push([tick, kind, tool]);
+  }
+
+  /** A tick has run: now there are so many. */
+  addTick(ticks: number): void {
+    const missing = this.engine.missingTables;
+    if (missing !== this.missing) this.switches.push([ticks - 1, missing]);
+    this.missing = missing;
+    if (ticks % DIGEST_TICKS === 0) this.digests.push([ticks, this.engine.digest()]);
+  }
+
+  text(length: number): string {
+    const { commands, digests, switches, marks } = this;
+    return JSON.stringify({ format: FORMAT, version: VERSION, ...this.engine.description, length, commands, digests, switches, marks });
+  }
+}
