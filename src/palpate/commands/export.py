@@ -17,12 +17,17 @@ def export_command(
     tissue: Annotated[
         Path, typer.Argument(help="What `palpate fit` or `palpate demo` wrote: .vtu.", show_default=False)
     ],
-    output: Annotated[Path, typer.Option("-o", "--output", help="Page to write: .html.", show_default=False)],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="Page to write: .html; or the folder.", show_default=False)
+    ],
     title: Annotated[str | None, typer.Option(help="Name that the page shows. Default: organ.")] = None,
     radius: Annotated[float | None, typer.Option(help="Of the contact, mm. Default: two edge lengths.")] = None,
     task: Annotated[
         str, typer.Option(help="Set a trainee a task: lump or biopsy; the page saves the session.")
     ] = "touch",
+    folder: Annotated[
+        bool, typer.Option("--folder", help="Write separate files into a folder, for a web host.")
+    ] = False,
 ) -> None:
     """Example: [bold]palpate export tissue.vtu -o organ.html --title Kidney[/bold]
 
@@ -34,5 +39,8 @@ def export_command(
     page writes what was done there, for a score:
     palpate score session.json tissue.vtu
     """
-    written = pp.export(pp.read_tissue(tissue), output, title=title, radius=radius, task=pp.Task(task))
-    typer.echo(f"{written}: {written.stat().st_size / 1e6:.1f} MB; open it in a browser")
+    written = pp.export(pp.read_tissue(tissue), output, title=title, radius=radius, task=pp.Task(task), folder=folder)
+    if folder:
+        typer.echo(f"{written.parent}: put it on a web host; a browser does not open these files from a disk")
+    else:
+        typer.echo(f"{written}: {written.stat().st_size / 1e6:.1f} MB; open it in a browser")

@@ -18,6 +18,7 @@ interface Exports {
   prepare(): number;
   frame(out: number): number;
   missing_tables(): number;
+  set_missing_tables(recorded: number): void;
   digest_high(): number;
   digest_low(): number;
 }
@@ -141,6 +142,11 @@ export class TouchEngine {
   /** Which tables the last tick lacked, as a record keeps it. */
   get missingTables(): number {
     return this.engine.missing_tables();
+  }
+
+  /** For a replay, not by the clock: the next tick lacks what the recorded one lacked. */
+  set missingTables(recorded: number) {
+    this.engine.set_missing_tables(recorded);
   }
 
   /** Of state and forces, to compare replays: 16 hexadecimal digits. */

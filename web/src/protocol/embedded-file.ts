@@ -1,20 +1,23 @@
 // What `palpate export` has put into the page: the worker's code, the engine and the organ, in elements that the browser
-// does not run. A page that is served has none of them.
+// does not run, or in files that they name. A page that is served has none of them.
 
-const element = (id: string) => document.getElementById(id)?.textContent ?? null;
+const find = (id: string) => document.getElementById(id) as HTMLScriptElement | null;
 
 /** Was this page exported? */
-export const isExported = element("organ-data") !== null;
+export const isExported = find("organ-data") !== null;
 
 /** Address of the worker's code. */
 export function workerAddress(): string {
-  const code = element("worker-code");
-  return code === null ? "static/worker.js" : URL.createObjectURL(new Blob([code], { type: "text/javascript" }));
+  const code = find("worker-code");
+  if (!code) return "static/worker.js";
+  return code.dataset.file ?? URL.createObjectURL(new Blob([code.textContent], { type: "text/javascript" }));
 }
 
-/** The bytes of an element: base64 of gzip. */
+/** The bytes of an element's file; without one the element holds them, as base64 of gzip. */
 async function bytes(id: string): Promise<ArrayBuffer> {
-  const packed = Uint8Array.from(atob(element(id)!), (character) => character.charCodeAt(0));
+  const { dataset, textContent } = find(id)!;
+  if (dataset.file) return (await fetch(dataset.file)).arrayBuffer();
+  const packed = Uint8Array.from(atob(textContent), (character) => character.charCodeAt(0));
   return new Response(new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"))).arrayBuffer();
 }
 
