@@ -19,6 +19,7 @@ import palpate as pp
 from palpate import plugins
 from palpate.errors import DataError, FileError
 from palpate.haptics.discovery import DEVICES, open_device
+from palpate.simulation.session_journal import read_journal
 from palpate.tissue.models.registry import names_in_sessions
 from palpate.volumes.io import DICOM, FORMATS
 
@@ -171,8 +172,11 @@ def rests(journal):
     time.sleep(0.5)
     if not journal.exists():
         return False
+    copy = shutil.copy(journal, journal.with_name("copy.h5.journal"))
+    if read_journal(copy) is None:  # a busy machine: no digest yet
+        return False
     with warnings.catch_warnings(action="ignore", category=UserWarning):  # that it is cut short
-        record = pp.read_record(shutil.copy(journal, journal.with_name("copy.journal")))
+        record = pp.read_record(journal.with_name("copy.h5"))
     height = record.points[record.ticks > record.length - 1000, 2]
     return len(height) > 100 and height[0] < record.points[0, 2] - 10 and np.ptp(height) < 0.03
 

@@ -162,7 +162,7 @@ COMMANDS = [line for block in blocks("sh") for line in block.splitlines() if lin
 
 def test_the_readme_shows_the_whole_way():
     shown = {line.split()[1] for line in COMMANDS}
-    assert shown == {"demo", "scan", "reconstruct", "view", "segment", "mesh", "fit", "touch", "score"}
+    assert shown == {"demo", "scan", "reconstruct", "view", "segment", "mesh", "fit", "touch", "export", "score"}
 
 
 @pytest.mark.parametrize("line", COMMANDS)
