@@ -15,19 +15,14 @@ FactoredStiffness elastic(const SparseCholesky& factor, In<int32_t, 1> free, In<
     const int count = int(free.shape(0));
     expect_vectors(nodes, free.size(), "nodes: expected shape (nodes, 3)");
     expect_finite(nodes, "nodes: not finite");
-    FactoredStiffness out{&factor, factor.rounded(), listed(free), std::vector<int>(count, -1), {}, {}, {}};
-    for (int f : out.free_index)
+    const std::vector<int> free_index = listed(free), named = listed(vertices);
+    for (int f : free_index)
         if (f < -1 || f >= factor.tree.nodes()) throw std::invalid_argument("free: a number that the factor lacks");
-    for (size_t k = 0; k < vertices.shape(0); k++) {
-        const int node = vertices(k);
-        if (node < 0 || node >= count || out.free_index[node] < 0 || out.vertex_index[node] >= 0)
+    std::vector<uint8_t> seen(count, 0);
+    for (int node : named)
+        if (node < 0 || node >= count || free_index[node] < 0 || seen[node]++)
             throw std::invalid_argument("vertices: each a free node, named once");
-        out.vertex_index[node] = int(k);
-        out.vertex_node.push_back(node);
-        out.vertex_free.push_back(out.free_index[node]);
-        for (int c = 0; c < 3; c++) out.position.push_back(nodes(node, c));
-    }
-    return out;
+    return factored_stiffness(factor, free_index, named, nodes.data());
 }
 
 RelaxationSpectrum spectrum(In<double, 2> relaxation) {

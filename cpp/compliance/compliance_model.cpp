@@ -24,6 +24,13 @@ bool carry_to_spare(ComplianceState::Sample& s, const PatchVertices& to) {
     return true;
 }
 
+// A list in braces would copy the factor.
+std::vector<FactoredStiffness> alone(FactoredStiffness one) {
+    std::vector<FactoredStiffness> all;
+    all.push_back(std::move(one));
+    return all;
+}
+
 } // namespace
 
 ComplianceState::ComplianceState(const std::vector<FactoredStiffness>& bodies, size_t budget,
@@ -56,10 +63,10 @@ void ComplianceState::reset() {
 }
 
 ComplianceModel::ComplianceModel(FactoredStiffness s, size_t budget, const RelaxationSpectrum& spectrum)
-    : samples{std::move(s)}, stiffness(samples[0]), recursion(LoadRecursion::of(spectrum)), budget(budget) {}
+    : samples(alone(std::move(s))), stiffness(samples[0]), recursion(LoadRecursion::of(spectrum)), budget(budget) {}
 
 ComplianceModel::ComplianceModel(FactoredStiffness s, size_t budget, VibrationModes vibration)
-    : samples{std::move(s)}, stiffness(samples[0]), recursion(vibration.loads), modes(std::move(vibration)),
+    : samples(alone(std::move(s))), stiffness(samples[0]), recursion(vibration.loads), modes(std::move(vibration)),
       budget(budget) {}
 
 ComplianceModel::ComplianceModel(std::vector<FactoredStiffness> all, size_t budget, const LoadRecursion& creep)

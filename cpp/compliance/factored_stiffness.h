@@ -20,4 +20,17 @@ struct FactoredStiffness {
     }
 };
 
+// free_index: (nodes) number among the factor's nodes, or -1. vertices: free nodes, each once. nodes: (nodes, 3) mm.
+inline FactoredStiffness factored_stiffness(const SparseCholesky& factor, const std::vector<int>& free_index,
+                                            const std::vector<int>& vertices, const double* nodes) {
+    FactoredStiffness out{&factor, factor.rounded(), free_index, std::vector<int>(free_index.size(), -1), vertices, {},
+                          {}};
+    for (int node : vertices) {
+        out.vertex_index[node] = int(out.vertex_free.size());
+        out.vertex_free.push_back(free_index[node]);
+        out.position.insert(out.position.end(), nodes + 3 * size_t(node), nodes + 3 * size_t(node) + 3);
+    }
+    return out;
+}
+
 } // namespace palpate

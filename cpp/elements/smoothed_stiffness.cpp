@@ -1,4 +1,5 @@
 #include "elements/smoothed_stiffness.h"
+#include "tissue/tetrahedron.h"
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -8,30 +9,9 @@
 namespace palpate {
 namespace {
 
-using Slopes = std::array<std::array<double, 3>, 4>; // gradients of a tetrahedron's shape functions, 1/mm
-
-// Returns the volume, mm^3.
-double shape_slopes(const ElasticSolid& solid, int t, Slopes& slope) {
-    double side[3][3];
-    const int32_t* corner = solid.tet + 4 * size_t(t);
-    for (int i = 0; i < 3; i++)
-        for (int k = 0; k < 3; k++)
-            side[i][k] = solid.node[3 * size_t(corner[i + 1]) + k] - solid.node[3 * size_t(corner[0]) + k];
-    double volume = 0;
-    for (int i = 0; i < 3; i++) {
-        const double *b = side[(i + 1) % 3], *c = side[(i + 2) % 3];
-        for (int k = 0; k < 3; k++) {
-            const int l = (k + 1) % 3, m = (k + 2) % 3;
-            slope[i + 1][k] = b[l] * c[m] - b[m] * c[l];
-        }
-    }
-    for (int k = 0; k < 3; k++) volume += side[0][k] * slope[1][k]; // six times it
-    for (int k = 0; k < 3; k++) {
-        slope[0][k] = 0;
-        for (int i = 1; i < 4; i++) slope[i][k] /= volume, slope[0][k] -= slope[i][k];
-    }
-    return volume / 6;
-}
+struct Slopes { // gradients of a tetrahedron's shape functions, 1/mm
+    double of[4][3];
+};
 
 struct Entry { // of one shape function's mean gradient in one cell
     int cell, node;
@@ -91,7 +71,7 @@ Gradients gradients(const ElasticSolid& solid, const std::vector<Slopes>& slopes
             const double mean = harmonic ? volume[cell] / sum[cell] : sum[cell] / volume[cell];
             const double weight = share * volumes[t] * std::sqrt(mean / volume[cell]);
             for (int c = 0; c < 4; c++) {
-                const auto& g = slopes[t][c];
+                const double* g = slopes[t].of[c];
                 parts.push_back({cell, solid.tet[4 * size_t(t) + c], {weight * g[0], weight * g[1], weight * g[2]}});
             }
         }
@@ -108,8 +88,10 @@ BlockCsr smoothed_stiffness(const ElasticSolid& solid, const std::vector<int>& f
     std::vector<std::array<int, 3>> edge_keys;
     std::vector<std::array<int, 2>> node_keys;
     for (int t = 0; t < solid.tets; t++) {
-        volumes[t] = shape_slopes(solid, t, slopes[t]);
         const int32_t* corner = solid.tet + 4 * size_t(t);
+        auto& g = slopes[t].of;
+        volumes[t] = shape_gradients(solid.node, corner, g + 1);
+        for (int k = 0; k < 3; k++) g[0][k] = -g[1][k] - g[2][k] - g[3][k];
         for (int a = 0; a < 4; a++) {
             node_keys.push_back({solid.region[t], corner[a]});
             for (int b = a + 1; b < 4; b++)

@@ -7,6 +7,7 @@ namespace palpate {
 namespace {
 
 constexpr double neighbourhood = 3; // edges, at rest: what hangs together within it is no other part
+constexpr double stiffer = 3;       // of the contact's stiffness, what is added where parts overlap
 constexpr double facing = -0.5;     // largest cosine between the normals of the sides of a cleft
 constexpr double parallel = 0.5;    // and between those of parts that can meet
 constexpr size_t most_near = 128;   // triangles near a vertex, on the average
@@ -296,11 +297,11 @@ HyperelasticEnergy::Energy SelfContact::energy(const double* u, double* force, d
     if (!std::isfinite(found.value)) return found;
     const bool near =
         for_each_contact(u, work, [&](double stiffness, const Contact& c, const int* node, const double* share) {
-            const double depth = gap - c.distance;
-            found.value += 0.5 * stiffness * depth * depth;
+            const double within = gap - c.distance, overlap = std::max(0.0, -c.distance);
+            const double push = stiffness * (within + stiffer * overlap);
+            found.value += 0.5 * stiffness * (within * within + stiffer * overlap * overlap);
             for (int i = 0; i < 5; i++)
-                for (int k = 0; k < 3; k++)
-                    force[3 * size_t(node[i]) + k] -= stiffness * depth * share[i] * c.normal[k];
+                for (int k = 0; k < 3; k++) force[3 * size_t(node[i]) + k] -= push * share[i] * c.normal[k];
         });
     if (!near) found.value = infinity;
     return found;
@@ -310,12 +311,12 @@ void SelfContact::tangent(const double* u, const double* v, int count, double* o
     elements.tangent(u, v, count, out, work);
     const size_t stride = 3 * size_t(nodes());
     for_each_contact(u, work, [&](double stiffness, const Contact& c, const int* node, const double* share) {
+        const double slope = (c.distance < 0 ? 1 + stiffer : 1) * stiffness;
         for (size_t d = 0; d < count * stride; d += stride) {
             double closer = 0;
             for (int i = 0; i < 5; i++) closer += share[i] * dot(v + d + 3 * size_t(node[i]), c.normal);
             for (int i = 0; i < 5; i++)
-                for (int k = 0; k < 3; k++)
-                    out[d + 3 * size_t(node[i]) + k] += stiffness * closer * share[i] * c.normal[k];
+                for (int k = 0; k < 3; k++) out[d + 3 * size_t(node[i]) + k] += slope * closer * share[i] * c.normal[k];
         }
     });
 }

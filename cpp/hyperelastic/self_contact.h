@@ -11,13 +11,13 @@ namespace palpate {
 // Elements, and for each vertex of their surface and middle of an edge that comes closer than `gap` to another part of
 // it, or gets behind it,
 //
-//     E = A mu / (4 gap) (gap - s)^2
+//     E = A mu / (4 gap) ((gap - s)^2 + 3 min(s, 0)^2)
 //
 // s: the point's signed distance to that part; A: its area; mu: the shear modulus there. So the pressure at s = 0 is
-// mu / 2, and mu where parts overlap by the gap. There is no friction. Another part is what does not hang together with
-// the point within 3 edges at rest, or faces it across a cleft, and is not closer than the gap at rest. Only a part
-// that the point was before, not behind, in the last accepted step can be met: behind is also the far side of a wall.
-// The energy is infinite where a vertex has moved too far since then to tell.
+// mu / 2, and 2.5 mu where parts overlap by the gap. There is no friction. Another part is what does not hang together
+// with the point within 3 edges at rest, or faces it across a cleft, and is not closer than the gap at rest. Only a
+// part that the point was before, not behind, in the last accepted step can be met: behind is also the far side of a
+// wall. The energy is infinite where a vertex has moved too far since then to tell.
 class SelfContact : public HyperelasticEnergy {
 public:
     static constexpr double gap = 0.2; // mm

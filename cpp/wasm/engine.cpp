@@ -5,6 +5,7 @@
 #include "elements/smoothed_stiffness.h"
 #include "simulation/simulation.h"
 #include <algorithm>
+#include <iterator>
 #include <memory>
 
 using namespace palpate;
@@ -32,19 +33,6 @@ std::vector<int> numbered_free(const uint8_t* fixed, int nodes) {
     return out;
 }
 
-FactoredStiffness factored(const SparseCholesky& factor, const std::vector<int>& free_index, const int32_t* shown,
-                           int count, const double* node) {
-    FactoredStiffness out{&factor, factor.rounded(), free_index, std::vector<int>(free_index.size(), -1), {}, {}, {}};
-    for (int k = 0; k < count; k++) {
-        if (free_index[shown[k]] < 0) continue;
-        out.vertex_index[shown[k]] = int(out.vertex_node.size());
-        out.vertex_node.push_back(shown[k]);
-        out.vertex_free.push_back(free_index[shown[k]]);
-        for (int c = 0; c < 3; c++) out.position.push_back(node[3 * size_t(shown[k]) + c]);
-    }
-    return out;
-}
-
 } // namespace
 
 #define EXPORTED extern "C" __attribute__((visibility("default")))
@@ -66,8 +54,11 @@ EXPORTED int make(int nodes, const double* node, int tets, const int32_t* tet, c
         organ.factor = std::make_unique<SparseCholesky>(K, places.data());
     }
     if (!organ.factor->positive) return not_positive_definite;
+    std::vector<int> vertices;
+    std::copy_if(shown, shown + count, std::back_inserter(vertices), [&](int i) { return free_index[i] >= 0; });
     organ.model =
-        std::make_unique<ComplianceModel>(factored(*organ.factor, free_index, shown, count, node), table_bytes);
+        std::make_unique<ComplianceModel>(factored_stiffness(*organ.factor, free_index, vertices, node), table_bytes);
+    organ.factor->value = {}; // ticks and tables take the rounded one
     organ.surface = std::make_unique<ContactSurface>(node, nodes, triangle, triangles, fixed);
     SimulationSettings settings;
     settings.sweeps = 1;

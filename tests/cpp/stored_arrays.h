@@ -1,5 +1,6 @@
 // Arrays that an x86-64 run has stored in tests/cpp/data, to hold other processors and compilers against. A run with
-// PALPATE_STORE=1 writes them anew, as hexadecimal floats.
+// PALPATE_STORE=1 writes them anew, as hexadecimal floats. CMakeLists.txt says where they are: with ccache's base_dir,
+// __FILE__ is relative to a folder that the tests may not run in.
 #pragma once
 #include <algorithm>
 #include <cmath>
@@ -22,8 +23,7 @@ inline std::vector<float> uniform(int64_t count, unsigned seed) {
 
 // The largest difference is at most 1e-5 of the largest value.
 template <class T> void check_stored(const std::string& name, const std::vector<T>& values) {
-    const std::string path =
-        std::string(__FILE__).substr(0, std::string(__FILE__).rfind('/')) + "/data/" + name + ".txt";
+    const std::string path = std::string(PALPATE_STORED_ARRAYS) + "/" + name + ".txt";
     if (std::getenv("PALPATE_STORE")) {
         std::ofstream out(path);
         for (T v : values) out << std::hexfloat << v << '\n';

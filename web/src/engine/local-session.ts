@@ -1,6 +1,6 @@
 // A session in the page itself, in place of a server: it takes and sends the same messages.
 import {
-  FRAME_BYTES, MARK_KIND, TOOLCOMMAND_KIND, TOOLS, decodeMark, decodeToolCommand, encodeFrame, type Frame, type ToolCommand,
+  AT_REST, DISPLACEMENT_STEPS, FRAME_BYTES, MARK_KIND, TOOLCOMMAND_KIND, TOOLS, decodeMark, decodeToolCommand, encodeFrame, type Frame, type ToolCommand,
 } from "../protocol/server-messages";
 import { SessionRecord } from "./session-record";
 import type { EngineFrame, TouchEngine } from "./touch-engine";
@@ -11,8 +11,6 @@ const LATE = 16; // ms behind the clock, from which a tick counts as late: a bat
 const SLIP = 1000; // ms behind the clock, beyond which time is given up: the page was stopped
 const FRAME_TIME = 12; // ms between two frames at least
 const ANSWER_TIME = 3; // ms, if it is the first to obey a command
-const AT_REST = 1e-4; // mm: smaller displacements are not sent
-const STEPS = 32767; // of 16-bit displacements
 
 export class LocalSession {
   private began = 0; // ms of the clock, at tick 0
@@ -103,7 +101,7 @@ export class LocalSession {
   private message({ shown, ...state }: EngineFrame): ArrayBuffer {
     let largest = 0;
     for (const x of shown) largest = Math.max(largest, Math.abs(x));
-    const step = largest < AT_REST ? 0 : largest / STEPS;
+    const step = largest < AT_REST ? 0 : largest / DISPLACEMENT_STEPS;
     const unknown = { mesh_error: NaN, linearisation: NaN, least_volume: NaN, solution_age: 0, solution_error: 0 };
     const frame: Frame = {
       ...state, ...unknown, model: 0, chosen: 0, late: this.late, busy: this.busy, seconds: this.ticks / RATE, step, count: step && shown.length / 3,

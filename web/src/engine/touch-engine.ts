@@ -55,6 +55,9 @@ const arrays = ({ nodes, tets, triangles, shown }: Header) => ({
   node: 24 * nodes, lam: 8 * tets, mu: 8 * tets, tet: 16 * tets, region: 4 * tets, triangle: 12 * triangles, shown: 4 * shown, fixed: nodes,
 });
 
+/** An address in the engine's memory: beyond 2 GB the number that comes is negative. */
+const address = (given: number): number => given >>> 0;
+
 export class TouchEngine {
   private readonly engine: Exports;
   private readonly forces: number;
@@ -64,8 +67,8 @@ export class TouchEngine {
 
   private constructor(engine: Exports) {
     this.engine = engine;
-    this.forces = engine.allocate(8 * 3 * TOOLS * MOST_TICKS);
-    this.numbers = engine.allocate(8 * FRAME_NUMBERS);
+    this.forces = address(engine.allocate(8 * 3 * TOOLS * MOST_TICKS));
+    this.numbers = address(engine.allocate(8 * FRAME_NUMBERS));
   }
 
   /** Compiles the module. Of what WASI offers it uses the clock alone. */
@@ -91,7 +94,7 @@ export class TouchEngine {
     let from = 4 + length;
     for (const [name, bytes] of Object.entries(arrays(header))) {
       if (from + bytes > file.length) throw new Error(`the organ's file ends within ${name}`);
-      at[name] = this.engine.allocate(bytes);
+      at[name] = address(this.engine.allocate(bytes));
       new Uint8Array(this.engine.memory.buffer, at[name], bytes).set(file.subarray(from, from + bytes));
       from += bytes;
     }
@@ -99,7 +102,7 @@ export class TouchEngine {
     const failed = this.engine.make(
       nodes, at.node, tets, at.tet, at.region, at.lam, at.mu, at.fixed, triangles, at.triangle, shown, at.shown, radius, limit, friction,
     );
-    for (const address of Object.values(at)) this.engine.release(address);
+    for (const each of Object.values(at)) this.engine.release(each);
     if (failed) throw new Error("the organ's stiffness is not positive definite");
     this.shownNodes = shown;
     this.description = header.description;
@@ -128,7 +131,7 @@ export class TouchEngine {
   }
 
   frame(): EngineFrame {
-    const shown = this.engine.frame(this.numbers);
+    const shown = address(this.engine.frame(this.numbers));
     const numbers = [...new Float64Array(this.engine.memory.buffer, this.numbers, FRAME_NUMBERS)];
     const take = (count: number) => numbers.splice(0, count);
     const [tick, faults, serial, energy] = take(4);

@@ -3,6 +3,8 @@
 export type Vector = [number, number, number];
 export const TOOLS = 4;
 export const DISTANCE_STEPS = 65535;
+export const DISPLACEMENT_STEPS = 32767;
+export const AT_REST = 0.0001;
 
 /** What a tool is asked to do. */
 export const CommandKind = { away: 0, hold: 1, needle: 2, free: 3 } as const;

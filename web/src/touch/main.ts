@@ -255,7 +255,7 @@ if (isExported) {
   write("status", "Preparing the organ…");
   element("save-session").hidden = false;
   // Comparing with finite elements takes a solver that the file does not have.
-  document.querySelector('#color-mode [data-value="error"], #color-mode [value="error"]')?.remove();
+  document.querySelector('#color-mode [data-value="error"]')?.remove();
   COLOR_MODES.splice(COLOR_MODES.indexOf("error"), 1);
   void embeddedFile().then(({ organ, engine }) => post({ kind: "open-file", organ, engine }, [organ, engine]));
 } else {
