@@ -22,6 +22,7 @@ TELLS = 4.0  # s between lines
 ROUND, LOOSE = 27.0, 3.0  # s: all hands play, then all let go
 AWAY, HOLD, NEEDLE, FREE = range(4)
 LAYOUT = messages.code(messages.Frame)
+UNKNOWN = ("mesh_error", "linearisation", "least_volume")  # NaN where there is no estimate
 
 
 class Hand:
@@ -116,14 +117,14 @@ def heard(frame: dict[str, tuple[float, ...]]) -> dict[str, float]:
 def judged(data: bytes, frame: dict[str, tuple[float, ...]], loose: float) -> str:
     """What is wrong with a frame; `loose`: seconds since all were to let go."""
     for name, values in frame.items():
-        if not np.isfinite(values).all():
+        if name not in UNKNOWN and not np.isfinite(values).all():
             return f"{name} is no number: {values}"
     if len(data) != struct.calcsize(LAYOUT) + 6 * frame["count"][0]:
         return "a frame of another length"
     if frame["faults"][0]:
         return f"{frame['faults'][0]} faults"
     if loose > 0.75 * LOOSE and any(frame["contact"]):
-        return f"a stuck tool: grips {frame['grip']}"
+        return f"a stuck tool: contacts {frame['contact']}"
     return ""
 
 

@@ -13,14 +13,20 @@ using namespace palpate;
 
 namespace {
 
-struct Driven { // the loop and the surface it looks at
-    const ContactSurface& surface;
+struct Driven {                    // the loop, and what it runs on after a cut
+    nb::object body[2], before[2]; // a model and its surface; those may go that were replaced before these
     RealtimeLoop loop;
+    const ToolSettings tools;
+    int nodes; // of the body that was asked for last
     Driven(const TissueModel& model, const ContactSurface& surface, In<int32_t, 1> shown,
            const SimulationSettings& settings)
-        : surface(checked(model, surface, shown, settings)), loop(model, surface, settings, listed(shown)) {
-        if (int at = crowded(settings.tools); at >= 0)
-            throw std::invalid_argument("a contact of radius " + std::to_string(settings.tools.radius) +
+        : loop(model, checked(model, surface, shown, settings), settings, listed(shown)), tools(settings.tools),
+          nodes(model.nodes()) {
+        require_room(surface);
+    }
+    void require_room(const ContactSurface& surface) const {
+        if (int at = crowded(surface); at >= 0)
+            throw std::invalid_argument("a contact of radius " + std::to_string(tools.radius) +
                                         " mm covers more than " + std::to_string(ContactPatch::capacity) +
                                         " nodes, for example about node " + std::to_string(at));
     }
@@ -33,7 +39,7 @@ struct Driven { // the loop and the surface it looks at
         check_radius(settings.tools.radius);
         return surface;
     }
-    int crowded(const ToolSettings& tools) const { // a node whose patch would be too big, or -1
+    int crowded(const ContactSurface& surface) const { // a node whose patch would be too big, or -1
         auto scratch = surface.scratch();
         ContactPatch patch;
         for (int t = 0; t < surface.triangles(); t++)
@@ -108,12 +114,10 @@ nb::tuple drain(Driven& driven) {
                           copied(digest_ticks), copied(values), copied(switch_ticks), copied(missing_tables));
 }
 
-nb::list drain_changes(Driven& driven) { // (tick, model)
-    std::vector<ModelEvent> changes;
-    driven.loop.model_events.drain(changes);
-    nb::list out;
-    for (const auto& [tick, model] : changes) out.append(nb::make_tuple(tick, nb::find(model)));
-    return out;
+std::vector<int64_t> drain_changes(Driven& driven) {
+    std::vector<int64_t> changes;
+    driven.loop.changes.drain(changes);
+    return changes;
 }
 
 Owned<double, 3> step(Driven& driven, Device& device, int64_t ticks) {
@@ -173,6 +177,7 @@ void bind_devices(nb::module_& m) {
 void bind_frame(nb::module_& m) {
     nb::class_<Frame>(m, "Frame", "What a display needs of one tick, tool by tool; mm, N.")
         .def_ro("tick", &Frame::tick)
+        .def_ro("body", &Frame::body)
         .def_ro("late", &Frame::late)
         .def_ro("faults", &Frame::faults)
         .def_ro("serial", &Frame::serial)
@@ -191,7 +196,12 @@ void bind_frame(nb::module_& m) {
         .def_prop_ro("axis", [](const Frame& f) { return vectors(f.axis); })
         .def_prop_ro("insertion",
                      [](const Frame& f) { return std::vector<double>(f.insertion, f.insertion + most_tools); })
-        .def_prop_ro("shown", [](const Frame& f) { return rows(f.shown); }, nb::rv_policy::automatic);
+        .def_prop_ro(
+            "shown",
+            [](const Frame& f) {
+                return rows(std::vector<float>(f.shown.begin(), f.shown.begin() + 3 * f.shown_count));
+            },
+            nb::rv_policy::automatic);
 }
 
 #define PALPATE_TOOL_SETTING(name, field)                                                                              \
@@ -236,17 +246,39 @@ void bind_simulation(nb::module_& m) {
         .def(
             "change",
             [](Driven& d, const TissueModel& model, int sweeps) {
-                expect(model.nodes() == d.loop.current().nodes(), "model: of another mesh");
+                expect(model.nodes() == d.nodes, "model: of another mesh");
                 check_count(sweeps);
                 return d.loop.change(model, sweeps);
             },
             "model"_a, "sweeps"_a, nb::keep_alive<1, 2>(), nb::call_guard<nb::gil_scoped_release>(),
             "Another model of the same tissue from the next tick on; False while one is on its way.")
         .def(
+            "change_body",
+            [](Driven& d, nb::object model, nb::object surface, In<int32_t, 1> shown, int sweeps) {
+                const auto& to = nb::cast<const TissueModel&>(model);
+                const auto& on = nb::cast<const ContactSurface&>(surface);
+                Driven::checked(to, on, shown, SimulationSettings());
+                check_count(sweeps);
+                expect(shown.shape(0) <= d.loop.shown_room, "shown: too many nodes");
+                d.require_room(on);
+                bool done;
+                {
+                    nb::gil_scoped_release release;
+                    done = d.loop.change_body(to, on, sweeps, listed(shown));
+                }
+                if (!done) return false;
+                for (int k = 0; k < 2; k++) d.before[k] = std::move(d.body[k]);
+                d.body[0] = std::move(model), d.body[1] = std::move(surface);
+                d.nodes = to.nodes();
+                return true;
+            },
+            "model"_a, "surface"_a, "shown"_a, "sweeps"_a,
+            nb::sig("def change_body(self, model: palpate._core.tissue.TissueModel, surface: "
+                    "palpate._core.tissue.ContactSurface, shown: typing.Any, sweeps: int) -> bool"),
+            "A body that was cut, from the next tick on; False while a change is on its way.")
+        .def(
             "free_retired", [](Driven& d) { d.loop.free_retired(); }, nb::call_guard<nb::gil_scoped_release>())
-        .def("changes", &drain_changes,
-             nb::sig("def changes(self) -> list[tuple[int, palpate._core.tissue.TissueModel]]"),
-             "Ticks that first ran another model, and it, since the last call.")
+        .def("changes", &drain_changes, "Ticks that first ran another model or body, since the last call.")
         .def(
             "wait_frame",
             [](Driven& d, int64_t serial, int64_t tick, double seconds) {
@@ -280,7 +312,7 @@ void bind_simulation(nb::module_& m) {
              "Commands obeyed, digests and switches of tables since the last call.")
         .def("dropped", [](const Driven& d) {
             return d.loop.command_events.dropped() + d.loop.digests.dropped() + d.loop.table_events.dropped() +
-                   d.loop.model_events.dropped();
+                   d.loop.changes.dropped();
         });
     m.def(
         "sweep_seconds",

@@ -58,6 +58,19 @@ void bind_contact(nb::module_& m) {
             },
             "nodes"_as_is, "triangles"_as_is, "held"_as_is)
         .def(
+            "carry",
+            [](ContactSurface& s, In<int32_t, 2> carrier, In<double, 2> share, In<uint8_t, 1> held) {
+                const size_t count = carrier.shape(0);
+                expect(carrier.shape(1) == 4 && share.shape(0) == count && share.shape(1) == 4 &&
+                           (s.node.empty() || *std::max_element(s.node.begin(), s.node.end()) < int(count)),
+                       "carry: expected carrier (n, 4) and share (n, 4) for each of the surface's nodes");
+                expect_numbers(carrier, held.shape(0), "carrier: names a node that is not there");
+                expect_finite(share, "share: not finite");
+                s.carry(carrier.data(), share.data(), int(count), held.data(), int(held.shape(0)));
+            },
+            "carrier"_as_is, "share"_as_is, "held"_as_is,
+            "The nodes of a mesh, (n, 4), that move each of this surface's, and how much; held: (N,) of the mesh.")
+        .def(
             "closest",
             [](const ContactSurface& s, Point p) {
                 const SurfacePoint found = s.closest(p.data());
@@ -106,7 +119,7 @@ void bind_contact(nb::module_& m) {
             "at"_a, "radius"_a,
             nb::sig("def wide_patch(self, at: palpate._core.tissue.SurfacePoint, radius: float) -> "
                     "tuple[typing.Any, typing.Any]"),
-            "Nodes and weights of the smooth patch, of any number; none if it is held.")
+            "Vertices and weights of the smooth patch, of any number; none if it is held.")
         .def(
             "patch_triangles",
             [](const ContactSurface& s, const SurfacePoint& at, double radius) {

@@ -34,7 +34,8 @@ inline void check_radius(double radius) { expect(within(radius, 0.0, 1e6), "radi
 
 // Whether the model has all nodes of the surface.
 inline void check_surface(const TissueModel& model, const ContactSurface& surface) {
-    for (int node : surface.node) expect(node < model.nodes(), "surface: of another mesh than the model");
+    const std::vector<int>& nodes = surface.carried() ? surface.carrier : surface.node;
+    for (int node : nodes) expect(node < model.nodes(), "surface: of another mesh than the model");
 }
 
 inline void check_contacts(const TissueModel& model, const ModelState& state, const std::vector<ContactPatch>& patches,

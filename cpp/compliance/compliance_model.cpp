@@ -290,6 +290,16 @@ void ComplianceModel::observe(ComplianceState& s, int prescribed, int observed, 
     }
 }
 
+// The stiffness in use serves on; its difference to that of the cut body fades out once the blocks of that are known.
+bool ComplianceModel::continue_from(ModelState& state, const ModelState& from) const {
+    const auto* other = dynamic_cast<const ComplianceState*>(&from);
+    auto& s = static_cast<ComplianceState&>(state);
+    if (!other || s.history || other->history) return false;
+    std::copy_n(other->values.data(), int(ComplianceState::size), s.values.data());
+    s.values[ComplianceState::known_at] = -1;
+    return true;
+}
+
 // A vertex that enters a patch brings some twenty tables that are in no cache: reads them between ticks.
 void ComplianceModel::prefetch(ModelState& state, const ContactPatch* patches, int count) const {
     auto& s = static_cast<ComplianceState&>(state);

@@ -71,6 +71,7 @@ public:
                   const double* force) const override;
     void displayed_displacement(ModelState& state, const int* nodes, int count, float* out) const override;
     void displacement(ModelState& state, double* out) const override;
+    bool continue_from(ModelState& state, const ModelState& from) const override;
     void prefetch(ModelState& state, const ContactPatch* patches, int count) const override;
     void begin_realtime(ModelState& state) const override;
     void end_realtime(ModelState& state) const override;

@@ -97,7 +97,8 @@ void Simulation::observe_energy() {
         p.total_force(total);
         for (int k = 0; k < 3; k++) {
             way[t][k] = closed_now && before.closed ? p.tip[k] - before.tip[k] : 0;
-            work -= 0.5 * (total[k] + before.total[k]) * way[t][k];
+            const double done = -0.5 * (total[k] + before.total[k]) * way[t][k];
+            work += done, recent_work += done;
         }
         most[t] = allowed_change(p, before);
         before.closed = closed_now;
@@ -107,7 +108,7 @@ void Simulation::observe_energy() {
         std::copy_n(p.tip, 3, before.tip);
         std::copy_n(total, 3, before.total);
     }
-    if (closed == 0) work_at_rest = work - energy;
+    if (closed == 0) recent_work = energy; // a sum of its own, so that no bit of a force depends on earlier touches
     control_passivity(way, most);
 }
 
@@ -116,7 +117,7 @@ void Simulation::observe_energy() {
 void Simulation::control_passivity(const double way[most_tools][3], const double most[most_tools]) {
     double square = 0;
     for (int t = 0; t < most_tools; t++) square += dot(way[t], way[t]);
-    const double excess = energy - (work - work_at_rest), per = excess > 0 && square > 0 ? excess / (square + 1e-6) : 0;
+    const double excess = energy - recent_work, per = excess > 0 && square > 0 ? excess / (square + 1e-6) : 0;
     for (int t = 0; t < most_tools; t++) {
         ToolProxy& p = proxy[t];
         if (p.state != ContactState::closed) {

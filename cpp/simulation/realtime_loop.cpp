@@ -11,6 +11,8 @@ namespace {
 
 using clock = std::chrono::steady_clock;
 
+constexpr size_t room_for_cuts = 3; // times the nodes shown at first
+
 constexpr auto look_ahead_time = std::chrono::microseconds(200); // least rest of a period for look_ahead
 
 std::chrono::nanoseconds thread_time() { // processor time of this thread
@@ -58,8 +60,9 @@ double sweep_seconds(const TissueModel& model, const ContactSurface& surface, do
 
 RealtimeLoop::RealtimeLoop(const TissueModel& model, const ContactSurface& surface, const SimulationSettings& settings,
                            std::vector<int> shown)
-    : frames(blank(shown.size())), command_events(1 << 16), digests(1 << 16), model_events(1 << 8),
-      table_events(1 << 16), simulation(model, surface, settings), shown(std::move(shown)) {}
+    : shown_room(shown.size() * room_for_cuts + 1000), frames(blank(shown_room)), command_events(1 << 16),
+      digests(1 << 16), changes(1 << 8), table_events(1 << 16), simulation(model, surface, settings, std::move(shown)) {
+}
 
 RealtimeLoop::~RealtimeLoop() {
     stop();
@@ -132,17 +135,26 @@ void RealtimeLoop::accept_change() {
         retired.store(changing, std::memory_order_release);
         changing = nullptr;
     } else if (ActiveModel* to = requested.exchange(nullptr, std::memory_order_acq_rel)) {
-        model_events.push({simulation.ticks, to->model});
+        changes.push(simulation.ticks);
         changing = to; // will hold the retired model
         simulation.change(std::move(*to));
     }
 }
 
 bool RealtimeLoop::change(const TissueModel& model, int sweeps) {
+    return request({&model, model.make_state(), sweeps, nullptr, {}, {}});
+}
+
+bool RealtimeLoop::change_body(const TissueModel& model, const ContactSurface& surface, int sweeps,
+                               std::vector<int> shown) {
+    return request({&model, model.make_state(), sweeps, &surface, surface.scratch(), std::move(shown)});
+}
+
+bool RealtimeLoop::request(ActiveModel wanted) {
     free_retired();
     if (requested.load() || pending) return false;
-    auto* to = new ActiveModel{&model, model.make_state(), sweeps};
-    if (running()) model.begin_realtime(*to->state);
+    auto* to = new ActiveModel(std::move(wanted));
+    if (running()) to->model->begin_realtime(*to->state);
     pending = true;
     requested.store(to, std::memory_order_release);
     return true;
@@ -182,7 +194,9 @@ void RealtimeLoop::publish(double now) {
             frame.axis[3 * t + k] = p.axis[k];
         }
     }
-    simulation.displayed_displacement(shown.data(), int(shown.size()), frame.shown.data());
+    frame.body = simulation.bodies;
+    frame.shown_count = int(simulation.shown().size());
+    simulation.displayed_displacement(simulation.shown().data(), frame.shown_count, frame.shown.data());
     frames.publish();
     if (reader_waits.exchange(false)) frame_published.post();
 }

@@ -15,6 +15,7 @@ namespace palpate {
 // What a display needs of one tick. Arrays hold the tools one after another.
 struct Frame {
     int64_t tick = 0, late = 0, faults = 0, serial = 0; // serial: of the newest command obeyed
+    int64_t body = 0;                                   // how often the body was changed
     double seconds = 0;                                 // the loop's clock
     double busy = 0;                                    // seconds of work a tick, smoothed
     double work = 0;                                    // N mm, of the tools on the tissue
@@ -28,18 +29,14 @@ struct Frame {
     double tip[3 * most_tools] = {};                    // mm
     double insertion[most_tools] = {};                  // mm of a needle inside the tissue
     double axis[3 * most_tools] = {};                   // of a needle
-    std::vector<float> shown;                           // (shown nodes, 3) mm, displacement
+    std::vector<float> shown;                           // (shown nodes, 3) mm, displacement; then unused room
+    int shown_count = 0;                                // of these nodes
 };
 
 struct CommandEvent { // a command and the tick that first obeyed it
     int64_t tick;
     int tool;
     Command command;
-};
-
-struct ModelEvent { // another model, and the tick that first ran it
-    int64_t tick;
-    const TissueModel* model;
 };
 
 struct StateDigest { // of the state after `ticks` ticks
@@ -74,6 +71,10 @@ public:
     // Another model of the same tissue, blended in from the next tick on. False: one is on its way already. Both models
     // must outlive the loop.
     bool change(const TissueModel& model, int sweeps);
+    // A body that was cut, at once: its model, its surface and the nodes to show, at most `shown_room`. All must
+    // outlive its run.
+    bool change_body(const TissueModel& model, const ContactSurface& surface, int sweeps, std::vector<int> shown);
+    const size_t shown_room;
     void free_retired(); // frees the model that a change has replaced; from the thread that changes
 
     // Waits for an unread frame that obeys another command than `serial`, or is of `tick` or later; for `seconds` at
@@ -84,13 +85,12 @@ public:
     TripleBuffer<Frame> frames;
     SpscQueue<CommandEvent> command_events;
     SpscQueue<StateDigest> digests;
-    SpscQueue<ModelEvent> model_events;
+    SpscQueue<int64_t> changes;                               // ticks that first ran another model or body
     LatencyHistogram tick_time, processor_time, wake_latency; // by the clock; wake_latency: start after the deadline
     SpscQueue<TableEvent> table_events;
 
 private:
     Simulation simulation;
-    const std::vector<int> shown;
     Commands last;
     std::atomic<ActiveModel*> requested{nullptr}, retired{nullptr};
     int64_t late = 0;
@@ -106,6 +106,7 @@ private:
     bool pending = false;            // the requesting thread's
     void tick(Device& device, bool by_clock);
     void accept_change();
+    bool request(ActiveModel to);
     void publish(double seconds);
 };
 

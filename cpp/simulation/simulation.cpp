@@ -11,9 +11,10 @@ constexpr double rest_tolerance = 1e-6; // mm, largest displacement of a tissue 
 
 } // namespace
 
-Simulation::Simulation(const TissueModel& model, const ContactSurface& surface, const SimulationSettings& settings)
-    : settings(settings), surface(surface), now{&model, model.make_state(), settings.sweeps},
-      scratch(surface.scratch()) {}
+Simulation::Simulation(const TissueModel& model, const ContactSurface& surface, const SimulationSettings& settings,
+                       std::vector<int> shown)
+    : settings(settings),
+      now{&model, model.make_state(), settings.sweeps, &surface, surface.scratch(), std::move(shown)} {}
 
 void Simulation::tick(const Commands& commands) {
     const bool known = !now.state->stale;
@@ -21,7 +22,8 @@ void Simulation::tick(const Commands& commands) {
         bool others = !at_rest;
         for (int o = 0; o < most_tools; o++) others = others || (o != t && proxy[o].state == ContactState::closed);
         const bool was_closed = proxy[t].state == ContactState::closed;
-        update_proxy(proxy[t], commands.tool[t], surface, settings.tools, others && !was_closed, known, scratch);
+        update_proxy(proxy[t], commands.tool[t], *now.surface, settings.tools, others && !was_closed, known,
+                     now.scratch);
         if (!was_closed && proxy[t].state == ContactState::closed) proxy[t].contact_tick = ticks;
     }
     gather_contacts();
@@ -53,7 +55,8 @@ void Simulation::look_ahead(const Commands& commands) {
         if (now.kind == CommandKind::free && then.kind == CommandKind::free)
             for (int k = 0; k < 3; k++) next.point[k] += now.point[k] - then.point[k];
         predicted[t] = proxy[t];
-        update_proxy(predicted[t], next, surface, settings.tools, false, !this->now.state->stale, scratch);
+        update_proxy(predicted[t], next, *this->now.surface, settings.tools, false, !this->now.state->stale,
+                     this->now.scratch);
         if (predicted[t].state != ContactState::closed && predicted[t].state != ContactState::open) continue;
         any = any || predicted[t].state == ContactState::closed;
         patch[count++].copy(predicted[t].patch);
@@ -107,7 +110,7 @@ bool Simulation::solve_contacts() {
 // A tool in space does not adhere: its contact opens where the tissue would pull it.
 void Simulation::separate_if_pulled(ToolProxy& p) const {
     double out[3];
-    surface.normal(p.at, out);
+    now.surface->normal(p.at, out);
     if (dot(p.force, out) >= 0) return;
     p.state = ContactState::open;
     p.released = true;
@@ -126,9 +129,31 @@ void Simulation::blend_models() {
     if (good)
         for (int k = 0; k < 3 * closed; k++) force[k] += share * (next_force[k] - force[k]);
     if (since < settle + blend) return;
+    next.surface = now.surface;
+    std::swap(next.scratch, now.scratch);
+    std::swap(next.shown, now.shown);
     old = std::move(now);
     now = std::move(next);
     next = ActiveModel();
+}
+
+void Simulation::change(ActiveModel to) {
+    next = std::move(to), since = 0;
+    if (next.surface) change_body();
+}
+
+// Tools that touch the body before stay where they are on its surface, and go on from the force that they felt.
+void Simulation::change_body() {
+    old = std::move(now);
+    now = std::move(next);
+    next = ActiveModel();
+    bodies++;
+    now.model->continue_from(*now.state, *old.state);
+    for (ToolProxy& p : proxy) {
+        if (p.state != ContactState::closed && p.state != ContactState::open) continue;
+        p.at = now.surface->closest(p.at.point);
+        find_patch(p, *now.surface, settings.tools, now.scratch);
+    }
 }
 
 void Simulation::check_answers() {
@@ -169,7 +194,7 @@ void Simulation::write_feedback() {
         std::copy_n(p.tip, 3, f.at);
         std::copy_n(p.at.point, 3, f.anchor);
         std::fill_n(f.normal, 3, 0.0);
-        if (f.touching && p.kind == CommandKind::free) surface.normal(p.at, f.normal);
+        if (f.touching && p.kind == CommandKind::free) now.surface->normal(p.at, f.normal);
         f.stiffness = f.touching && way > 1e-3 ? length(p.force) / way : 0;
     }
 }

@@ -14,18 +14,23 @@ struct SimulationSettings {
     ToolSettings tools;
 };
 
-// A model, its state and its iterations a tick.
+// A model, its state and its iterations a tick; of a body with another surface than before also that, with room for
+// queries, and the nodes that a display asks for.
 struct ActiveModel {
     const TissueModel* model = nullptr;
     std::unique_ptr<ModelState> state;
     int sweeps = 1;
+    const ContactSurface* surface = nullptr;
+    SurfaceScratch scratch;
+    std::vector<int> shown;
 };
 
 class Simulation {
 public:
     static constexpr int settle = 100, blend = 200; // ticks that a new model runs unused, then is blended in
 
-    Simulation(const TissueModel& model, const ContactSurface& surface, const SimulationSettings& settings);
+    Simulation(const TissueModel& model, const ContactSurface& surface, const SimulationSettings& settings,
+               std::vector<int> shown = {});
 
     // One tick. Reads no clock, allocates nothing, takes no lock.
     void tick(const Commands& commands);
@@ -34,15 +39,17 @@ public:
     // depends on it. Reads no clock, allocates nothing, takes no lock.
     void look_ahead(const Commands& commands);
 
-    // Another model of the same tissue from the next tick on, blended in. Not while changing(). retired(): the model it
-    // has replaced, once; empty before that.
+    // Another model from the next tick on: one of the same body is blended in; one with a surface of its own, a body
+    // that was cut, takes over at once. Not while changing(). retired(): the model it has replaced, once; empty before
+    // that.
     bool changing() const { return next.model != nullptr; }
-    void change(ActiveModel to) { next = std::move(to), since = 0; }
+    void change(ActiveModel to);
     ActiveModel retired() { return std::move(old); }
 
     uint64_t digest() const; // of the state and the forces, to compare replays
 
     int64_t ticks = 0;
+    int64_t bodies = 0; // that have taken over
     int64_t faults = 0; // ticks whose answer was not finite: force zero, tissue reset
     double work = 0;    // N mm, of the tools on the tissue
     ToolProxy proxy[most_tools];
@@ -53,6 +60,7 @@ public:
     }
     void displacement(double* out) const { now.model->displacement(*now.state, out); } // of every node; not in a tick
     int nodes() const { return now.model->nodes(); }
+    const std::vector<int>& shown() const { return now.shown; }
     const TissueModel* model() const { return displayed().model; }
     const ModelState& state() const { return *displayed().state; }
     void follow_clock(bool on);
@@ -60,10 +68,8 @@ public:
     int missing_tables = 0;              // of the last tick
 
 private:
-    const ContactSurface& surface;
     ActiveModel now, next, old;
-    int since = 0; // ticks that `next` has run
-    SurfaceScratch scratch;
+    int since = 0;       // ticks that `next` has run
     bool at_rest = true; // and untouched: nothing to compute
 
     // The contacts of this tick: the first `closed` in the order in which they closed, then the open ones.
@@ -77,12 +83,13 @@ private:
     ToolProxy predicted[most_tools]; // look_ahead's
     Commands previous_commands;      // of the last look_ahead
     double energy = 0;               // N mm, of the tissue a tick ago
-    double work_at_rest = 0;         // N mm, of `work` what was done before the tissue was last untouched
+    double recent_work = 0;          // N mm, of the tools since the tissue was last untouched, and its energy then
 
     const ActiveModel& displayed() const { return next.model && since > settle ? next : now; }
     void gather_contacts();
     bool solve_contacts();
     void blend_models();
+    void change_body();
     void separate_if_pulled(ToolProxy& proxy) const;
     void check_answers();
     void write_feedback();

@@ -31,14 +31,7 @@ struct ProxyUpdate {
     const ToolSettings& settings;
     SurfaceScratch& scratch;
 
-    bool find_patch() {
-        const auto status = settings.nodal_weights
-                                ? surface.nodal_patch(proxy.at, settings.radius, scratch, proxy.patch)
-                                : surface.patch(proxy.at, settings.radius, scratch, proxy.patch);
-        if (status == ContactSurface::PatchStatus::good) return true;
-        proxy.state = ContactState::refused;
-        return false;
-    }
+    bool find_patch() { return palpate::find_patch(proxy, surface, settings, scratch); }
 
     void move_to(const double point[3]) {
         const SurfacePoint before = proxy.at;
@@ -169,6 +162,15 @@ struct ProxyUpdate {
 };
 
 } // namespace
+
+bool find_patch(ToolProxy& proxy, const ContactSurface& surface, const ToolSettings& settings,
+                SurfaceScratch& scratch) {
+    const auto status = settings.nodal_weights ? surface.nodal_patch(proxy.at, settings.radius, scratch, proxy.patch)
+                                               : surface.patch(proxy.at, settings.radius, scratch, proxy.patch);
+    if (status == ContactSurface::PatchStatus::good) return true;
+    proxy.state = ContactState::refused;
+    return false;
+}
 
 void update_proxy(ToolProxy& proxy, const Command& command, const ContactSurface& surface, const ToolSettings& settings,
                   bool others, bool known, SurfaceScratch& scratch) {

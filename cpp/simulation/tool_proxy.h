@@ -87,6 +87,9 @@ struct ToolProxy {
 // The loop copies proxies to look ahead: nothing in them may allocate.
 static_assert(std::is_trivially_copyable_v<ToolProxy>);
 
+// The patch of the contact where it is; if there is none, the contact is refused.
+bool find_patch(ToolProxy& proxy, const ContactSurface& surface, const ToolSettings& settings, SurfaceScratch& scratch);
+
 // One tick of one tool: closes the contact, follows the command, slides, pierces, or opens. others: whether another
 // tool holds the tissue. known: whether the model's last answer had all its tables.
 void update_proxy(ToolProxy& proxy, const Command& command, const ContactSurface& surface, const ToolSettings& settings,

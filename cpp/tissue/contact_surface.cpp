@@ -44,6 +44,12 @@ ContactSurface::ContactSurface(const double* nodes, int count, const int32_t* tr
     if (faces > 0) build_tree(0, faces);
 }
 
+void ContactSurface::carry(const int32_t* nodes_of, const double* share, int count, const uint8_t* held, int nodes) {
+    carrier.assign(nodes_of, nodes_of + 4 * size_t(count));
+    carrier_share.assign(share, share + 4 * size_t(count));
+    held_node.assign(held, held + nodes);
+}
+
 void ContactSurface::build_adjacency() {
     std::vector<std::pair<int, int>> edges;
     for (size_t t = 0; t < corner.size(); t += 3)
@@ -123,6 +129,10 @@ SurfaceScratch ContactSurface::scratch() const {
     s.visited_triangle.assign(triangles(), 0);
     s.queue.resize(std::max(node.size(), size_t(triangles())));
     s.entry.resize(node.size());
+    if (!carried()) return s;
+    s.wide = WidePatch(vertices());
+    s.visited_node.assign(held_node.size(), 0);
+    s.node_entry.resize(held_node.size());
     return s;
 }
 

@@ -16,10 +16,10 @@ struct SurfacePoint {
     double distance = 0;
 };
 
-// A patch of any number of nodes, for callers outside the loop.
+// A patch of any number of nodes.
 struct WidePatch {
     explicit WidePatch(int capacity) : capacity(capacity), node(capacity), weight(capacity) {}
-    const int capacity;
+    int capacity;
     int count = 0;
     std::vector<int> node;
     std::vector<double> weight;
@@ -30,7 +30,10 @@ struct SurfaceScratch {
     std::vector<uint32_t> visited, visited_triangle; // the generation that last visited each vertex and triangle
     std::vector<int> queue;                          // vertices or triangles, in the order in which they were found
     std::vector<int> entry;                          // (vertices) its place in the patch, or -1 for a fixed one
-    int found = 0;                                   // triangles in `queue` after patch()
+    WidePatch wide{0};                               // of a carried surface: the patch of its vertices,
+    std::vector<uint32_t> visited_node;              // and (nodes) which nodes have an entry
+    std::vector<int> node_entry;
+    int found = 0; // triangles in `queue` after patch()
     uint32_t generation = 0;
 };
 
@@ -42,6 +45,11 @@ public:
     // nodes: (count, 3) mm; triangles: (faces, 3) node numbers, outward normals; fixed: (count) 1 for a node that
     // cannot move.
     ContactSurface(const double* nodes, int count, const int32_t* triangles, int faces, const uint8_t* fixed);
+
+    // The surface of a cut body: its vertices lie inside elements. carrier: (count, 4) nodes of the mesh that move each
+    // of the constructor's nodes, and share: (count, 4) how much; held: (nodes) 1 for a node that cannot move.
+    void carry(const int32_t* carrier, const double* share, int count, const uint8_t* held, int nodes);
+    bool carried() const { return !carrier.empty(); }
 
     int vertices() const { return int(node.size()); }
     int triangles() const { return int(corner.size() / 3); }
@@ -61,10 +69,11 @@ public:
     // at the point: on a plane the distance itself, on a sphere the stereographic one, and infinite on the far side of
     // a thin wall. Only triangles that hang together with the contact inside the patch count. If no vertex is inside,
     // the patch is the contact's triangle with the barycentric weights. all_fixed: no node inside can move.
-    // too_many_nodes: more than ContactPatch::capacity. Allocates nothing.
+    // too_many_nodes: more than ContactPatch::capacity. Of a carried surface the vertices' weights are handed to the
+    // nodes that move them. Allocates nothing.
     PatchStatus patch(const SurfacePoint& at, double radius, SurfaceScratch& scratch, ContactPatch& patch) const;
 
-    // The same with room for every node, for surfaces whose vertices are finer than the elements that carry them.
+    // The weights of the surface's own vertices, carried or not, with room for all.
     PatchStatus patch(const SurfacePoint& at, double radius, SurfaceScratch& scratch, WidePatch& patch) const;
 
     // The same patch with the weights of version 0.1, area_a phi(x_a), which are no integrals and change with the place
@@ -88,6 +97,9 @@ public:
     };
     std::vector<Box> tree;
     std::vector<int> leaf_order;
+    std::vector<int> carrier;          // (count, 4) as given to carry(), or empty
+    std::vector<double> carrier_share; // (count, 4)
+    std::vector<uint8_t> held_node;    // (nodes)
 
 private:
     int build_tree(int first, int count);
@@ -96,6 +108,7 @@ private:
     template <class Patch>
     PatchStatus integral_patch(const SurfacePoint& at, double radius, SurfaceScratch& scratch, Patch& patch) const;
     template <class Patch> PatchStatus barycentric_patch(const SurfacePoint& at, Patch& patch) const;
+    PatchStatus hand_to_nodes(SurfaceScratch& scratch, ContactPatch& patch) const;
 };
 
 } // namespace palpate

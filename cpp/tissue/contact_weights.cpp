@@ -144,6 +144,7 @@ void next_generation(SurfaceScratch& s) {
     if (++s.generation != 0) return;
     std::fill(s.visited.begin(), s.visited.end(), 0); // the counter has wrapped: clears the marks
     std::fill(s.visited_triangle.begin(), s.visited_triangle.end(), 0);
+    std::fill(s.visited_node.begin(), s.visited_node.end(), 0);
     s.generation = 1;
 }
 
@@ -225,7 +226,30 @@ ContactSurface::PatchStatus ContactSurface::barycentric_patch(const SurfacePoint
 
 ContactSurface::PatchStatus ContactSurface::patch(const SurfacePoint& at, double radius, SurfaceScratch& s,
                                                   ContactPatch& patch) const {
-    return integral_patch(at, radius, s, patch);
+    if (!carried()) return integral_patch(at, radius, s, patch);
+    const PatchStatus found = integral_patch(at, radius, s, s.wide);
+    return found == PatchStatus::good ? hand_to_nodes(s, patch) : found;
+}
+
+// The mean over the vertices is the same mean over the nodes that move them; without held nodes, as if those moved too.
+ContactSurface::PatchStatus ContactSurface::hand_to_nodes(SurfaceScratch& s, ContactPatch& patch) const {
+    double total = 0;
+    patch.count = 0;
+    for (int i = 0; i < s.wide.count; i++)
+        for (size_t k = 4 * size_t(s.wide.node[i]), end = k + 4; k < end; k++) {
+            const int n = carrier[k];
+            if (carrier_share[k] == 0 || held_node[n]) continue;
+            if (s.visited_node[n] != s.generation) {
+                if (patch.count == patch.capacity) return PatchStatus::too_many_nodes;
+                s.visited_node[n] = s.generation, s.node_entry[n] = patch.count;
+                patch.node[patch.count] = n, patch.weight[patch.count++] = 0;
+            }
+            patch.weight[s.node_entry[n]] += s.wide.weight[i] * carrier_share[k];
+            total += s.wide.weight[i] * carrier_share[k];
+        }
+    if (!(total > 0)) return PatchStatus::all_fixed;
+    for (int k = 0; k < patch.count; k++) patch.weight[k] /= total;
+    return PatchStatus::good;
 }
 
 ContactSurface::PatchStatus ContactSurface::patch(const SurfacePoint& at, double radius, SurfaceScratch& s,

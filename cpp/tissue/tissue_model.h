@@ -69,6 +69,10 @@ public:
     virtual bool relax(ModelState& state, const ContactPatch* patches, int prescribed, int observed,
                        double* displacement, int iterations, double* force) const = 0;
 
+    // The body was cut: the first state, new, goes on where the other one, of the body before, has come to, so that
+    // forces have no step. In a tick: allocates nothing, takes no lock. False: it begins at rest.
+    virtual bool continue_from(ModelState&, const ModelState&) const { return false; }
+
     // Between ticks: the patches, prescribed or observed, that the next tick may bring. A model may load into the
     // caches what it would need for them. No answer may depend on this call. Allocates nothing, takes no lock.
     virtual void prefetch(ModelState&, const ContactPatch*, int) const {}

@@ -28,7 +28,7 @@ from websockets.sync.client import connect
 
 import palpate as pp
 
-LENGTHS = {1: 32, 3: 4, 4: 4, 5: 4}  # bytes of a tool's, a choice's, a mark's and a wish to compare, by kind
+LENGTHS = {1: 32, 3: 4, 4: 4, 5: 4, 7: 20}  # bytes of a tool's, a choice's, a mark's, a wish to compare, a scalpel's
 FRAME = 2
 LARGEST, POLICY, TOO_BIG = 1024, 1008, 1009
 HOSTILE = [math.nan, math.inf, -math.inf, 1e38, -1e38, 1e-40, 0.0, 1e6, -1e5]
@@ -45,6 +45,9 @@ def good(data, reach):
         return data[1] < 2 and data[2] < 4
     if data[0] == 5:
         return data[1] < 2
+    if data[0] == 7:
+        depth, *place = struct.unpack_from("<4f", data, 2)
+        return data[1] < 4 and all(map(math.isfinite, (depth, *place))) and (depth > 0 or data[1] == 3)
     tool, kind = data[1], data[2]
     numbers = struct.unpack_from("<6f", data, 7)
     if tool > 3 or kind > 3 or not all(map(math.isfinite, numbers)):
@@ -66,6 +69,10 @@ def one(rng, nodes, reach):
         return struct.pack("<BBBx", 3, 0, rng.integers(3))
     if draw < 0.744:
         return struct.pack("<BBxx", 5, rng.integers(2))
+    if draw < 0.75:
+        depth = float(rng.choice([5.0, 15.0, 1e38, -1.0, math.nan], p=[0.6, 0.3, 0.02, 0.04, 0.04]))
+        where = at if rng.random() < 0.95 else rng.choice(HOSTILE, 3)
+        return struct.pack("<BB4fxx", 7, rng.integers(5), depth, *where)
     if draw < 0.80:
         return rng.bytes(int(2 ** rng.uniform(0, 10)) - 1)
     if draw < 0.85:

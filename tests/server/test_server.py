@@ -251,13 +251,14 @@ def test_wire_displacements_are_within_half_a_step():
     class Frame:
         tick, late, faults, serial, seconds, busy, work = 2**40, 3, 0, 9, 1.5, 1e-4, 2.0
         solution_age, solution_error = 0.05, 0.02
-        contact, insertion = [1, 0, 0, 0], [0.0] * 4
+        contact, insertion, body = [1, 0, 0, 0], [0.0] * 4, 7
         point = displacement = force = [(1.0, 2.0, 3.0)] * 4
         shown = np.random.default_rng(0).uniform(-9, 9, (50, 3)).astype(np.float32)
 
-    data = messages.frame_bytes(Frame)
+    data = messages.frame_bytes(Frame, Frame.shown)
     size = struct.calcsize(messages.code(messages.Frame))
-    step = struct.unpack_from("<f", data, 227)[0]
+    body, step = struct.unpack_from("<If", data, 227)
+    assert body == 7
     assert size % 4 == 0
     moved = step * np.frombuffer(data, "<i2", offset=size).reshape(-1, 3)
     np.testing.assert_allclose(moved, Frame.shown, atol=0.51 * 9 / 32767)

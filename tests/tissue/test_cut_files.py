@@ -143,7 +143,7 @@ def test_the_command_refuses(whole, tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.parametrize(
-    "words", ["touch cut.vtu --no-browser", "fit cut.vtu --young 5 -o t.vtu", "mesh cut.vtu -o m.msh"]
+    "words", ["export cut.vtu -o organ.html", "fit cut.vtu --young 5 -o t.vtu", "mesh cut.vtu -o m.msh"]
 )
 def test_commands_that_take_no_cut_tissue_say_so(opened, tmp_path, monkeypatch, capsys, words):
     pp.write_tissue(tmp_path / "cut.vtu", opened)

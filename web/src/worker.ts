@@ -3,11 +3,11 @@
 import { ColorMap, FIRST_ENDS } from "./organ/color-map";
 import { LocalSession } from "./engine/local-session";
 import { TouchEngine } from "./engine/touch-engine";
-import { normalize, normals, packNormals, uniqueEdges } from "./organ/mesh-geometry";
+import { borderEdges, normalize, normals, packNormals, uniqueEdges } from "./organ/mesh-geometry";
 import { buffersOf, type ColorMode, type FromWorker, type NodeArrays, type Organ, type Scale, type ToWorker } from "./protocol/worker-messages";
 import {
   CloseCode, ComparisonState, DIFFERENCE_BYTES, DIFFERENCE_KIND, DISTANCE_STEPS, FRAME_BYTES, decodeDifference, decodeFrame,
-  encodeCompare, encodeMark, encodeSelection, encodeToolCommand, type Frame, type Scene,
+  encodeCompare, encodeMark, encodeScalpel, encodeSelection, encodeToolCommand, type Frame, type Scene,
 } from "./protocol/server-messages";
 
 const page = self as unknown as {
@@ -23,6 +23,8 @@ let colorMap: ColorMap | null = null;
 let normalSums: Float32Array<ArrayBuffer>;
 let socket: WebSocket | null = null;
 let local: LocalSession | null = null; // in place of the socket
+let sceneAddress = "";
+let fetching = false; // the scene after a cut
 let newest: ArrayBuffer | null = null; // frame that was not sent to the page yet
 let last: ArrayBuffer | null = null; // frame that was sent last
 let lastAtRest = false; // and whether it shows the organ at rest
@@ -35,32 +37,45 @@ let decodeTime = 0; // ms, of the last frame
 let pressing = false; // the first tool measures stiffness
 const pool: NodeArrays[] = []; // arrays that the page has returned
 
-async function load(address: string): Promise<void> {
+async function load(address: string, cut = false): Promise<void> {
+  sceneAddress = address;
   const answer = await fetch(address);
   if (!answer.ok) throw new Error(answer.status === 403 ? "refused" : `the server answers ${answer.status}`);
-  show(await answer.arrayBuffer());
+  show(await answer.arrayBuffer(), cut);
+}
+
+/** The organ was cut, or a cut was taken back: fetches what is to be drawn now. A failure is that of the socket too. */
+function followCut(): void {
+  if (fetching) return;
+  fetching = true;
+  load(sceneAddress, true)
+    .catch(() => {})
+    .finally(() => (fetching = false));
 }
 
 /** Shows an organ, from a `Scene` message. */
-function show(data: ArrayBuffer): void {
+function show(data: ArrayBuffer, cut = false): void {
   const header = new DataView(data).getUint32(0, true);
   const scene = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, header))) as Scene;
   const rest = new Float32Array(data.slice(4 + header, 4 + header + 12 * scene.nodes));
-  const triangles = new Uint32Array(data.slice(4 + header + 12 * scene.nodes));
+  const arrays = scene.gapes ? 2 : 1, open = rest.slice();
+  if (scene.gapes) new Float32Array(data.slice(4 + header + 12 * scene.nodes, 4 + header + 24 * scene.nodes)).forEach((x, i) => (open[i] += x));
+  const triangles = new Uint32Array(data.slice(4 + header + 12 * arrays * scene.nodes));
   const outer = scene.parts.find((p) => !p.inside) ?? scene.parts[0];
   const surface = triangles.subarray(3 * outer.first, 3 * (outer.first + outer.count));
   const unitNormals = new Float32Array(rest.length);
   // Of the outer surface only: nodes of the inner regions that are not on it keep a zero normal.
   normals(rest, surface, unitNormals);
   normalize(unitNormals);
-  organ = { scene, rest, triangles, normals: unitNormals, edges: uniqueEdges(triangles, outer.first, outer.count) };
+  const edges = uniqueEdges(triangles, outer.first, outer.count);
+  organ = { scene, rest, open, triangles, normals: unitNormals, edges, rims: borderEdges(surface, scene.lips[0]) };
   colorMap = new ColorMap(organ, surface, ends);
   colorMap.mode = mode;
   normalSums = new Float32Array(rest.length);
   pool.length = 0;
   last = newest = null;
   lastAtRest = false;
-  page.postMessage({ kind: "organ", organ });
+  page.postMessage({ kind: "organ", organ, cut });
 }
 
 function connect(address: string): void {
@@ -147,6 +162,7 @@ function sendFrame(): void {
   if (!newest || !organ || !colorMap) return;
   const began = performance.now();
   const frame = decodeFrame(new DataView(newest));
+  if (frame.body !== organ.scene.body) return followCut();
   if (frame.count !== 0 && frame.count !== organ.scene.nodes) return; // of another scene
   if (pressing) colorMap.addStiffness(frame);
   const unchanged = frame.count === 0 && lastAtRest && !(pressing && mode === "stiffness");
@@ -161,13 +177,13 @@ function sendFrame(): void {
 }
 
 function computeArrays(data: ArrayBuffer, { count, step, model }: Frame): NodeArrays {
-  const { rest, triangles, scene } = organ!;
-  const arrays = pool.pop() ?? allocate(rest.length / 3);
+  const { open, triangles, scene } = organ!;
+  const arrays = pool.pop() ?? allocate(open.length / 3);
   const { positions } = arrays;
   if (count) {
     const displacements = new Int16Array(data, FRAME_BYTES, 3 * count);
-    for (let i = 0; i < positions.length; i++) positions[i] = rest[i] + step * displacements[i];
-  } else positions.set(rest);
+    for (let i = 0; i < positions.length; i++) positions[i] = open[i] + step * displacements[i];
+  } else positions.set(open);
   normals(positions, triangles, normalSums);
   packNormals(normalSums, arrays.normals);
   scale = colorMap!.apply(positions, scene.models[model] ?? scene.model, arrays.colors);
@@ -217,5 +233,6 @@ page.onmessage = ({ data }) => {
     if (local) page.postMessage({ kind: "record", text: local.recorded() });
   } else if (data.kind === "command") send(encodeToolCommand(data.command));
   else if (data.kind === "select") send(encodeSelection(data.selection));
+  else if (data.kind === "scalpel") send(encodeScalpel(data.scalpel));
   else send(encodeMark(data.mark));
 };

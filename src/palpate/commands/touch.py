@@ -33,6 +33,12 @@ def touch_command(
     replay: Annotated[Path | None, typer.Option(help="Look at a recorded session (.h5) instead of touching.")] = None,
     image: Annotated[list[Path] | None, typer.Option(help="A volume whose slices are shown beside; up to two.")] = None,
     device: Annotated[str | None, typer.Option(help="open-haptics, force-dimension or haply; see: doctor.")] = None,
+    tension: Annotated[
+        float, typer.Option(help="Of the tissue at rest, kPa: cuts gape by it in the picture.", show_default=False)
+    ] = 0.0,
+    save: Annotated[
+        Path | None, typer.Option(help="Write the tissue with its cuts here when the session ends (.vtu).")
+    ] = None,
     task: Annotated[str, typer.Option(help="Set a trainee a task: lump or biopsy; scored if recorded.")] = "touch",
 ) -> None:
     """Example: [bold]palpate touch tissue.vtu --record session.h5[/bold]
@@ -40,7 +46,8 @@ def touch_command(
     Touch an organ in the browser: press, stroke, pull, see the force.
 
     Hold on the organ to press it in and stroke along to feel what lies
-    below; drag beside it to turn the view. The page is served to this
+    below; drag beside it to turn the view. Cut it: choose Cut and draw
+    over it. The page is served to this
     machine only; the printed ssh line reaches it from another one. Ctrl-C
     ends the session.
     """
@@ -68,6 +75,8 @@ def touch_command(
         images=[pp.read_volume(path) for path in image or ()],
         device=device,
         task=asked.text,
+        tension=tension,
+        save=save,
     )
     if record is not None and task != "touch":
         typer.echo(scored(pp.read_record(record), solid, asked, record.name).text())

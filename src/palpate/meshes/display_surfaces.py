@@ -1,14 +1,85 @@
-"""The surfaces that a display draws: the mesh's own, and those of the regions inside."""
+"""The surfaces that a display draws: the mesh's own, those of the regions inside, and the lips of cuts."""
+
+from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.arrays import Int32
+from palpate.arrays import Float32, Float64, Int32, Int64
 from palpate.meshes.cutting.cut_mesh import CutMesh
 from palpate.meshes.tet_mesh import TetMesh, boundary_faces
 
 
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Triangles first to first + count of a `DisplayedSurface`: the organ, or a region inside it."""
+
+    name: str
+    first: int
+    count: int
+    inside: bool
+
+
+@dataclass(frozen=True, eq=False)
+class DisplayedSurface:
+    """What a display draws of a mesh.
+
+    nodes: (n,) nodes of the mesh that move it, sorted. places: (S, 3) mm, its vertices at rest. triangles: (T, 3) vertices,
+    normals outwards. lips: numbers of the first vertex on the lips of cuts, in the largest region and in each of the others
+    by label; lips have vertices of their own so that their rim is sharp. S where there are none. carrier, weight: (S, 4)
+    which of `nodes` move each vertex, and how much; None where the vertices are the nodes. gape: (S, 3) mm, how far the
+    vertices have gone from their places before anything touches them, since a tension has opened the cuts; None: not at all.
+    """
+
+    nodes: Int32
+    places: Float64
+    triangles: Int32
+    groups: tuple[Group, ...]
+    lips: tuple[int, ...]
+    carrier: Int64 | None = None
+    weight: Float32 | None = None
+    gape: Float32 | None = None
+
+    def carried(self, values: Float32) -> Float32:
+        """(S, 3) at the vertices, of values (n, 3) at the nodes."""
+        if self.carrier is None or self.weight is None:
+            return values
+        return np.asarray(np.einsum("sa,sak->sk", self.weight, values[self.carrier]), dtype=np.float32)
+
+
+def displayed_surface(mesh: TetMesh) -> DisplayedSurface:
+    """Return what a display draws of a mesh. Of one that was cut it draws no regions inside."""
+    nodes = displayed_nodes(mesh)
+    if isinstance(mesh, CutMesh):
+        return _of_cut(mesh, nodes)
+    drawn = [("organ", mesh.surface, False)]
+    drawn += [(mesh.names.get(k, f"region {k}"), faces, True) for k, faces in region_faces(mesh).items()]
+    first = np.concatenate([[0], np.cumsum([len(faces) for _, faces, _ in drawn])])
+    groups = tuple(Group(name, int(first[i]), len(faces), inside) for i, (name, faces, inside) in enumerate(drawn))
+    triangles = np.searchsorted(nodes, np.concatenate([faces for _, faces, _ in drawn])).astype(np.int32)
+    return DisplayedSurface(nodes, mesh.nodes[nodes], triangles, groups, (len(nodes),))
+
+
+def _of_cut(mesh: CutMesh, nodes: Int32) -> DisplayedSurface:
+    skin = mesh.skin
+    count, labels = len(skin.tet), _by_size(mesh)
+    place = np.array([labels.index(region) for region in mesh.region[skin.tet].tolist()])
+    # A vertex on the rim is there twice; those of lips come last, by region.
+    twice = skin.triangles + count * np.where(skin.lip[:, None], 1 + place[skin.triangles], 0)
+    used, numbered = np.unique(twice, return_inverse=True)
+    vertex = used % count
+    return DisplayedSurface(
+        nodes,
+        mesh.places[vertex],
+        numbered.reshape(-1, 3).astype(np.int32),
+        (Group("organ", 0, len(twice), False),),
+        tuple(np.searchsorted(used, count * np.arange(1, 1 + len(labels))).tolist()),
+        np.minimum(np.searchsorted(nodes, mesh.tets[skin.tet[vertex]]), len(nodes) - 1),  # of weight 0 where not there
+        skin.weight[vertex].astype(np.float32),
+    )
+
+
 def displayed_nodes(mesh: TetMesh) -> Int32:
-    """Sorted nodes that a display draws: on the surface, or between two regions."""
+    """Sorted nodes that move what a display draws: on the surface, or between two regions."""
     if isinstance(mesh, CutMesh):
         return mesh.surface_nodes
     nodes = [mesh.surface.ravel(), *(faces.ravel() for faces in region_faces(mesh).values())]
@@ -17,9 +88,13 @@ def displayed_nodes(mesh: TetMesh) -> Int32:
 
 def region_faces(mesh: TetMesh) -> dict[int, Int32]:
     """Triangles around each region inside another, by label: all regions but the largest."""
-    labels, count = np.unique(mesh.region, return_counts=True)
     return {
-        int(label): boundary_faces(np.ascontiguousarray(mesh.tets[mesh.region == label]))
-        for label in labels
-        if label != labels[np.argmax(count)]
+        label: boundary_faces(np.ascontiguousarray(mesh.tets[mesh.region == label])) for label in _by_size(mesh)[1:]
     }
+
+
+def _by_size(mesh: TetMesh) -> list[int]:
+    """Labels of the regions: that of the most tetrahedra, then the others in order."""
+    labels, count = np.unique(mesh.region, return_counts=True)
+    largest = int(labels[np.argmax(count)])
+    return [largest, *(label for label in labels.tolist() if label != largest)]

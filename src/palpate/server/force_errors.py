@@ -6,6 +6,7 @@ from time import monotonic
 from typing import Any
 
 from palpate.errors import DataError
+from palpate.meshes.cutting.cut_mesh import CutMesh
 from palpate.simulation.fem_reference import DisplayedTick, linear_solution, linearisation_error, mesh_error
 from palpate.simulation.pointer import ContactState
 from palpate.simulation.session import Session
@@ -39,7 +40,12 @@ class ForceErrors:
         if model is not self._model or ContactState.closed not in list(frame.contact):
             self._model, self.mesh = model, UNKNOWN
             self.linearisation = self.least_volume = UNKNOWN
-        if not isinstance(model, ComplianceModel) or monotonic() < self._due or (self.task and not self.task.done()):
+        if (
+            not isinstance(model, ComplianceModel)
+            or isinstance(model.tissue.mesh, CutMesh)
+            or monotonic() < self._due
+            or (self.task and not self.task.done())
+        ):
             return None
         tick = DisplayedTick.of(frame)
         if not tick.tools:

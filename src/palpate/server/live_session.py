@@ -11,9 +11,10 @@ from typing import cast
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from palpate.errors import PalpateError
+from palpate.server.cutting_stroke import Cutting, first_depth, may_cut
 from palpate.server.force_errors import ForceErrors
 from palpate.server.image_payloads import ImagePayload
-from palpate.server.messages import CloseCode, Mark, Selection, SelectionKind, ToolCommand
+from palpate.server.messages import CloseCode, Mark, Scalpel, Selection, SelectionKind, ToolCommand
 from palpate.server.reference_comparison import ReferenceComparison
 from palpate.server.scene_message import reach, scene_bytes
 from palpate.simulation.pointer import KINDS, TOOLS, Command, CommandKind, Kind, Pointer, bounded_vector
@@ -61,6 +62,7 @@ class LiveSession:
         if not self.organs:
             self.organs = {self.title: self.session.first.tissue}
         self.comparison = ReferenceComparison(self.build_model)
+        self.cutting = Cutting(self.changing, self.describe, self.tell)
         self.force_errors = ForceErrors()
         self.open_journal(self.session, 0)
         self.choice = self.current
@@ -79,6 +81,8 @@ class LiveSession:
             task=self.task,
             reason=self.reason,
             images=bool(self.images),
+            cuts=not self.is_replay and may_cut(self.session),
+            depth=first_depth(self.session),
         )
 
     @property
@@ -110,6 +114,23 @@ class LiveSession:
         self.holders[message.tool] = page
         self.device.send(Command(True, message.point, displacement, kind), message.serial, message.tool)
 
+    def cut(self, page: WebSocket, message: Scalpel) -> None:
+        """Obeys the scalpel of a page."""
+        if not self.is_replay and may_cut(self.session):
+            self.keep(self.cutting.obey(page, self.session, message))
+
+    def replay_cuts(self, tick: int) -> None:
+        """Begins a cut of the record that is replayed, once its tick has come."""
+        if isinstance(self.device, Replay) and self.device.record.cuts:
+            self.keep(self.cutting.replay(self.session, self.device.record, tick))
+
+    def keep(self, task: "asyncio.Task[None] | None") -> None:
+        """Keeps a background task alive until it ends, and prints its error."""
+        if task:
+            self.changes.add(task)
+            task.add_done_callback(self.changes.discard)
+            task.add_done_callback(report_failure)
+
     def release(self, page: WebSocket, tool: int, serial: int | None = None) -> None:
         """Lets go of a tool that this page holds."""
         if self.holders.get(tool) is page and isinstance(self.device, Pointer):
@@ -127,6 +148,7 @@ class LiveSession:
         """Removes a page and lets go of its tools."""
         self.pages.pop(page, None)
         self.comparison.request(page, False)
+        self.cutting.leave(page)
         for tool in range(TOOLS):
             self.release(page, tool)
 
@@ -141,10 +163,7 @@ class LiveSession:
             return
         organ, model = self.choice
         self.choice = (organ, selection.index) if selection.kind == SelectionKind.model else (selection.index, model)
-        task = asyncio.create_task(self.carry_out(self.choice))
-        self.changes.add(task)
-        task.add_done_callback(self.changes.discard)
-        task.add_done_callback(report_failure)
+        self.keep(asyncio.create_task(self.carry_out(self.choice)))
 
     def hand_over(self) -> None:
         """Begins to make the session's successor, if it has one."""
@@ -158,9 +177,11 @@ class LiveSession:
                 return
             try:
                 tissue = list(self.organs.values())[choice[0]]
+                if tissue is self.session.first.tissue:
+                    tissue = self.session.tissue  # with its cuts
                 model = await self.build_model(tissue, names_in_sessions()[choice[1]])
                 while self.choice is choice and choice != self.current:
-                    if tissue is not self.session.first.tissue:
+                    if tissue is not self.session.tissue:
                         await self.change_organ(model)
                     elif not await asyncio.to_thread(self.session.change, model):
                         await asyncio.sleep(CHANGE_RETRY)
@@ -179,7 +200,7 @@ class LiveSession:
 
     async def change_organ(self, model: TissueModel) -> None:
         """Changes to a model of another resolution: a new session. All tools let go, and the pages fetch the new scene."""
-        after = await asyncio.to_thread(Session, model)
+        after = await asyncio.to_thread(Session, model, tension=self.session.tension)
         self.open_journal(after, len(self.finished) + 1)
         self.holders.clear()
         if isinstance(self.device, Pointer):
@@ -195,6 +216,8 @@ class LiveSession:
 
     async def build_model(self, tissue: Tissue, name: str) -> TissueModel:
         """A model of a tissue, built once even for several requests at the same time; again if that failed."""
+        if all(tissue is not organ for organ in self.organs.values()):
+            return await asyncio.to_thread(build, tissue, name)  # with cuts: the next one makes it useless
         key = id(tissue), name
         built = self.models.get(key)
         if built is None or (built.done() and (built.cancelled() or built.exception())):

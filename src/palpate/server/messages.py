@@ -36,6 +36,15 @@ class SelectionKind(IntEnum):
     organ = 1
 
 
+class CutStep(IntEnum):
+    """What a `Scalpel` does."""
+
+    begin = 0
+    move = 1
+    end = 2
+    undo = 3
+
+
 class MarkKind(IntEnum):
     """What a `Mark` says."""
 
@@ -93,6 +102,18 @@ class Mark:
 
 
 @dataclass(frozen=True)
+class Scalpel:
+    """Page to server: the blade goes to `point` (mm, on the surface at rest), `depth` mm deep. step: a `CutStep`.
+
+    The tissue is cut along the way from `begin` on while the blade moves. undo: takes the last cut back.
+    """
+
+    step: U8
+    depth: F32
+    point: Vector
+
+
+@dataclass(frozen=True)
 class Frame:
     """Server to page: the state after one tick. Lengths in mm; force in N, of the tissue on the tool.
 
@@ -105,8 +126,8 @@ class Frame:
     force, positive if it is too large; NaN: not known. linearisation: that of linear strain, likewise. least_volume: of
     an element over its volume at rest, at least and by linear elasticity; negative: turned over. solution_age,
     solution_error: of a model at two rates, seconds since the contacts were those of its newest solution, and the
-    estimated relative error of that one's force. Then (count, 3) 16-bit integers: the displacements of the first `count`
-    shown nodes (0 or all) in units of `step` mm.
+    estimated relative error of that one's force. body: of the `Scene` that was shown: after a cut it is fetched again.
+    Then (count, 3) 16-bit integers: the displacements of the first `count` shown nodes (0 or all) in units of `step` mm.
     """
 
     model: U8
@@ -128,6 +149,7 @@ class Frame:
     least_volume: F32
     solution_age: F32
     solution_error: F32
+    body: U32
     step: F32
     count: U32
 
@@ -170,11 +192,14 @@ class Part:
 class Scene:
     """Server to page, once: a 32-bit length, then JSON of that length, padded with blanks to a multiple of 4 bytes.
 
-    Then (nodes, 3) float32 mm at rest, then (triangles, 3) 32-bit integers, normals outwards. reach: mm, the longest
+    Then (nodes, 3) float32 mm at rest, then, if it gapes, (nodes, 3) float32 mm from there to where tension at rest has
+    opened the cuts, then (triangles, 3) 32-bit integers, normals outwards. reach: mm, the longest
     displacement that a tool may ask for. limit: N, the largest force on a device. front: radians about z from -y
     towards +x, the direction from which the organ is first seen. models, organs: what can be selected while the session
     runs; organ: the index of this one. task: the trainee's task, or empty. reason: why the session begins with its model,
     or empty. images: whether there are slices to show (an `Album` at /album, its values as `palpate view` serves them).
+    lips: numbers of the first node on the lips of cuts, in the organ and in each region inside. body: how often it was cut
+    or a cut taken back; made: cuts that are there. cuts: whether the page may cut; depth: mm, of a cut at first.
     """
 
     title: str
@@ -182,6 +207,12 @@ class Scene:
     nodes: int
     triangles: int
     parts: list[Part]
+    gapes: bool
+    lips: list[int]
+    body: int
+    made: int
+    cuts: bool
+    depth: float
     elements: int
     radius: float
     reach: float
@@ -248,10 +279,12 @@ class Album:
     images: list[Image]
 
 
-BINARY: list[type] = [ToolCommand, Frame, Selection, Mark, Compare, Difference]
-FROM_PAGE: list[type] = [ToolCommand, Selection, Mark, Compare]
+BINARY: list[type] = [ToolCommand, Frame, Selection, Mark, Compare, Difference, Scalpel]
+FROM_PAGE: list[type] = [ToolCommand, Selection, Mark, Compare, Scalpel]
 JSON: list[type] = [Part, Scene, Window, Stack, Image, Album]
-ENUMS: list[type[IntEnum]] = [CommandKind, ContactState, SelectionKind, MarkKind, ComparisonState, CloseCode]
+ENUMS: list[type[IntEnum]] = [
+    CommandKind, ContactState, SelectionKind, MarkKind, CutStep, ComparisonState, CloseCode,
+]  # fmt: skip
 CONSTANTS = {
     "TOOLS": TOOLS,
     "DISTANCE_STEPS": DISTANCE_STEPS,
@@ -276,7 +309,7 @@ def encode(message: Any, rest: AnyArray | None = None) -> bytes:
     return struct.pack(code(type(message)), *flat) + (b"" if rest is None else rest.tobytes())
 
 
-def decode(data: bytes) -> ToolCommand | Selection | Mark | Compare:
+def decode(data: bytes) -> ToolCommand | Selection | Mark | Compare | Scalpel:
     """The message that a page sent. Raises `DataError` if its length, kind or a number in it is wrong."""
     sent: type = {BINARY.index(one) + 1: one for one in FROM_PAGE}.get(data[0] if data else 0, type(None))
     if sent is type(None):
@@ -303,6 +336,14 @@ def decode(data: bytes) -> ToolCommand | Selection | Mark | Compare:
         if values[0] > 1:
             raise DataError(f"Compare: {values[0]}, expected 0 or 1; reload the page")
         return Compare(*values)
+    if sent is Scalpel:
+        step, depth, *place = values
+        if step >= len(CutStep) or not np.isfinite([depth, *place]).all() or not (depth > 0 or step == CutStep.undo):
+            raise DataError(
+                f"Scalpel: step {step}, depth {depth} mm at {place}, expected less than {len(CutStep)}, "
+                f"more than 0, finite numbers; reload the page"
+            )
+        return Scalpel(step, depth, (place[0], place[1], place[2]))
     tool, kind, serial, *numbers = values
     if tool >= TOOLS or kind >= len(CommandKind):
         raise DataError(
@@ -319,12 +360,13 @@ def flat(vectors: Any) -> tuple[float, ...]:
     return tuple(x for vector in vectors for x in vector)
 
 
-def frame_bytes(frame: Any, model: int = 0, chosen: int = 0, errors: ForceErrors | None = None) -> bytes:
-    """A frame of the loop as a message. Without displacements it has no array.
+def frame_bytes(
+    frame: Any, shown: Float32, model: int = 0, chosen: int = 0, errors: ForceErrors | None = None
+) -> bytes:
+    """A frame of the loop as a message, with the displacements (S, 3) mm of what is drawn. At rest it has no array.
 
     The step is the largest displacement over 32767: 0.2 µm at 5 mm, less than a pixel, at half the size of float32.
     """
-    shown: Float32 = frame.shown
     errors = errors or ForceErrors()
     largest = float(np.abs(shown).max(initial=0))
     at_rest = largest < AT_REST
@@ -349,6 +391,7 @@ def frame_bytes(frame: Any, model: int = 0, chosen: int = 0, errors: ForceErrors
         least_volume=errors.least_volume,
         solution_age=frame.solution_age,
         solution_error=frame.solution_error,
+        body=frame.body,
         step=step,
         count=0 if at_rest else len(shown),
     )

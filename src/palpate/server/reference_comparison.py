@@ -10,6 +10,7 @@ from starlette.websockets import WebSocket
 
 from palpate.arrays import Int32
 from palpate.errors import DataError, MaterialError
+from palpate.meshes.cutting.cut_mesh import CutMesh
 from palpate.server.messages import DISTANCE_STEPS, ComparisonState, Difference, encode, flat
 from palpate.simulation.fem_reference import DisplayedTick, FemDifference, fem_difference
 from palpate.simulation.pointer import TOOLS
@@ -57,7 +58,10 @@ class ReferenceComparison:
         return self.task
 
     async def _compare(self, session: Session, tick: DisplayedTick) -> None:
-        exact, took = await self._reference(session.first.tissue, tick), 0.0
+        cut = isinstance(
+            session.mesh, CutMesh
+        )  # compliance alone goes on after a cut, and that is the reference itself
+        exact, took = None if cut else await self._reference(session.first.tissue, tick), 0.0
         message = difference_bytes(ComparisonState.no_reference, tick)
         if exact:
             began = monotonic()

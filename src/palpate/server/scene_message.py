@@ -7,7 +7,6 @@ from dataclasses import asdict
 
 import numpy as np
 
-from palpate.meshes.display_surfaces import region_faces
 from palpate.server.messages import Part, Scene
 from palpate.simulation.session import RATE, Session
 from palpate.tissue.models.registry import name_of
@@ -37,19 +36,24 @@ def scene_bytes(
     task: str = "",
     reason: str = "",
     images: bool = False,
+    cuts: bool = False,
+    depth: float = 0.0,
 ) -> bytes:
     """The scene as a message, see `messages.Scene`."""
-    mesh, shown = session.mesh, session.shown
-    groups = [("organ", mesh.surface, False)]
-    groups += [(mesh.names.get(k, f"region {k}"), faces, True) for k, faces in region_faces(mesh).items()]
-    first = np.concatenate([[0], np.cumsum([len(faces) for _, faces, _ in groups])])
+    drawn = session.displayed
     header = Scene(
         title=title,
         model=name_of(session.model),
-        nodes=len(shown),
-        triangles=int(first[-1]),
-        parts=[Part(name, int(first[i]), len(faces), inside) for i, (name, faces, inside) in enumerate(groups)],
-        elements=len(mesh.tets),
+        nodes=len(drawn.places),
+        triangles=len(drawn.triangles),
+        parts=[Part(group.name, group.first, group.count, group.inside) for group in drawn.groups],
+        gapes=drawn.gape is not None,
+        lips=list(drawn.lips),
+        body=session.bodies,
+        made=session.cuts,
+        cuts=cuts,
+        depth=depth,
+        elements=len(session.mesh.tets),
         radius=session.settings.radius,
         reach=reach(session),
         limit=session.settings.limit,
@@ -65,5 +69,6 @@ def scene_bytes(
     )
     text = json.dumps(asdict(header)).encode()
     text += b" " * (-len(text) % 4)
-    triangles = np.searchsorted(shown, np.concatenate([faces for _, faces, _ in groups])).astype("<u4")
-    return struct.pack("<I", len(text)) + text + mesh.nodes[shown].astype("<f4").tobytes() + triangles.tobytes()
+    places = [drawn.places] if drawn.gape is None else [drawn.places, drawn.gape]
+    arrays = [*(np.asarray(one, "<f4") for one in places), drawn.triangles.astype("<u4")]
+    return struct.pack("<I", len(text)) + text + b"".join(one.tobytes() for one in arrays)

@@ -21,6 +21,7 @@ from palpate.simulation.recording import Record, write_record
 from palpate.simulation.replay import Replay
 from palpate.simulation.session import RATE, Session
 from palpate.simulation.starting_model import starting_model
+from palpate.tissue.io import write_tissue
 from palpate.tissue.models.registry import model as build
 from palpate.tissue.tissue import Tissue
 from palpate.volumes.volume import Volume
@@ -41,6 +42,8 @@ def touch(
     images: Sequence[Volume] = (),
     task: str = "",
     device: str | None = None,
+    tension: float = 0.0,
+    save: str | Path | None = None,
 ) -> None:
     """Open the simulator in a browser and wait for Ctrl-C.
 
@@ -70,6 +73,10 @@ def touch(
         What a trainee is asked to do.
     device : str, optional
         "open-haptics", "force-dimension" or "haply"; it then moves the tool, and the page only shows it.
+    tension : float, optional
+        Of the tissue at rest, kPa: cuts gape by it in the picture.
+    save : str or Path, optional
+        File (.vtu) for the tissue with its cuts, written at the end.
 
     Raises
     ------
@@ -80,7 +87,7 @@ def touch(
     PortError
         If the port is taken.
     FileError
-        If `record` cannot be written. All of these are raised before anything starts.
+        If `record` or `save` cannot be written. All of these are raised before anything starts.
 
     Examples
     --------
@@ -91,8 +98,9 @@ def touch(
     ...     print("too many images")
     too many images
     """
-    if record is not None:
-        writable(record)
+    for output in (record, save):
+        if output is not None:
+            writable(output)
     if len(images) > MOST_IMAGES:
         raise DataError(f"images: {len(images)} given, at most {MOST_IMAGES} can be shown; leave the others out")
     organs = {title: tissue} if isinstance(tissue, Tissue) else dict(tissue)
@@ -103,12 +111,16 @@ def touch(
         first = next(iter(organs.values()))
         reason = successor = ""
         if replay is not None:
-            session = session_like(replay, first)
+            session = session_like(replay, first, tension)
         elif model is not None:
-            session = Session(build(first, model), radius=radius)
+            session = Session(build(first, model), radius=radius, tension=tension)
         else:
             found = starting_model(first, radius)
-            session, reason, successor = Session(found.model, radius=radius), found.reason, found.successor
+            session, reason, successor = (
+                Session(found.model, radius=radius, tension=tension),
+                found.reason,
+                found.successor,
+            )
         haptic = None if device is None or replay is not None else open_device(device, session.mesh)
         pointer = Pointer() if replay is None else Replay(replay)
         where = None if record is None else Path(record)
@@ -124,6 +136,9 @@ def touch(
     print("\npalpate: closed")
     if where is not None:
         write_records(where, [*live.finished, live.session])
+    if save is not None:
+        write_tissue(save, live.session.tissue)
+        print(f"palpate: tissue with {live.session.cuts} cuts in {save}")
 
 
 def write_records(path: Path, sessions: Sequence[Session]) -> None:

@@ -13,7 +13,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from palpate.errors import DataError
 from palpate.server.access_control import page_application
 from palpate.server.live_session import LiveSession, report_failure
-from palpate.server.messages import CloseCode, Compare, Mark, Selection, SelectionKind, decode, frame_bytes
+from palpate.server.messages import CloseCode, Compare, Mark, Scalpel, Selection, SelectionKind, decode, frame_bytes
 from palpate.server.view import image_routes
 from palpate.tissue.models.registry import names_in_sessions
 
@@ -62,7 +62,8 @@ async def publish_frames(live: LiveSession) -> None:
         for task in (live.comparison.update(live.session, frame), live.force_errors.update(live.session, frame)):
             if task:
                 task.add_done_callback(report_failure)
-        live.newest = frame_bytes(frame, model, chosen, live.force_errors)
+        live.newest = frame_bytes(frame, live.session.drawn(frame), model, chosen, live.force_errors)
+        live.replay_cuts(frame.tick)
         for event in live.pages.values():
             event.set()
         await asyncio.sleep(MIN_FRAME_INTERVAL)
@@ -117,5 +118,7 @@ async def receive_messages(page: WebSocket, live: LiveSession) -> None:
             live.mark(message)
         elif isinstance(message, Compare):
             live.comparison.request(page, message.on == 1)
+        elif isinstance(message, Scalpel):
+            live.cut(page, message)
         else:
             live.command(page, message)

@@ -17,11 +17,12 @@ from palpate.errors import FileError
 from palpate.simulation.event_log import COLUMNS
 from palpate.simulation.page_record import read_page_record
 from palpate.simulation.pointer import KINDS, TOOLS
+from palpate.simulation.session_cuts import CUT_COLUMNS, RecordedCut, cut_columns, cuts_in
 from palpate.simulation.session_journal import SessionJournal, journal_path, read_journal
 from palpate.volumes.hdf5_guard import check_heap, read_dataset
 from palpate.volumes.hdf5_output import replacing_hdf5
 
-FORMAT, VERSION = "palpate session", 4
+FORMAT, VERSION, WITH_CUTS = "palpate session", 4, 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +59,8 @@ class Record:
         (tick, model, sweeps) of each later model.
     marks : tuple, optional
         (tick, what, tool) of each claim: 0 a lump under the tool, 1 a sample at the needle's tip.
+    cuts : tuple of RecordedCut, optional
+        Cuts and what was taken back of them, each with the first tick after it.
 
     Examples
     --------
@@ -83,6 +86,7 @@ class Record:
     instructions: str
     changes: tuple[tuple[int, str, int], ...] = ()
     marks: tuple[tuple[int, int, int], ...] = ()
+    cuts: tuple[RecordedCut, ...] = ()
 
 
 _CHANGES = np.dtype([("tick", "i8"), ("model", "S32"), ("sweeps", "i8")])
@@ -110,7 +114,7 @@ def write_record(path: str | Path, record: Record) -> None:
     >>> pp.write_record("session.h5", session.record())
     """
     with replacing_hdf5(path) as file:
-        file.attrs["format"], file.attrs["version"] = FORMAT, VERSION
+        file.attrs["format"], file.attrs["version"] = FORMAT, WITH_CUTS if record.cuts else VERSION
         for name in ("length", "model", "tissue", "instructions"):
             file.attrs[name] = getattr(record, name)
         for name, (_, units) in COLUMNS.items():
@@ -119,6 +123,8 @@ def write_record(path: str | Path, record: Record) -> None:
             file.create_dataset(name, data=values, **whole).attrs["units"] = units
         file.create_dataset("changes", data=np.array(list(record.changes), dtype=_CHANGES))
         file.create_dataset("marks", data=np.array(record.marks, dtype=np.int64).reshape(-1, 3))
+        for name, values in cut_columns(record.cuts).items() if record.cuts else ():
+            file.create_dataset(name, data=values, compression="gzip", fletcher32=True)
         settings = file.create_group("settings")
         for name, value in record.settings.items():
             settings.attrs[name] = value
@@ -172,7 +178,7 @@ def read_record(path: str | Path) -> Record:
     try:
         with h5py.File(path) as file:
             kind = (file.attrs.get("format"), file.attrs.get("version"))
-            if kind != (FORMAT, VERSION):
+            if kind not in ((FORMAT, VERSION), (FORMAT, WITH_CUTS)):
                 raise FileError(
                     f"{path}: format and version are {kind}, expected {(FORMAT, VERSION)}; "
                     f"record a session with: palpate touch tissue.vtu --record {quote(str(path))}"
@@ -190,6 +196,7 @@ def read_record(path: str | Path) -> Record:
                 settings={name: float(value) for name, value in file["settings"].attrs.items()},
                 changes=tuple((int(t), name.decode(), int(n)) for t, name, n in read("changes")),
                 marks=tuple((int(t), int(what), int(tool)) for t, what, tool in read("marks")),
+                cuts=cuts_in({name: read(name) for name in CUT_COLUMNS}) if kind[1] == WITH_CUTS else (),
             )
     except (FileError, MemoryError):
         raise
@@ -253,6 +260,11 @@ def _check(path: Path, record: Record) -> None:
         raise FileError(f"{path}: switches of tables do not rise; {again}")
     if (np.diff(record.ticks) < 0).any() or (n and (record.ticks[0] < 0 or record.ticks[-1] >= record.length)):
         raise FileError(f"{path}: ticks do not rise from 0 to the length {record.length}; {again}")
-    for name, ticks in (("changes", [c[0] for c in record.changes]), ("marks", [c[0] for c in record.marks])):
+    rising = {
+        "changes": [c[0] for c in record.changes],
+        "marks": [c[0] for c in record.marks],
+        "cuts": [c.tick for c in record.cuts],
+    }
+    for name, ticks in rising.items():
         if ticks != sorted(ticks) or (ticks and (ticks[0] < 0 or ticks[-1] > record.length)):
             raise FileError(f"{path}: ticks of {name} do not rise from 0 to the length {record.length}; {again}")

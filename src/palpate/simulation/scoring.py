@@ -9,6 +9,7 @@ import numpy as np
 
 from palpate.arrays import Float64
 from palpate.errors import DataError
+from palpate.meshes.cutting.cut_mesh import refuse_cut
 from palpate.simulation.pointer import TOOLS, ContactState
 from palpate.simulation.principal_stretch import Stretch
 from palpate.simulation.recorded_session import session_like
@@ -175,7 +176,9 @@ def score(
     Raises
     ------
     DataError
-        If the record was made on another tissue, or the tissue lacks the target.
+        If the record was made on another tissue, the tissue lacks the target, or it was cut in the session.
+    MeshError
+        If the tissue had been cut before.
 
     Examples
     --------
@@ -184,6 +187,9 @@ def score(
     >>> pp.score(session.record(), tissue, pp.Task("lump")).sought
     1
     """
+    refuse_cut(tissue.mesh, "score", "score a session on the tissue before the cut")
+    if record.cuts:
+        raise DataError("score: tissue was cut in this session, and scores of that are not built; replay shows it")
     session = session_like(record, tissue)
     watch = SessionScorer(session, task or Task())
     marks = list(record.marks)

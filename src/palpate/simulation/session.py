@@ -1,18 +1,20 @@
 """A session: a tissue under tools at 1000 ticks a second, by the clock with a device, or in lockstep."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from threading import Event, Lock, Thread
 from types import TracebackType
-from typing import Any, Protocol, Self
+from typing import Any, Protocol, Self, cast
 from weakref import ReferenceType, ref
 
 import numpy as np
 
 from palpate import _core
-from palpate.arrays import Float64
+from palpate.arrays import Float32, Float64, Int32
 from palpate.errors import DataError, MaterialError
-from palpate.meshes.cutting.cut_mesh import refuse_cut
-from palpate.meshes.display_surfaces import displayed_nodes
+from palpate.meshes.cutting.blade import Blade
+from palpate.meshes.cutting.cut_mesh import CutMesh
+from palpate.meshes.display_surfaces import DisplayedSurface, displayed_surface
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.simulation.event_log import EventLog
 from palpate.simulation.pointer import TOOLS, Command
@@ -28,16 +30,22 @@ from palpate.simulation.session_compatibility import (
     settings_after_change,
     settings_of,
 )
+from palpate.simulation.session_cuts import CutKind, CutTissues, RecordedCut
 from palpate.simulation.session_journal import SessionJournal
+from palpate.tissue.gaping import opening
+from palpate.tissue.models.compliance import ComplianceModel
 from palpate.tissue.models.registry import model as build
 from palpate.tissue.models.registry import name_of
 from palpate.tissue.models.tissue_model import TissueModel
+from palpate.tissue.reference.linear_elasticity import FiniteElements
+from palpate.tissue.tissue import Tissue
 
 RATE: int = _core.simulation.RATE  # ticks a second
 TICK_BUDGET = 0.4e-3  # s of each tick for sweeps
 MOST_SWEEPS = 40
 COLLECT_INTERVAL = 0.5  # s; the queues of the loop hold the events of 16 s at least
 IDLE = Command()
+KEPT_SURFACES = 3  # of the last bodies, for frames that are on their way
 LUMP, SAMPLE = 0, 1  # what `Session.mark` may note
 Given = Command | None | Sequence[Command | None]  # for one tool, or for up to four
 
@@ -65,6 +73,8 @@ class Session:
         Largest force on a device, N.
     friction : float, optional
         Coulomb's coefficient, for free tools.
+    tension : float, optional
+        Of the tissue at rest, kPa: how far a display opens cuts, as `gape` does. No force depends on it.
 
     Raises
     ------
@@ -89,13 +99,17 @@ class Session:
         sweeps: int | None = None,
         limit: float = 20.0,
         friction: float = 0.3,
+        tension: float = 0.0,
     ) -> None:
         _require_time_dependence(model)
-        refuse_cut(model.tissue.mesh, "session", "`push` of its model answers")
         self.first = self.model = model
-        self.mesh: TetMesh = model.tissue.mesh
-        self.shown = displayed_nodes(self.mesh)
-        radius = 2 * mean_edge(self.mesh) if radius is None else float(radius)
+        self._tissues = CutTissues(model.tissue)
+        self.tension = float(tension)
+        if not (np.isfinite(tension) and tension >= 0):
+            raise DataError(f"tension: {tension:g} kPa, expected 0 or more; leave it out for none")
+        self.displayed = self._surface_of(model)
+        self._displayed = {0: self.displayed}  # by `Frame.body`; those before the last few are gone
+        radius = 2 * mean_edge(model.tissue) if radius is None else float(radius)
         for name, value in (("radius", radius), ("limit", limit)):
             if not value > 0 or not np.isfinite(value):
                 raise DataError(f"{name}: {value:g}, expected more than 0; leave it out for the default")
@@ -106,18 +120,36 @@ class Session:
         self.settings.sweeps = self._sweeps(sweeps, self.sweep_seconds)
         self.settings.radius, self.settings.limit, self.settings.friction = radius, float(limit), float(friction)
         try:
-            self.loop = _core.simulation.RealtimeLoop(model.native, model.tissue.surface, self.shown, self.settings)
+            self.loop = _core.simulation.RealtimeLoop(
+                model.native, model.tissue.surface, self.displayed.nodes, self.settings
+            )
         except ValueError as problem:
             raise DataError(f"{problem}; choose a smaller radius") from None
         self._ticks = 0
         self._kept = EventLog()
-        self._came: list[tuple[TissueModel, int]] = []  # models and their sweeps, in the order of `change`
-        self._changes: list[int] = []  # first ticks of these models
+        self._came: list[tuple[str, int] | tuple[CutKind, Blade | None]] = []  # model and sweeps, or cut, as they came
+        self._changes: list[int] = []  # first ticks of these
+        self.bodies = 0  # how often the body has been changed
         self._marks: list[tuple[int, int, int]] = []
         self._lock = Lock()  # a change of model frees the retired one, and so does the collector
         self._stopped = Event()
         self._collector: Thread | None = None
         self.journal: SessionJournal | None = None  # takes the events of a session that runs by the clock, as they come
+
+    @property
+    def tissue(self) -> Tissue:
+        """The tissue, with all cuts so far."""
+        return self._tissues.present
+
+    @property
+    def cuts(self) -> int:
+        """How many cuts of this session it has."""
+        return self._tissues.made
+
+    @property
+    def mesh(self) -> TetMesh:
+        """Its mesh."""
+        return self.tissue.mesh
 
     def __enter__(self) -> Self:
         return self
@@ -189,7 +221,7 @@ class Session:
         MaterialError
             If the tissue relaxes or has inertia, and the model does not follow.
         """
-        if not same_tissue(model, self.first):
+        if not same_tissue(model, self.model if self.bodies else self.first):
             raise DataError("change: the model is of another tissue or spring law; make it of the session's own tissue")
         _require_time_dependence(model)
         seconds = _core.simulation.sweep_seconds(model.native, model.tissue.surface, self.settings.radius)
@@ -198,8 +230,119 @@ class Session:
             if not self.loop.change(model.native, done):
                 return False
             self.model = model
-            self._came.append((model, done))
+            self._came.append((name_of(model), done))
         return True
+
+    def cut(self, blade: Blade, *, extend: bool = False) -> bool:
+        """Cut the tissue, while the session runs or between two steps.
+
+        The tissue is cut and factored first, which takes part of a second; ticks go on meanwhile. Then the cut body takes
+        over within a tick. Tools that touch it stay where they are, and their forces fade into those of the cut body.
+
+        Parameters
+        ----------
+        blade : Blade
+            What passes through the tissue, such as `incision(session.tissue, path, depth)`.
+        extend : bool, optional
+            Whether this cut takes the place of the last one, as a longer blade of the same stroke does.
+
+        Returns
+        -------
+        bool
+            False if an earlier change is not finished; then nothing changes.
+
+        Raises
+        ------
+        MaterialError
+            If a piece would come free, the model is not `compliance`, or the tissue relaxes or has inertia.
+        DataError
+            If there is nothing to extend.
+
+        Examples
+        --------
+        >>> session = pp.Session(pp.model(tissue, "compliance"), radius=10)
+        >>> session.cut(pp.incision(tissue, [top - (8, 0, 0), top + (8, 0, 0)], depth=10))
+        True
+        """
+        return self._change_body("extend" if extend else "cut", blade)
+
+    def undo(self) -> bool:
+        """Take back the last cut.
+
+        Returns
+        -------
+        bool
+            False if an earlier change is not finished; then nothing changes.
+
+        Raises
+        ------
+        DataError
+            If nothing has been cut in this session.
+        """
+        return self._change_body("undo", None)
+
+    def cut_again(self, one: RecordedCut) -> bool:
+        """Do what a record says: cut, cut longer, or take back.
+
+        Parameters
+        ----------
+        one : RecordedCut
+            One of `Record.cuts`.
+
+        Returns
+        -------
+        bool
+            False if an earlier change is not finished; then nothing changes.
+        """
+        return self._change_body(one.kind, one.blade)
+
+    def _change_body(self, kind: CutKind, blade: Blade | None) -> bool:
+        name = name_of(self.model)
+        if name != "compliance":
+            raise MaterialError(f"cut: the model {name} cannot go on after a cut; change to compliance first")
+        if self.first.tissue.time_dependent:
+            raise MaterialError(
+                "cut: a tissue that relaxes or has inertia is not cut in a session; cut it before: pp.cut"
+            )
+        tissues = self._tissues.after(kind, blade)
+        tissue = tissues[-1]
+        model = self.first if tissue is self.first.tissue and name_of(self.first) == name else build(tissue, name)
+        displayed = self._surface_of(model)
+        with self._lock:
+            self._displayed[self.bodies + 1] = displayed  # before the loop gives its first frame
+            try:
+                done = self.loop.change_body(
+                    model.native, tissue.surface, displayed.nodes, self._sweeps(None, self.sweep_seconds)
+                )
+            except ValueError as problem:
+                raise DataError(f"cut: {problem}; cut less, or choose a smaller radius") from None
+            if not done:
+                return False
+            self._tissues.take(tissues)
+            self.model, self.displayed = model, displayed
+            self.bodies += 1
+            self._displayed.pop(self.bodies - KEPT_SURFACES, None)
+            self._came.append((kind, blade))
+        return True
+
+    def _surface_of(self, model: TissueModel) -> DisplayedSurface:
+        """What a display draws of a model's tissue, opened by the tension."""
+        mesh = model.tissue.mesh
+        drawn = displayed_surface(mesh)
+        if not isinstance(mesh, CutMesh) or self.tension == 0:
+            return drawn
+        elements = model.elements if isinstance(model, ComplianceModel) else FiniteElements(model.tissue)
+        moved = opening(elements, mesh, np.full(len(mesh.tets), self.tension))
+        return replace(drawn, gape=drawn.carried(moved[drawn.nodes].astype(np.float32)))
+
+    @property
+    def shown(self) -> Int32:
+        """The nodes of `Frame.shown`, (n,), while no cut is on its way."""
+        return self.displayed.nodes
+
+    def drawn(self, frame: Any) -> Float32:
+        """Displacements of the vertices of the surface that was drawn at a frame, (S, 3) mm."""
+        return self._displayed[int(frame.body)].carried(frame.shown)
 
     def mark(self, what: int, tool: int = 0) -> None:
         """Record what the trainee claims, for the score.
@@ -273,7 +416,7 @@ class Session:
             raise DataError("replay: this session has run already; make a fresh one for the record")
         self.settings.nodal_weights = has_nodal_weights(record)
         self.loop = _core.simulation.RealtimeLoop(
-            self.model.native, self.model.tissue.surface, self.shown, self.settings
+            self.model.native, self.model.tissue.surface, self.displayed.nodes, self.settings
         )
 
     def replayed(self, record: Record, every: int) -> Iterator[tuple[int, Float64]]:
@@ -293,19 +436,20 @@ class Session:
         """
         self.use_weights_of(record)
         device = Replay(record).core
-        made = {
-            name: self.first
-            if name == record.model
-            else build(self.first.tissue, name, **settings_after_change(record, name))
-            for name in _named(record)
-        }
-        changes = list(record.changes)
+        changes, cuts = list(record.changes), list(record.cuts)
         while self._ticks < record.length:
             if changes and changes[0][0] == self._ticks:
                 _, name, sweeps = changes.pop(0)
-                self.change(made[name], sweeps)
+                first = name == name_of(self.first) and self.tissue is self.first.tissue
+                self.change(
+                    self.first if first else build(self.tissue, name, **settings_after_change(record, name)), sweeps
+                )
+            if cuts and cuts[0].tick == self._ticks:
+                one = cuts.pop(0)
+                self.cut_again(one)
             stop = min(record.length, self._ticks - self._ticks % every + every)
-            stop = min([stop, *(at for at, *_ in (*changes, *record.marks) if at > self._ticks)])
+            later = [*(at for at, *_ in (*changes, *record.marks)), *(one.tick for one in cuts)]
+            stop = min([stop, *(at for at in later if at > self._ticks)])
             force = self._advance(device, stop - self._ticks)
             yield self._ticks, force
 
@@ -362,6 +506,7 @@ class Session:
             **self.description(),
             changes=self._changes_made(),
             marks=tuple(self._marks),
+            cuts=self._cuts_made(),
         )
 
     def description(self) -> dict[str, Any]:
@@ -380,16 +525,21 @@ class Session:
         }
 
     def _changes_made(self) -> tuple[tuple[int, str, int], ...]:
-        return tuple((at, name_of(m), n) for at, (m, n) in zip(self._changes, self._came, strict=False))
+        came = zip(self._changes, self._came, strict=False)
+        return tuple((at, what, how) for at, (what, how) in came if isinstance(how, int))
+
+    def _cuts_made(self) -> tuple[RecordedCut, ...]:
+        came = zip(self._changes, self._came, strict=False)
+        return tuple(RecordedCut(at, cast(CutKind, what), how) for at, (what, how) in came if not isinstance(how, int))
 
     def _collect_events(self) -> None:
         """Takes commands, digests and changes of model out of the loop's queues, which are bounded."""
         events = self.loop.drain()
         self._kept.add(events)
-        self._changes += [tick for tick, _ in self.loop.changes()]
+        self._changes += self.loop.changes()
         self.loop.free_retired()
         if self.journal and not self.loop.dropped():
-            self.journal.append(events, self._changes_made(), self._marks)
+            self.journal.append(events, self._changes_made(), self._marks, self._cuts_made())
 
 
 def _require_time_dependence(model: TissueModel) -> None:
@@ -423,11 +573,10 @@ def _new_commands(first: int, commands: Sequence[Given]) -> Iterator[tuple[int, 
                 yield tick, tool, command
 
 
-def _named(record: Record) -> set[str]:
-    return {record.model, *(name for _, name, _ in record.changes)}
-
-
-def mean_edge(mesh: TetMesh) -> float:
-    """mm, of the surface's edges."""
+def mean_edge(tissue: Tissue) -> float:
+    """mm, of the surface's edges; of a cut tissue, whose surface goes through elements, that of all edges."""
+    mesh = tissue.mesh
+    if isinstance(mesh, CutMesh):
+        return tissue.edge
     corner = mesh.nodes[mesh.surface]
     return float(np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).mean())

@@ -9,6 +9,7 @@ from threadpoolctl import threadpool_info
 
 from palpate import _core
 from palpate.errors import DataError, FileError
+from palpate.meshes.cutting.cut_mesh import CutMesh
 from palpate.simulation.recording import Record
 from palpate.tissue.models.registry import name_of
 from palpate.tissue.models.tissue_model import TissueModel
@@ -73,7 +74,10 @@ def same_tissue(model: TissueModel, first: TissueModel) -> bool:
 
 def _hash(tissue: Tissue, law: SpringLaw | None) -> str:
     mesh, hash_ = tissue.mesh, hashlib.sha256()
-    for part in (mesh.nodes, mesh.tets, mesh.region, tissue.young, tissue.poisson, tissue.fixed):
+    parts = [mesh.nodes, mesh.tets, mesh.region, tissue.young, tissue.poisson, tissue.fixed]
+    if isinstance(mesh, CutMesh):
+        parts += [mesh.share, mesh.skin.triangles, mesh.skin.tet, mesh.skin.weight]
+    for part in parts:
         array = np.ascontiguousarray(part)
         hash_.update(f"{array.dtype}{array.shape}".encode() + array.tobytes())
     hash_.update(repr(law).encode())

@@ -19,6 +19,7 @@ import numpy as np
 from palpate.bounded_read import existing_file, parse_json
 from palpate.errors import FileError
 from palpate.simulation.event_log import COLUMNS
+from palpate.simulation.session_cuts import RecordedCut, cut_of, plain_cut
 
 KIND = "palpate session journal 1"
 SUFFIX = ".journal"
@@ -42,7 +43,7 @@ class SessionJournal:
         self.path = path
         self._end = 0  # of the last whole line in the file
         self._waiting = b""
-        self._told = [0, 0]  # changes and marks that are written
+        self._told = [0, 0, 0]  # changes, marks and cuts that are written
         self._warned = False
         try:
             self._file = _locked(path)
@@ -58,15 +59,19 @@ class SessionJournal:
             self.path.unlink()
             raise FileError(f"{self.path}: cannot be written ({problem.strerror}); choose another place for the record")
 
-    def append(self, columns: Sequence[Any], changes: Sequence[Any], marks: Sequence[Any]) -> None:
-        """Adds events that came since the last call, all at once. changes, marks: all of the session."""
+    def append(
+        self, columns: Sequence[Any], changes: Sequence[Any], marks: Sequence[Any], cuts: Sequence[RecordedCut] = ()
+    ) -> None:
+        """Adds events that came since the last call, all at once. changes, marks, cuts: all of the session."""
         packed = {
             name: base64.b64encode(np.asarray(column).tobytes()).decode()
             for name, column in zip(COLUMNS, columns, strict=True)
             if len(column)
         }
         line = {**packed, "changes": changes[self._told[0] :], "marks": marks[self._told[1] :]}
-        self._told = [len(changes), len(marks)]
+        if len(cuts) > self._told[2]:
+            line["cuts"] = [plain_cut(one) for one in cuts[self._told[2] :]]
+        self._told = [len(changes), len(marks), len(cuts)]
         problem = self._write(line)
         if problem and not self._warned:
             self._warned = True
@@ -126,7 +131,8 @@ def read_journal(path: Path) -> dict[str, Any] | None:
         record[name] = record[name][switched]
     changes = tuple(tuple(change) for piece in pieces for change in piece["changes"] if change[0] < length)
     marks = tuple(tuple(mark) for piece in pieces for mark in piece["marks"] if mark[0] <= length)
-    return {**head, **record, "length": length, "changes": changes, "marks": marks}
+    cuts = tuple(cut_of(one) for piece in pieces for one in piece.get("cuts", ()) if one[0] < length)
+    return {**head, **record, "length": length, "changes": changes, "marks": marks, "cuts": cuts}
 
 
 def _whole_lines(path: Path) -> list[dict[str, Any]]:

@@ -6,6 +6,7 @@ import struct
 import numpy as np
 
 from palpate.errors import MaterialError
+from palpate.meshes.cutting.cut_mesh import refuse_cut
 from palpate.server.scene_message import scene_bytes
 from palpate.simulation.session import Session
 from palpate.tissue.models.compliance import ComplianceModel
@@ -20,6 +21,7 @@ def session_of(tissue: Tissue, radius: float | None = None) -> Session:
 
     Raises `MaterialError` for a tissue that the engine does not follow, `DataError` for a radius that is too large.
     """
+    refuse_cut(tissue.mesh, "export", "serve it: palpate touch")
     for found, what in (
         (tissue.element != "smoothed", f'element "{tissue.element}"; fit it again: palpate fit'),
         (tissue.relaxation is not None, "a tissue that relaxes; leave out its relaxation: palpate fit"),

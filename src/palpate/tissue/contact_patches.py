@@ -10,7 +10,6 @@ import numpy as np
 from palpate import _core
 from palpate.arrays import ArrayLike, Float64, Int32, float64
 from palpate.errors import DataError, MaterialError
-from palpate.meshes.cutting.cut_mesh import CutMesh, on_nodes
 from palpate.tissue.force_estimate import ForceEstimate
 from palpate.tissue.frictional_contact import contact_states, sliding_forces
 from palpate.tissue.tissue import Tissue
@@ -126,21 +125,8 @@ def patch(tissue: Tissue, point: ArrayLike, radius: float) -> "_core.tissue.Cont
     return _patch_at(tissue, surface_point(tissue, point, radius), radius)
 
 
-def patch_at(tissue: Tissue, hit: "_core.tissue.SurfacePoint", radius: float) -> "_core.tissue.ContactPatch | str":
-    """The contact patch about a point of the surface, or the word that says why there is none: held, crowded."""
-    if not isinstance(tissue.mesh, CutMesh):
-        return tissue.surface.patch(hit, float(radius))
-    nodes, weights = on_nodes(tissue.mesh, *tissue.surface.wide_patch(hit, float(radius)))
-    weights = np.where(tissue.held[nodes], 0.0, weights)
-    if not weights.sum() > 0:
-        return "held"
-    if len(nodes) > _core.tissue.ContactPatch.capacity:
-        return "crowded"
-    return _core.tissue.ContactPatch(nodes, weights / weights.sum())
-
-
 def _patch_at(tissue: Tissue, hit: "_core.tissue.SurfacePoint", radius: float) -> "_core.tissue.ContactPatch":
-    found = patch_at(tissue, hit, radius)
+    found = tissue.surface.patch(hit, float(radius))
     if found == "held":
         raise MaterialError(
             f"contact at {np.round(hit.point, 3).tolist()}, radius {radius:g} mm: every node of the patch is held "

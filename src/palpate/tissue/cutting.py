@@ -62,7 +62,7 @@ def cut(tissue: Tissue, blade: Blade | Sequence[Blade], loose: str = "refuse") -
         raise DataError("blade: none given; give one or more, such as pp.Blade.swept(path, direction, depth)")
     if loose not in LOOSE:
         raise DataError(f"loose: {loose!r} is not known; choose one of {', '.join(LOOSE)}")
-    if tissue.element not in ("smoothed", "P1"):
+    if not may_be_cut(tissue):
         raise MaterialError(
             f'element: "{tissue.element}" is not built for cuts; make the tissue with element="smoothed"'
         )
@@ -74,6 +74,11 @@ def cut(tissue: Tissue, blade: Blade | Sequence[Blade], loose: str = "refuse") -
             raise MaterialError(_says(mesh, free))
         mesh = without(mesh, free)
     return _tissue(tissue, mesh, held)
+
+
+def may_be_cut(tissue: Tissue) -> bool:
+    """Whether cuts are built for the tissue's element."""
+    return tissue.element in ("smoothed", "P1")
 
 
 def _held_before(tissue: Tissue) -> Int32:

@@ -44,7 +44,11 @@ def gape(tissue: Tissue, tension: Constant) -> Float64:
     pull = constant_per_tet("tension", tension, mesh)
     if (pull < 0).any():
         raise DataError(f"tension: {pull.min():g} kPa; give 0 or more: tissue that is pressed does not gape")
-    elements = FiniteElements(tissue)
+    return opening(FiniteElements(tissue), mesh, pull)
+
+
+def opening(elements: FiniteElements, mesh: CutMesh, pull: Float64) -> Float64:
+    """(N, 3) mm: what `gape` returns, for the tension of each tetrahedron (M,) kPa and elements that are factored."""
     load = np.zeros(elements.K.shape[0])
     load[elements.nodal] = _released(mesh, pull * KPA)
     return np.asarray(elements.solve(load[:, None])[elements.nodal, 0])

@@ -47,14 +47,14 @@ def incision(tissue: Tissue, path: ArrayLike, depth: float, direction: ArrayLike
         raise DataError(f"path: {len(corners)} points; give two or more")
     if not (np.isfinite(depth) and depth > 0):
         raise DataError(f"depth: {depth} mm; give a finite depth above 0")
-    points = _along(corners, STEP * tissue.edge)
-    hits = [tissue.surface.closest(x) for x in points]
     far = [float(tissue.surface.closest(x).distance) for x in corners]
     if max(far) > tissue.edge:
         bad = int(np.argmax(far))
         raise DataError(
             f"path: point {corners[bad].tolist()} lies {far[bad]:.3g} mm off the surface; give points on it"
         )
+    points = _along(corners, STEP * tissue.edge)
+    hits = [tissue.surface.closest(x) for x in points]
     way = _way(direction, np.mean([tissue.surface.normal(hit) for hit in hits], axis=0))
     on = np.array([x + way * (way @ (hit.point - x)) for x, hit in zip(points, hits, strict=True)])
     return Blade.swept(on - tissue.edge * way, way, depth + tissue.edge)

@@ -8,6 +8,7 @@ from scipy.optimize import minimize_scalar
 
 from palpate.arrays import ArrayLike, Float64
 from palpate.errors import DataError, MaterialError
+from palpate.meshes.cutting.cut_mesh import refuse_cut, touched_surface
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.tissue.contact_patches import Answer
 from palpate.tissue.models.mass_spring import SpringModel
@@ -83,6 +84,8 @@ def fit(
         If a constant or support is not valid, or Young's modulus is neither given nor known.
     DataError
         If a contact is not possible.
+    MeshError
+        If the mesh has been cut.
 
     References
     ----------
@@ -96,6 +99,7 @@ def fit(
     >>> pp.fit(mesh, tissue={"organ": "liver", "lump": "liver-carcinoma"}, fixed=soft.fixed).materials
     {1: 'liver', 2: 'liver-carcinoma'}
     """
+    refuse_cut(mesh, "fit", "fit the tissue before it is cut")
     say = progress or (lambda what, share: None)
     materials = named_materials(mesh, tissue)
     E, nu = young_of(mesh, young, materials), poisson_of(mesh, poisson, materials)
@@ -154,11 +158,11 @@ def scattered_points(tissue: Tissue, count: int, seed: int = 0) -> Float64:
 
     Raises `MaterialError` when all of the surface is held.
     """
-    mesh = tissue.mesh
-    triangles = mesh.surface[~tissue.held[mesh.surface].any(axis=1)]
+    places, surface, held = touched_surface(tissue.mesh, tissue.held)
+    triangles = surface[~held[surface].any(axis=1)]
     if len(triangles) == 0:
         raise MaterialError("fixed: no room left to touch, all of the surface is held; hold fewer nodes")
-    a, b, c = (mesh.nodes[triangles[:, k]] for k in range(3))
+    a, b, c = (places[triangles[:, k]] for k in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     rng = np.random.default_rng(seed)
     t = rng.choice(len(triangles), count, p=area / area.sum())

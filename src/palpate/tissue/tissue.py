@@ -11,7 +11,7 @@ from scipy.sparse import coo_array, csgraph
 from palpate import _core
 from palpate.arrays import ArrayLike, Bool, Float64, Int32, float64
 from palpate.errors import MaterialError
-from palpate.meshes.cutting.cut_mesh import touched_surface
+from palpate.meshes.cutting.cut_mesh import CutMesh, touched_surface
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.tissue.boundary_conditions import rigid_rank
 from palpate.tissue.regional_relaxation import at_rate, by_region
@@ -259,7 +259,11 @@ class Tissue:
     def surface(self) -> "_core.tissue.ContactSurface":
         """The boundary at rest, for nearest points and contact patches. It is native, immutable and thread-safe."""
         places, triangles, held = touched_surface(self.mesh, self.held)
-        return _core.tissue.ContactSurface(places, np.ascontiguousarray(triangles), held.view(np.uint8))
+        surface = _core.tissue.ContactSurface(places, np.ascontiguousarray(triangles), held.view(np.uint8))
+        if isinstance(self.mesh, CutMesh):
+            skin = self.mesh.skin
+            surface.carry(self.mesh.tets[skin.tet], np.ascontiguousarray(skin.weight), self.held.view(np.uint8))
+        return surface
 
     @cached_property
     def edges(self) -> Int32:

@@ -102,7 +102,7 @@ export class LocalSession {
     let largest = 0;
     for (const x of shown) largest = Math.max(largest, Math.abs(x));
     const step = largest < AT_REST ? 0 : largest / DISPLACEMENT_STEPS;
-    const unknown = { mesh_error: NaN, linearisation: NaN, least_volume: NaN, solution_age: 0, solution_error: 0 };
+    const unknown = { mesh_error: NaN, linearisation: NaN, least_volume: NaN, solution_age: 0, solution_error: 0, body: 0 };
     const frame: Frame = {
       ...state, ...unknown, model: 0, chosen: 0, late: this.late, busy: this.busy, seconds: this.ticks / RATE, step, count: step && shown.length / 3,
     };

@@ -4,12 +4,13 @@ import type { SurfaceCursor } from "./surface-cursor";
 import type { OrganView } from "../rendering/organ-view";
 
 export const HELP: [string, string][] = [
-  ["1 2 3 4", "Press, pull, grasp, needle"],
+  ["1 2 3 4 5", "Press, pull, grasp, needle, cut"],
   ["Tab to the organ, then arrow keys", "Move the cursor over the surface, or the tool that holds; with Ctrl in small steps"],
   ["Space", "Hold, and let go again; inserts the needle"],
   ["+ −", "Move the slider"],
   ["Shift and arrow keys", "Rotate the view"],
   ["Page Up, Page Down", "Zoom in, out"],
+  ["Z", "Take the last cut back"],
   ["Enter", "Take a sample with the needle"],
   ["F", "Found it"],
   ["N  O", "Needle inwards or along the view; needle out"],

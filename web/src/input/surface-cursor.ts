@@ -26,6 +26,12 @@ export class SurfaceCursor {
     this.hide();
   }
 
+  /** The organ was cut: what is held is held on. */
+  followCut(): void {
+    this.hit = null;
+    if (!this.heldPixel) this.hide();
+  }
+
   /** Draws it where its point of the surface is now. */
   draw(): void {
     if (!this.hit || this.heldPixel) return this.hide();

@@ -14,6 +14,9 @@ export const FIRST_ENDS: Readonly<Partial<Record<ColorMode, Ends>>> = { displace
 const VALID_STRAIN: Record<string, number> = { springs: 10, blocks: 10, multigrid: 10, compliance: 10, "compliance-P1": 10, "neo-hookean": 50 };
 
 const PLAIN_RGBA = [143, 51, 43, 255]; // linear light
+const LIP_RGBA = [115, 9, 11, 255]; // linear light: fresh tissue on the lips of cuts
+/** Of the regions inside, in their order. */
+export const INNER_COLORS = [0x5a3fc0, 0x0a7f6a, 0xb8860b];
 const BEYOND_RGBA = [255, 0, 110, 255]; // linear light: a pink that the scale does not hold
 
 // Samples of viridis (Smith & van der Walt 2015), from low to high: readable in gray and by the color-blind.
@@ -52,7 +55,7 @@ export class ColorMap {
   /** Writes the colors of all nodes and returns the scale. model: the name of the one that moves them. */
   apply(positions: Float32Array, model: string, out: Uint8Array<ArrayBuffer>): Scale {
     const { mode } = this, found = this.evaluate(positions);
-    if (!found) return fillPlain(out);
+    if (!found) return fillPlain(out, this.organ.scene.lips);
     const { values, range } = found, unit = mode === "strain" ? 0.01 : 1; // strains are ratios, but shown in %
     const ends = this.ends[mode] ?? range, limit = mode === "strain" ? (VALID_STRAIN[model] ?? null) : null;
     mapColors(values, unit * ends[0], unit * ends[1], unit * (limit ?? Infinity), out);
@@ -64,19 +67,24 @@ export class ColorMap {
     const { mode, values, stiffness, error } = this;
     if (mode === "stiffness") return stiffness.range && { values: stiffness.values, range: stiffness.range };
     if (mode === "error") return error && { values: error.values, range: [0, error.largest] };
-    if (mode === "displacement") return { values, range: [0, displacements(this.organ.rest, positions, values)] };
+    if (mode === "displacement") return { values, range: [0, displacements(this.organ.open, positions, values)] };
     if (mode === "plain") return null;
-    this.strain ??= new SurfaceStrain(this.organ.rest, this.surface);
+    this.strain ??= new SurfaceStrain(this.organ.open, this.surface);
     return { values, range: [0, 100 * this.strain.at(positions, values)] };
   }
 }
 
 const PLAIN = new Uint32Array(Uint8Array.from(PLAIN_RGBA).buffer)[0];
+const linear = (color: number): number[] => [color >> 16, (color >> 8) & 255, color & 255].map((c) => Math.round(255 * (c / 255) ** 2.2));
+/** Of the lips of cuts: in the organ, then in the regions inside. */
+const LIPS = [LIP_RGBA, ...INNER_COLORS.map((color) => [...linear(color), 255])].map((rgba) => new Uint32Array(Uint8Array.from(rgba).buffer)[0]);
 const BEYOND = new Uint32Array(Uint8Array.from(BEYOND_RGBA).buffer)[0];
 const TABLE = new Uint32Array(VIRIDIS_RGBA.buffer);
 
-function fillPlain(out: Uint8Array<ArrayBuffer>): null {
-  new Uint32Array(out.buffer).fill(PLAIN);
+function fillPlain(out: Uint8Array<ArrayBuffer>, lips: number[]): null {
+  const colors = new Uint32Array(out.buffer);
+  colors.fill(PLAIN);
+  lips.forEach((first, i) => colors.fill(LIPS[i === 0 ? 0 : 1 + ((i - 1) % INNER_COLORS.length)], first));
   return null;
 }
 

@@ -38,6 +38,25 @@ export function pick(
   return best;
 }
 
+/** The place of a point on a surface at rest: its nearest triangle, seen from the planes of the triangles around it. */
+export function locate(point: Vector, rest: Float32Array, triangles: Uint32Array, first: number, count: number): Hit {
+  let best: Hit = { triangle: first, weights: [1, 0, 0], distance: Infinity };
+  const at = (t: number, c: number): Vector => {
+    const n = 3 * triangles[3 * t + c];
+    return [rest[n], rest[n + 1], rest[n + 2]];
+  };
+  for (let t = first; t < first + count; t++) {
+    const a = at(t, 0), e = subtract(at(t, 1), a), f = subtract(at(t, 2), a), d = subtract(point, a);
+    const ee = dot(e, e), ef = dot(e, f), ff = dot(f, f), ed = dot(e, d), fd = dot(f, d);
+    const determinant = ee * ff - ef * ef || 1;
+    const raw = [(ff * ed - ef * fd) / determinant, (ee * fd - ef * ed) / determinant].map((x) => Math.max(0, Math.min(1, x)));
+    const sum = Math.max(1, raw[0] + raw[1]), [u, v] = raw.map((x) => x / sum);
+    const distance = length(subtract(d, add(scale(e, u), scale(f, v))));
+    if (distance < best.distance) best = { triangle: t, weights: [1 - u - v, u, v], distance };
+  }
+  return best;
+}
+
 /** Vectors given at the nodes, interpolated at a hit. */
 export function interpolate(hit: Hit, values: Float32Array, triangles: Uint32Array): Vector {
   const out: Vector = [0, 0, 0];
@@ -94,6 +113,19 @@ export function uniqueEdges(triangles: Uint32Array, first: number, count: number
       }
     }
   return Uint32Array.from(pairs);
+}
+
+/** The edges of the triangles of nodes from `first` on that only one of these triangles has, as pairs of nodes. */
+export function borderEdges(triangles: Uint32Array, first: number): Uint32Array<ArrayBuffer> {
+  const seen = new Map<number, [number, number] | null>();
+  for (let t = 0; t < triangles.length; t += 3) {
+    if (triangles[t] < first) continue;
+    for (let c = 0; c < 3; c++) {
+      const a = triangles[t + c], b = triangles[t + ((c + 1) % 3)], key = Math.min(a, b) * 67108864 + Math.max(a, b);
+      seen.set(key, seen.has(key) ? null : [a, b]);
+    }
+  }
+  return Uint32Array.from([...seen.values()].filter((pair) => pair !== null).flat());
 }
 
 export const add = (a: Vector, b: Vector): Vector => [a[0] + b[0], a[1] + b[1], a[2] + b[2]];

@@ -18,6 +18,9 @@ export const SelectionKind = { model: 0, organ: 1 } as const;
 /** What a `Mark` says. */
 export const MarkKind = { lump: 0, sample: 1 } as const;
 
+/** What a `Scalpel` does. */
+export const CutStep = { begin: 0, move: 1, end: 2, undo: 3 } as const;
+
 /** What a `Difference` holds. */
 export const ComparisonState = { preparing: 0, compared: 1, no_reference: 2, contacts_overlap: 3 } as const;
 
@@ -75,10 +78,11 @@ export interface Frame {
   least_volume: number;
   solution_age: number;
   solution_error: number;
+  body: number;
   step: number;
   count: number;
 }
-export const FRAME_KIND = 2, FRAME_BYTES = 236;
+export const FRAME_KIND = 2, FRAME_BYTES = 240;
 export function encodeFrame(message: Frame): ArrayBuffer {
   const view = new DataView(new ArrayBuffer(FRAME_BYTES));
   view.setUint8(0, 2);
@@ -101,8 +105,9 @@ export function encodeFrame(message: Frame): ArrayBuffer {
   view.setFloat32(215, message.least_volume, true);
   view.setFloat32(219, message.solution_age, true);
   view.setFloat32(223, message.solution_error, true);
-  view.setFloat32(227, message.step, true);
-  view.setUint32(231, message.count, true);
+  view.setUint32(227, message.body, true);
+  view.setFloat32(231, message.step, true);
+  view.setUint32(235, message.count, true);
   return view.buffer;
 }
 export function decodeFrame(view: DataView): Frame {
@@ -127,8 +132,9 @@ export function decodeFrame(view: DataView): Frame {
     least_volume: view.getFloat32(215, true),
     solution_age: view.getFloat32(219, true),
     solution_error: view.getFloat32(223, true),
-    step: view.getFloat32(227, true),
-    count: view.getUint32(231, true),
+    body: view.getUint32(227, true),
+    step: view.getFloat32(231, true),
+    count: view.getUint32(235, true),
   };
 }
 
@@ -225,6 +231,30 @@ export function decodeDifference(view: DataView): Difference {
   };
 }
 
+/** Page to server: the blade goes to `point` (mm, on the surface at rest), `depth` mm deep. step: a `CutStep`. */
+export interface Scalpel {
+  step: number;
+  depth: number;
+  point: Vector;
+}
+export const SCALPEL_KIND = 7, SCALPEL_BYTES = 20;
+export function encodeScalpel(message: Scalpel): ArrayBuffer {
+  const view = new DataView(new ArrayBuffer(SCALPEL_BYTES));
+  view.setUint8(0, 7);
+  view.setUint8(1, message.step);
+  view.setFloat32(2, message.depth, true);
+  for (let i = 0; i < 3; i++) view.setFloat32(6 + 4 * i, message.point[i], true);
+  return view.buffer;
+}
+export function decodeScalpel(view: DataView): Scalpel {
+  if (view.getUint8(0) !== 7) throw new Error(`not a Scalpel: kind ${view.getUint8(0)}`);
+  return {
+    step: view.getUint8(1),
+    depth: view.getFloat32(2, true),
+    point: Array.from({ length: 3 }, (_, i) => view.getFloat32(6 + 4 * i, true)) as Vector,
+  };
+}
+
 /** Triangles first to first + count of the scene: the organ, or a region inside it. */
 export interface Part {
   name: string;
@@ -240,6 +270,12 @@ export interface Scene {
   nodes: number;
   triangles: number;
   parts: Part[];
+  gapes: boolean;
+  lips: number[];
+  body: number;
+  made: number;
+  cuts: boolean;
+  depth: number;
   elements: number;
   radius: number;
   reach: number;

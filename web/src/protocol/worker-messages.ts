@@ -1,14 +1,16 @@
 // Messages between the page and its worker.
-import type { Difference, Frame, Mark, Scene, Selection, ToolCommand } from "./server-messages";
+import type { Difference, Frame, Mark, Scalpel, Scene, Selection, ToolCommand } from "./server-messages";
 
-/** The scene's arrays: nodes at rest (mm), triangles, unit normals at rest, and the edges of the outer surface as pairs
- * of nodes. */
+/** The scene's arrays: nodes at rest (mm), where they are drawn then (`open`: cuts gape), triangles, unit normals at rest, and the edges of the outer surface, and
+ * of the lips of cuts, as pairs of nodes. */
 export interface Organ {
   scene: Scene;
   rest: Float32Array<ArrayBuffer>;
+  open: Float32Array<ArrayBuffer>;
   triangles: Uint32Array<ArrayBuffer>;
   normals: Float32Array<ArrayBuffer>;
   edges: Uint32Array<ArrayBuffer>;
+  rims: Uint32Array<ArrayBuffer>;
 }
 
 /** Values of every shown node, transferred between page and worker without a copy: positions (mm), normals (x, y, z and
@@ -30,8 +32,9 @@ export type Ends = [low: number, high: number];
  * unknown); null if there is no scale. */
 export type Scale = { ends: Ends; range: Ends; limit: number | null } | null;
 
+/** organ: cut: another one, or the same after a cut. */
 export type FromWorker =
-  | { kind: "organ"; organ: Organ }
+  | { kind: "organ"; organ: Organ; cut: boolean }
   | { kind: "frame"; frame: Frame; arrays: NodeArrays | null; scale: Scale; work: number }
   | { kind: "difference"; difference: Difference }
   | { kind: "notice"; text: string }
@@ -45,6 +48,7 @@ export type ToWorker =
   | { kind: "command"; command: ToolCommand }
   | { kind: "select"; selection: Selection }
   | { kind: "mark"; mark: Mark }
+  | { kind: "scalpel"; scalpel: Scalpel }
   | { kind: "color"; mode: ColorMode }
   | { kind: "ends"; mode: ColorMode; ends: Ends }
   | { kind: "save" }

@@ -6,6 +6,8 @@ import {
 import { TurntableCamera } from "./turntable-camera";
 import { GouraudMaterial } from "./gouraud-material";
 import { ToolMeshes } from "./tool-meshes";
+import { INNER_COLORS } from "../organ/color-map";
+import { interpolate, locate, subtract } from "../organ/mesh-geometry";
 import type { Organ, NodeArrays } from "../protocol/worker-messages";
 import { ContactState, type Frame, type Vector } from "../protocol/server-messages";
 import { isSoftwareRendered } from "./software-rendering";
@@ -13,7 +15,6 @@ import { isSoftwareRendered } from "./software-rendering";
 // Pixel ratio while the picture changes, if the processor draws: half the pixels, and a fifth less delay.
 const MOVING_RATIO = 0.7;
 const REST_TIME = 250; // ms without a change until the picture is drawn at full resolution
-const INNER_COLORS = [0x5a3fc0, 0x0a7f6a, 0xb8860b];
 
 export class OrganView {
   readonly turntable = new TurntableCamera();
@@ -21,12 +22,15 @@ export class OrganView {
   readonly root = new Scene3D();
   readonly toolMeshes = new ToolMeshes();
   private readonly geometry = new BufferGeometry();
-  private readonly material = new GouraudMaterial();
+  private readonly material = Object.assign(new GouraudMaterial(), { polygonOffsetFactor: 1, polygonOffsetUnits: 1 });
   private readonly lines = new LineBasicMaterial({ vertexColors: true });
+  private readonly rimLines = new LineBasicMaterial({ color: 0x4a0f0c });
   private surface = new Mesh(this.geometry, this.material);
   // Fills the depth buffer only: it hides lines behind the organ, and all but the front layer of a translucent surface.
   private depthOnly = new Mesh(this.geometry, new MeshBasicMaterial({ colorWrite: false, polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 1 }));
   private wire = new LineSegments(new BufferGeometry(), this.lines);
+  private rims = new LineSegments(new BufferGeometry(), this.rimLines); // of cuts, which at rest nothing else shows
+  private organ: Organ | null = null;
   private inner: Mesh[] = [];
   private wireframe = false;
   private translucent = false;
@@ -69,28 +73,31 @@ export class OrganView {
 
   /** Shows another organ. The camera stays if it is another mesh of the same organ. */
   show(organ: Organ): void {
-    const { scene, rest, triangles } = organ;
+    const { scene, open, triangles } = organ;
+    this.organ = organ;
     this.hasArrays = false;
-    this.root.remove(this.surface, this.wire, ...this.inner);
-    for (const old of [this.surface, this.wire, ...this.inner]) old.geometry.dispose();
+    this.material.polygonOffset = organ.rims.length > 0; // so that the rims are in front
+    this.root.remove(this.surface, this.wire, this.rims, ...this.inner);
+    for (const old of [this.surface, this.wire, this.rims, ...this.inner]) old.geometry.dispose();
     const attribute = (array: Float32Array | Int16Array | Uint8Array, items: number) =>
       new BufferAttribute(array, items, items === 4).setUsage(DynamicDrawUsage);
-    const nodes = rest.length / 3;
-    const position = attribute(rest.slice(), 3), normal = attribute(new Int16Array(4 * nodes), 4), color = attribute(new Uint8Array(4 * nodes), 4);
+    const nodes = open.length / 3;
+    const position = attribute(open.slice(), 3), normal = attribute(new Int16Array(4 * nodes), 4), color = attribute(new Uint8Array(4 * nodes), 4);
     const drawn = (geometry: BufferGeometry, index: Uint32Array) =>
       geometry.setIndex(new BufferAttribute(index, 1)).setAttribute("position", position).setAttribute("normal", normal).setAttribute("color", color);
     const part = (first: number, count: number) => triangles.slice(3 * first, 3 * (first + count));
     const surface = scene.parts.find((p) => !p.inside)!;
     this.surface = new Mesh(drawn(this.geometry, part(surface.first, surface.count)), this.material);
     this.wire = new LineSegments(drawn(new BufferGeometry(), organ.edges), this.lines);
+    this.rims = new LineSegments(new BufferGeometry().setIndex(new BufferAttribute(organ.rims, 1)).setAttribute("position", position), this.rimLines);
     this.inner = scene.parts.filter((p) => p.inside).map((p, i) => {
       const material = new MeshPhongMaterial({ color: INNER_COLORS[i % INNER_COLORS.length], emissive: INNER_COLORS[i % INNER_COLORS.length], emissiveIntensity: 0.4, side: DoubleSide });
       return new Mesh(drawn(new BufferGeometry(), part(p.first, p.count)), material);
     });
-    for (const thing of [this.surface, this.depthOnly, this.wire, ...this.inner]) thing.frustumCulled = false; // it moves
-    this.root.add(this.surface, this.depthOnly, this.wire, ...this.inner);
+    for (const thing of [this.surface, this.depthOnly, this.wire, this.rims, ...this.inner]) thing.frustumCulled = false; // it moves
+    this.root.add(this.surface, this.depthOnly, this.wire, this.rims, ...this.inner);
     this.updateVisibility();
-    this.fitCamera(rest, scene.front);
+    this.fitCamera(organ.rest, scene.front);
   }
 
   private fitCamera(rest: Float32Array, front: number): void {
@@ -106,13 +113,21 @@ export class OrganView {
     if (other) this.turntable.lookAt(center, size, front);
   }
 
+  /** How far the organ has opened at a point of its surface at rest, mm. */
+  private gapeAt(point: Vector): Vector {
+    if (!this.organ?.scene.gapes) return [0, 0, 0];
+    const { rest, open, triangles, scene } = this.organ, surface = scene.parts.find((p) => !p.inside)!;
+    const hit = locate(point, rest, triangles, surface.first, surface.count);
+    return subtract(interpolate(hit, open, triangles), interpolate(hit, rest, triangles));
+  }
+
   /** Takes a frame and returns the arrays that it replaces. arrays: null if the organ has not moved. */
   update(frame: Frame, arrays: NodeArrays | null): NodeArrays | null {
     const idle = frame.contact.every((state) => state === ContactState.idle);
     const still = arrays === null && idle;
     if (!still || !this.wasStill) this.needsRedraw = true;
     this.wasStill = still;
-    this.toolMeshes.update(frame);
+    this.toolMeshes.update(frame, (point) => this.gapeAt(point));
     if (!arrays) return null;
     this.hasArrays = true;
     const [position, normal, color] = ["position", "normal", "color"].map((name) => this.geometry.getAttribute(name) as BufferAttribute);

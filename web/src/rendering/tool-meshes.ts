@@ -1,5 +1,8 @@
-// Draws the tools: a tip and a force arrow for each tool, a needle, and the ring of the surface cursor.
-import { ArrowHelper, CylinderGeometry, Group, Mesh, MeshBasicMaterial, MeshPhongMaterial, RingGeometry, SphereGeometry, Vector3 } from "three";
+// Draws the tools: a tip and a force arrow for each tool, a needle, a blade with its way, and the ring of the surface cursor.
+import {
+  ArrowHelper, BoxGeometry, BufferAttribute, BufferGeometry, CylinderGeometry, Group, Line, LineBasicMaterial, Matrix4, Mesh, MeshBasicMaterial,
+  MeshPhongMaterial, RingGeometry, SphereGeometry, Vector3,
+} from "three";
 import { add, length, scale, toolVector, unit } from "../organ/mesh-geometry";
 import { ContactState, TOOLS, type Frame, type Vector } from "../protocol/server-messages";
 
@@ -11,6 +14,8 @@ const MIN_DISPLACEMENT = 0.01; // mm: no direction below
 /** The number of the tool that is a needle; the others have a round tip. */
 export const NEEDLE = 3;
 
+const WAY = 2000; // points of a blade's way
+
 const tools = <T>(make: () => T): T[] => Array.from({ length: TOOLS }, make);
 
 export class ToolMeshes {
@@ -21,6 +26,10 @@ export class ToolMeshes {
   private readonly shaft = new Mesh(new CylinderGeometry(1, 1, 1, 12), new MeshPhongMaterial({ color: STEEL, shininess: 120 }));
   private readonly point = new Mesh(new CylinderGeometry(1, 0.05, 1, 12), new MeshPhongMaterial({ color: STEEL, shininess: 120 }));
   private readonly hub = new Mesh(new CylinderGeometry(1, 1, 1, 16), new MeshPhongMaterial({ color: TEAL, shininess: 60 }));
+  private readonly edge = new Mesh(new BoxGeometry(1, 1, 1), new MeshPhongMaterial({ color: STEEL, shininess: 120 }));
+  private readonly handle = new Mesh(new CylinderGeometry(1, 1, 1, 16), new MeshPhongMaterial({ color: TEAL, shininess: 60 }));
+  private readonly way = new Line(new BufferGeometry(), new LineBasicMaterial({ color: 0x3a0a08 })); // of the blade, not cut yet
+  private wayLength = 0;
   private readonly ring = new Mesh(new RingGeometry(0.75, 1, 40), new MeshBasicMaterial({ color: TEAL, depthTest: false, transparent: true, side: 2 }));
   private readonly dot = new Mesh(new RingGeometry(0, 0.2, 20), this.ring.material);
 
@@ -32,12 +41,14 @@ export class ToolMeshes {
     this.ring.add(this.dot);
     this.ring.renderOrder = 9;
     this.dot.renderOrder = 9;
-    this.group.add(...this.tips, ...this.arrows, this.shaft, this.point, this.hub, this.ring);
+    this.way.geometry.setAttribute("position", new BufferAttribute(new Float32Array(3 * WAY), 3));
+    this.way.frustumCulled = false;
+    this.group.add(...this.tips, ...this.arrows, this.shaft, this.point, this.hub, this.edge, this.handle, this.way, this.ring);
     for (const each of this.group.children) each.visible = false;
   }
 
-  /** Moves each tool and its force arrow to the state in the frame. */
-  update(frame: Frame): void {
+  /** Moves each tool and its force arrow to the state in the frame. gape: how far the organ has opened at a point, mm. */
+  update(frame: Frame, gape: (point: Vector) => Vector): void {
     let needleVisible = false;
     for (let i = 0; i < TOOLS; i++) {
       const present = frame.contact[i] === ContactState.closed || frame.contact[i] === ContactState.open;
@@ -49,7 +60,7 @@ export class ToolMeshes {
         this.axes[i] = null;
         continue;
       }
-      const contact = add(toolVector(frame.point, i), displacement); // the displaced contact point
+      const at = toolVector(frame.point, i), contact = add(add(at, gape(at)), displacement); // the displaced contact point
       const axis = this.needleAxis(i, displacement, frame.insertion[i]);
       this.tipPositions[i] = isNeedle ? add(contact, scale(axis, frame.insertion[i])) : contact;
       this.tips[i].position.set(...contact);
@@ -87,6 +98,41 @@ export class ToolMeshes {
     place(this.point, 0, pointLength, radius);
     place(this.shaft, pointLength, shaftLength, radius);
     place(this.hub, shaftLength, shaftLength + hubLength, 3.2 * radius);
+  }
+
+  /** Moves the blade over the surface, `depth` mm in it, or takes it away (null); its way stays until `forgetWay`. */
+  moveBlade(point: Vector | null, normal: Vector = [0, 0, 1], depth = 0): void {
+    const { edge, handle, way, size } = this;
+    edge.visible = handle.visible = point !== null;
+    if (!point) return;
+    const array = way.geometry.getAttribute("position") as BufferAttribute, place = add(point, scale(normal, 0.006 * size));
+    const out = new Vector3(...normal), along = new Vector3(1, 0, 0);
+    if (this.wayLength) along.fromBufferAttribute(array, this.wayLength - 1).sub(new Vector3(...place)).negate();
+    if (this.wayLength < WAY && (!this.wayLength || along.length() > 0.005 * size)) array.setXYZ(this.wayLength++, ...place);
+    array.needsUpdate = true;
+    way.geometry.setDrawRange(0, this.wayLength);
+    way.visible = this.wayLength > 1;
+    along.addScaledVector(out, -along.dot(out));
+    if (along.length() > 0.002 * size || edge.userData.still !== true) {
+      if (along.length() < 1e-9) along.crossVectors(out, Math.abs(normal[1]) < 0.9 ? UP : new Vector3(1, 0, 0));
+      along.normalize();
+      edge.quaternion.setFromRotationMatrix(new Matrix4().makeBasis(along, out, new Vector3().crossVectors(along, out)));
+      edge.userData.still = true;
+    }
+    const above = 0.22 * size, grip = 0.5 * size;
+    edge.position.set(...add(point, scale(normal, (above - depth) / 2)));
+    edge.scale.set(0.05 * size, above + depth, 0.006 * size);
+    handle.position.set(...add(point, scale(normal, above + grip / 2)));
+    handle.scale.set(0.028 * size, grip, 0.028 * size);
+    handle.quaternion.setFromUnitVectors(UP, out);
+  }
+
+  /** Forgets the way of the blade up to its newest point, since the organ is cut there. */
+  forgetWay(): void {
+    const array = this.way.geometry.getAttribute("position") as BufferAttribute, last = this.wayLength - 1;
+    if (last > 0) array.setXYZ(0, array.getX(last), array.getY(last), array.getZ(last));
+    this.wayLength = this.edge.visible ? Math.min(this.wayLength, 1) : 0;
+    this.way.visible = false;
   }
 
   /** Shows the cursor at a point of the surface, or hides it (null). Returns whether the picture changes. */

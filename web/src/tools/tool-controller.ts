@@ -8,17 +8,18 @@
 // Pull: holds the point under the pixel and moves it in the plane of the picture.
 // Grasp: two jaws to the left and right of that point, closed by the selected amount; they move together.
 // Needle: enters under the pixel and stays there; the selected depth inserts it.
+// Cut: a blade goes along the surface where the pixel goes, as deep as selected. The server cuts the tissue behind it.
 import type { CommandQueue } from "./command-queue";
-import { add, dot, interpolate, length, limitLength, pick, scale, subtract, unit, type Hit } from "../organ/mesh-geometry";
+import { add, dot, interpolate, length, limitLength, locate, pick, scale, subtract, unit, type Hit } from "../organ/mesh-geometry";
 import { NEEDLE } from "../rendering/tool-meshes";
 import type { Organ } from "../protocol/worker-messages";
-import { CommandKind, type Vector } from "../protocol/server-messages";
+import { CommandKind, CutStep, type Scalpel, type Vector } from "../protocol/server-messages";
 import type { OrganView } from "../rendering/organ-view";
 
-export type ToolKind = "press" | "pull" | "grasp" | "needle";
-export const TOOL_KINDS: ToolKind[] = ["press", "pull", "grasp", "needle"];
+export type ToolKind = "press" | "pull" | "grasp" | "needle" | "cut";
+export const TOOL_KINDS: ToolKind[] = ["press", "pull", "grasp", "needle", "cut"];
 /** The numbers of the tools that a kind commands. */
-export const TOOL_NUMBERS: Record<ToolKind, number[]> = { press: [0], pull: [0], grasp: [0, 1], needle: [NEEDLE] };
+export const TOOL_NUMBERS: Record<ToolKind, number[]> = { press: [0], pull: [0], grasp: [0, 1], needle: [NEEDLE], cut: [] };
 
 const MAX_REACH = 0.999; // of the longest displacement, since the server gets it rounded
 const MIN_INSERTION = 0.05; // mm: a needle needs a direction
@@ -42,20 +43,31 @@ interface Needle {
 export class ToolController {
   kind: ToolKind = "press";
   inward = true; // the needle's direction: normal to the surface, or that of the view
-  readonly amounts: Record<ToolKind, number> = { press: 1, pull: 0, grasp: 1, needle: 0 }; // mm
+  readonly amounts: Record<ToolKind, number> = { press: 1, pull: 0, grasp: 1, needle: 0, cut: 1 }; // mm
   private organ: Organ | null = null;
   private grasp: Grasp | null = null;
   private pressPoint: Hit | null = null; // on the surface at rest
   private needle: Needle | null = null;
+  private blade: Hit | null = null; // on the surface at rest
   private aiming = false; // the needle's entry point still follows the pixel
   private pressure = 1;
   private gain = 0.85; // of the last grasp: the first value for the next one
   private pixel: [number, number] = [0, 0];
 
-  constructor(private readonly view: OrganView, private readonly commands: CommandQueue) {}
+  constructor(private readonly view: OrganView, private readonly commands: CommandQueue, private readonly sendScalpel: (scalpel: Scalpel) => void) {}
 
   setOrgan(organ: Organ): void {
     this.releaseAll();
+    this.organ = organ;
+  }
+
+  /** The organ was cut: tools hold on where they are. Called before the view shows it. */
+  setCutOrgan(organ: Organ): void {
+    const before = this.organ!, surface = organ.scene.parts.find((p) => !p.inside)!;
+    const again = (hit: Hit) => locate(interpolate(hit, before.rest, before.triangles), organ.rest, organ.triangles, surface.first, surface.count);
+    if (this.pressPoint) this.pressPoint = again(this.pressPoint);
+    if (this.blade) this.blade = again(this.blade);
+    for (const jaw of this.grasp?.jaws ?? []) jaw.hit = again(jaw.hit);
     this.organ = organ;
   }
 
@@ -67,9 +79,9 @@ export class ToolController {
   }
 
   private pickRay(origin: Vector, direction: Vector, rest: boolean): Hit | null {
-    const { scene, triangles, rest: atRest } = this.organ!;
+    const { scene, triangles, open } = this.organ!;
     const surface = scene.parts.find((p) => !p.inside)!;
-    return pick(origin, direction, rest ? atRest : this.view.positions, triangles, surface.first, surface.count);
+    return pick(origin, direction, rest ? open : this.view.positions, triangles, surface.first, surface.count);
   }
 
   /** Position of a surface point as drawn, and its normal at rest. */
@@ -80,7 +92,7 @@ export class ToolController {
 
   /** Does the tool hold something that ends with `release`? */
   get holding(): boolean {
-    return this.pressPoint !== null || this.grasp !== null;
+    return this.pressPoint !== null || this.grasp !== null || this.blade !== null;
   }
   get pressing(): boolean {
     return this.pressPoint !== null;
@@ -107,6 +119,7 @@ export class ToolController {
     if (!hit) return false;
     this.pixel = [x, y];
     const kind = swap && this.kind === "press" ? "pull" : swap && this.kind === "pull" ? "press" : this.kind;
+    if (kind === "cut") return this.moveBlade(CutStep.begin);
     if (kind === "press") this.pressPoint = this.pick(x, y, true) ?? hit;
     else if (kind === "needle") this.insertNeedle(hit);
     else {
@@ -115,6 +128,27 @@ export class ToolController {
     }
     this.sendCommands(stamp);
     return true;
+  }
+
+  /** The blade goes to the pixel. Returns whether the organ is there. */
+  private moveBlade(step: number): boolean {
+    const hit = this.pick(...this.pixel, true);
+    if (!hit) return false;
+    this.blade = hit;
+    this.cutTo(step);
+    return true;
+  }
+
+  private cutTo(step: number): void {
+    const { rest, triangles, normals } = this.organ!, point = interpolate(this.blade!, rest, triangles);
+    this.sendScalpel({ step, depth: Math.max(this.amounts.cut, MIN_INSERTION), point });
+    this.view.toolMeshes.moveBlade(this.drawnPoint(this.blade!).position, unit(interpolate(this.blade!, normals, triangles)), this.amounts.cut);
+    this.view.requestRedraw();
+  }
+
+  /** Takes the last cut back. */
+  undoCut(): void {
+    if (!this.blade) this.sendScalpel({ step: CutStep.undo, depth: 0, point: [0, 0, 0] });
   }
 
   private jaw(hit: Hit, closing: Vector = [0, 0, 0]): Jaw {
@@ -163,6 +197,10 @@ export class ToolController {
   moveTo(x: number, y: number, stamp: number, pressure = 1): void {
     this.pixel = [x, y];
     this.pressure = pressure;
+    if (this.blade) {
+      this.moveBlade(CutStep.move);
+      return;
+    }
     if (this.pressPoint) this.pressPoint = this.pick(x, y, true) ?? this.pressPoint; // stays where the surface ends
     else if (this.aiming && this.amounts.needle === 0) {
       const hit = this.pick(x, y);
@@ -232,6 +270,12 @@ export class ToolController {
   /** Lets go of everything but the needle, which stays inserted. */
   release(): void {
     this.aiming = false;
+    if (this.blade) {
+      this.cutTo(CutStep.end);
+      this.blade = null;
+      this.view.toolMeshes.moveBlade(null);
+      return;
+    }
     if (!this.holding) return;
     this.grasp = this.pressPoint = null;
     this.commands.release(0);

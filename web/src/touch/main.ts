@@ -28,7 +28,7 @@ const token = isExported ? "" : takeToken();
 const canvas = element<HTMLCanvasElement>("view");
 const view = new OrganView(canvas);
 const commands = new CommandQueue((command) => post({ kind: "command", command }));
-const controller = new ToolController(view, commands);
+const controller = new ToolController(view, commands, (scalpel) => post({ kind: "scalpel", scalpel }));
 const cursor = new SurfaceCursor(canvas, view, controller);
 const depthSlider = new DepthSlider(controller);
 const readout = new ForceReadout(commands);
@@ -55,7 +55,7 @@ const hover = (x: number, y: number): boolean => {
 const pointer = new PointerInput(canvas, view, controller, hover, changeAmount);
 const gamepad = new GamepadInput(canvas, view, controller, cursor, {
   changeAmount,
-  selectTool: (by) => selectTool(TOOL_KINDS[(TOOL_KINDS.indexOf(controller.kind) + by + TOOL_KINDS.length) % TOOL_KINDS.length]),
+  selectTool: (by) => selectTool(tools()[(tools().indexOf(controller.kind) + by + tools().length) % tools().length]),
   mark: (button) => [markLump, releaseAll, takeSample][button](),
 });
 
@@ -80,6 +80,15 @@ worker.onmessage = ({ data }: MessageEvent<FromWorker>) => {
       releaseAll();
       sound.clear();
     }
+  } else if (data.cut && scene) {
+    scene = data.organ.scene;
+    controller.setCutOrgan(data.organ);
+    view.show(data.organ);
+    cursor.followCut();
+    view.toolMeshes.forgetWay();
+    describe(scene);
+    pending = null;
+    post({ kind: "next", arrays: null, pressing: false });
   } else {
     scene = data.organ.scene;
     view.show(data.organ);
@@ -96,11 +105,15 @@ worker.onmessage = ({ data }: MessageEvent<FromWorker>) => {
   }
 };
 
+/** What the hand can take in this session. */
+const tools = (): ToolKind[] => TOOL_KINDS.filter((kind) => kind !== "cut" || scene?.cuts);
+
 function describe(scene: Scene): void {
   write("title", scene.title);
   const inside = scene.parts.filter((part) => part.inside).map((part) => part.name);
   const about = [`${scene.elements.toLocaleString("en")} tetrahedra`];
   if (scene.models.length < 2) about.push(`model ${scene.model}`);
+  if (scene.made) about.push(scene.made > 1 ? `${scene.made} cuts` : "1 cut");
   if (inside.length) about.push(`inside: ${inside.join(", ")}`);
   if (scene.replay) about.push("replay");
   write("about", about.join(" · "));
@@ -109,6 +122,8 @@ function describe(scene: Scene): void {
   organs.setEntries(scene.organs);
   organs.show(scene.organ);
   element("model-and-mesh").hidden = scene.models.length < 2 && scene.organs.length < 2;
+  element("cut-tool").hidden = !scene.cuts;
+  element<HTMLButtonElement>("undo-cut").disabled = scene.made === 0;
   element("slices-toggle").hidden = !scene.images;
   element("task").hidden = element("found").hidden = !scene.task;
   write("task", scene.task);
@@ -156,6 +171,7 @@ const HINTS: Record<ToolKind, string> = {
   pull: "Hold a point of the organ and drag it; the wheel lifts it.",
   grasp: "Two jaws hold left and right; drag to move them, the wheel closes them.",
   needle: "Click where the needle enters; the wheel or the slider inserts it.",
+  cut: "Draw over the organ to cut it; the slider is the depth. Pull beside the cut to open it.",
 };
 const MESSAGE_TIME = 3000; // ms
 let messageUntil = 0;
@@ -187,14 +203,16 @@ function takeSample(): void {
   showMessage(`Sample taken ${newest.insertion[NEEDLE].toFixed(1)} mm deep.`);
 }
 
-const selectTool = selector<ToolKind>("tool", (kind) => {
+const chooseTool = selector<ToolKind>("tool", (kind) => {
   pointer.release();
   cursor.release();
   controller.kind = kind;
   element("needle-row").hidden = kind !== "needle";
+  element("cut-row").hidden = kind !== "cut";
   depthSlider.update(true);
   updateHint();
 });
+const selectTool = (kind: ToolKind) => tools().includes(kind) && chooseTool(kind);
 const selectNeedleDirection = selector<string>("needle-direction", (value) => controller.setNeedleDirection(value === "inward"));
 let shading = "smooth";
 const selectShading = selector<string>("shading", (value) => {
@@ -223,7 +241,7 @@ const resetView = () => {
 };
 const help = element<HTMLDialogElement>("help");
 const onClick: Record<string, () => void> = {
-  reset: resetView, "save-session": () => post({ kind: "save" }), found: markLump, sample: takeSample, "needle-out": () => controller.withdrawNeedle(), "help-open": () => help.showModal(),
+  reset: resetView, "save-session": () => post({ kind: "save" }), found: markLump, sample: takeSample, "needle-out": () => controller.withdrawNeedle(), "undo-cut": () => controller.undoCut(), "help-open": () => help.showModal(),
   headset: () => void webxr.enter(scene?.reach ?? 1).catch((problem: unknown) => showMessage(String(problem))),
 };
 for (const [id, action] of Object.entries(onClick)) element(id).addEventListener("click", action);
@@ -238,6 +256,7 @@ listenToKeys(canvas, view, cursor, {
   i: () => translucentToggle.click(),
   s: () => scene?.images && slicesToggle.click(),
   o: () => controller.withdrawNeedle(),
+  z: () => scene?.cuts && controller.undoCut(),
   f: markLump,
   r: resetView,
   Enter: takeSample,

@@ -4,11 +4,11 @@ import { TOOL_KINDS, type ToolController, type ToolKind } from "../tools/tool-co
 import type { Scene } from "../protocol/server-messages";
 import type { OrganView } from "../rendering/organ-view";
 
-const LABELS: Record<ToolKind, string> = { press: "Press by", pull: "Lift by", grasp: "Pinch by", needle: "Drive to" };
+const LABELS: Record<ToolKind, string> = { press: "Press by", pull: "Lift by", grasp: "Pinch by", needle: "Drive to", cut: "Cut to" };
 
 export class DepthSlider {
   private readonly slider = element<HTMLInputElement>("amount");
-  private readonly ranges: Record<ToolKind, [number, number]> = { press: [0, 1], pull: [0, 1], grasp: [0, 1], needle: [0, 1] };
+  private readonly ranges: Record<ToolKind, [number, number]> = { press: [0, 1], pull: [0, 1], grasp: [0, 1], needle: [0, 1], cut: [0, 1] };
   private step = 1; // mm
   private shown: [ToolKind, number] | null = null;
 
@@ -25,11 +25,12 @@ export class DepthSlider {
       pull: [-0.3 * smallestSide, 0.3 * smallestSide],
       grasp: [0, 1.2 * radius],
       needle: [0, Math.min(0.99 * reach, 1.6 * size)],
+      cut: [this.step, 2 * size],
     };
     Object.assign(this.ranges, ranges);
     this.step = 0.01 * size;
     const { amounts } = this.controller;
-    if (first) Object.assign(amounts, { press: 0.1 * smallestSide, pull: 0, grasp: 0.5 * radius, needle: 0 });
+    if (first) Object.assign(amounts, { press: 0.1 * smallestSide, pull: 0, grasp: 0.5 * radius, needle: 0, cut: scene.depth });
     for (const kind of TOOL_KINDS) amounts[kind] = this.clamp(kind, amounts[kind]);
     this.update(true);
   }
@@ -45,7 +46,7 @@ export class DepthSlider {
 
   /** Changes the amount by so many steps. */
   change(steps: number): void {
-    const { kind, amounts } = this.controller, factor = kind === "needle" || kind === "pull" ? 2 : 1;
+    const { kind, amounts } = this.controller, factor = kind === "needle" || kind === "pull" || kind === "cut" ? 2 : 1;
     this.set(amounts[kind] + factor * this.step * steps);
   }
 

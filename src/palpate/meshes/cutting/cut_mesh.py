@@ -155,13 +155,6 @@ def touched_surface(mesh: TetMesh, held: Bool) -> tuple[Float64, Int32, Bool]:
     return mesh.places, mesh.skin.triangles, ~free.any(axis=1)
 
 
-def on_nodes(mesh: CutMesh, vertices: Int32, weights: Float64) -> tuple[Int32, Float64]:
-    """Nodes and their weights, that have the mean which weights on vertices of the surface have of what nodes carry."""
-    part = weights[:, None] * mesh.skin.weight[vertices]
-    nodes, at = np.unique(mesh.tets[mesh.skin.tet[vertices]][part != 0], return_inverse=True)
-    return nodes.astype(np.int32), np.asarray(np.bincount(at.ravel(), part[part != 0]), dtype=np.float64)
-
-
 def refuse_cut(mesh: TetMesh, what: str, instead: str = "take the model `compliance`, `multigrid` or `blocks`") -> None:
     """Raises `MeshError` for a cut mesh."""
     if isinstance(mesh, CutMesh):

@@ -87,11 +87,15 @@ class SlitComplex:
 
     def slit(self, blade: Blade) -> None:
         """Cuts along the blade."""
+        x = self._mesh.nodes[self._mesh.tets]
+        low, high = blade.points.min(axis=0) - self._on, blade.points.max(axis=0) + self._on
+        close = np.flatnonzero(((x.min(axis=1) <= high) & (x.max(axis=1) >= low)).all(axis=1))
+        x = x[close]
         for corners in blade.points[blade.triangles]:
-            self._slit(Triangle.of(corners))
+            triangle = Triangle.of(corners)
+            self._slit(triangle, close[triangle.meets(x, self._on)])
 
-    def _slit(self, triangle: Triangle) -> None:
-        near = np.flatnonzero(triangle.meets(self._mesh.nodes[self._mesh.tets], self._on))
+    def _slit(self, triangle: Triangle, near: Int64) -> None:
         pieces = np.array([piece for tet in near for piece in self._pieces[tet]], dtype=np.int64)
         met = pieces[triangle.meets(self.places[self.corners[pieces]], self._on)]
         if len(met) == 0:

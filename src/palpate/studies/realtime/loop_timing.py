@@ -39,7 +39,7 @@ def slid(setting: Setting, tissue: Tissue, name: str) -> Row:
     """Wall seconds of finding the contact and of the model's answer, 1000 times a second, under a sliding press."""
     one = model(tissue, name)
     points, press = path(tissue, setting.ticks)
-    radius = 2 * mean_edge(tissue.mesh)
+    radius = 2 * mean_edge(tissue)
     sweep = float(_core.simulation.sweep_seconds(one.native, tissue.surface, radius))
     sweeps = sweeps_of(sweep)
     given = one.native, one.native.make_state(), tissue.surface, radius, points, press.tolist(), RAMP, sweeps

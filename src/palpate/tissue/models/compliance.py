@@ -3,7 +3,7 @@
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import bsr_array, csr_array
+from scipy.sparse import bsr_array, csr_array, eye_array
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from palpate import _core
@@ -20,6 +20,8 @@ from palpate.tissue.relaxation import Relaxation
 from palpate.tissue.sparse_factor import Factors
 from palpate.tissue.tissue import Tissue
 from palpate.tissue.vibration import Inertia, lowest_modes, nodal_mass
+
+SCALING = 32  # roundings of an entry when the stiffness is scaled from both sides by triangular 3x3 blocks, at most
 
 
 class ComplianceModel(TissueModel):
@@ -157,15 +159,20 @@ class ComplianceModel(TissueModel):
     @cached_property
     def _least(self) -> float:
         """λ such that K − λM is positive definite, shown by a factorisation with all pivots positive."""
-        K, (blocks, floor) = self._stiffness, self._diagonal
+        K, (blocks, _) = self._stiffness, self._diagonal
         n = len(blocks)
         M = csr_array(bsr_array((blocks, np.arange(n), np.arange(n + 1)), shape=K.shape))
         inverse = LinearOperator(K.shape, matvec=self.factors.solve, dtype=np.float64)
         start = np.random.default_rng(0).standard_normal(K.shape[0])
         shift = 0.9 * float(eigsh(K, 1, M=M, sigma=0, OPinv=inverse, v0=start, tol=1e-2, return_eigenvectors=False)[0])
+        # Scaled to unit diagonal blocks: those of a sliver that a cut has left may be a millionth of the others.
+        root = np.linalg.inv(np.linalg.cholesky(blocks))
+        scale = bsr_array((root, np.arange(n), np.arange(n + 1)), shape=K.shape)
+        scaled, unit = csr_array(scale @ K @ scale.T), eye_array(K.shape[0], format="csr")
+        rounding = SCALING * 2.0**-53 * float((abs(scale) @ abs(K) @ abs(scale).T).sum(axis=1).max())
         for _ in range(20):
-            factors = Factors(K - shift * M, self.places)
-            proven = shift - factors.slack / float(floor.min())
+            factors = Factors(csr_array(scaled - shift * unit), self.places)
+            proven = shift - factors.slack - rounding
             if factors.positive and proven > 0.5 * shift:
                 return proven
             shift *= 0.7

@@ -7,7 +7,7 @@ import numpy as np
 from palpate import _core
 from palpate.arrays import Float64, Int32
 from palpate.errors import DataError, MaterialError
-from palpate.tissue.contact_patches import Contacts, patch_at
+from palpate.tissue.contact_patches import Contacts
 from palpate.tissue.error_bound import MOST_NODES, Certificate, relative
 from palpate.tissue.models.block_gauss_seidel import ordered_by_node
 from palpate.tissue.models.tissue_model import IterativeModel, nodal_element
@@ -73,7 +73,7 @@ class MultigridModel(IterativeModel):
         shear = nodal_shear(mesh, tissue.young, tissue.poisson)
         free = mesh.surface_nodes[~tissue.held[mesh.surface_nodes]]
         some = mesh.nodes[free[:: max(1, len(free) // SAMPLES)]]
-        found = (patch_at(tissue, tissue.surface.closest(x), 2 * tissue.edge) for x in some)
+        found = (tissue.surface.patch(tissue.surface.closest(x), 2 * tissue.edge) for x in some)
         samples = [patch for patch in found if not isinstance(patch, str)]
         return _core.multirate.LinearMultirateModel(self.iteration, interval, mesh.nodes, shear, samples)
 

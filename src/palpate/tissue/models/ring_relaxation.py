@@ -8,7 +8,7 @@ from scipy.sparse import csr_array
 
 from palpate import _core
 from palpate.arrays import Float64, Int32
-from palpate.tissue.contact_patches import Contacts, patch_at
+from palpate.tissue.contact_patches import Contacts
 from palpate.tissue.error_bound import relative
 from palpate.tissue.models.tissue_model import IterativeModel
 from palpate.tissue.tissue import Tissue
@@ -53,7 +53,7 @@ def typical_contact(tissue: Tissue) -> "_core.tissue.ContactPatch":
     nodes = tissue.mesh.surface_nodes[~tissue.held[tissue.mesh.surface_nodes]]
     x = tissue.mesh.nodes[nodes]
     middle = int(np.argmin(np.linalg.norm(x - x.mean(axis=0), axis=1)))
-    found = patch_at(tissue, tissue.surface.closest(x[middle]), 2 * tissue.edge)
+    found = tissue.surface.patch(tissue.surface.closest(x[middle]), 2 * tissue.edge)
     one = _core.tissue.ContactPatch(nodes[middle : middle + 1].astype(np.int32), np.ones(1))
     return found if isinstance(found, _core.tissue.ContactPatch) else one
 

@@ -1,0 +1,157 @@
+"""Cuts by the hands of pages: the way of a blade, and the cuts that follow it while it moves."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass, field
+from functools import partial
+
+import numpy as np
+from starlette.websockets import WebSocket
+
+from palpate.arrays import ArrayLike, Float64
+from palpate.errors import PalpateError
+from palpate.server.messages import CutStep, Scalpel
+from palpate.server.scene_message import reach
+from palpate.simulation.recording import Record
+from palpate.simulation.session import Session
+from palpate.tissue.cutting import may_be_cut
+from palpate.tissue.incision import incision
+from palpate.tissue.tissue import Tissue
+
+SPACING = 0.5  # mean edges between the points of a way
+TOLERANCE = 0.1  # mean edges from the way of the hand: each point that is left costs time
+PIECE = 1.0  # mean edges by which the way grows until the cut follows
+MOST_POINTS = 400  # of a way
+MOST_CUTS = 100  # in a session, whose cost grows with their number
+RETRY = 0.005  # s, while an earlier change is on its way
+DEPTH = 2.5  # mean edges, of a cut at first
+
+
+@dataclass(eq=False)
+class Stroke:
+    """One stroke of a blade. before: the tissue before it. cut: how many points of the way the cut has followed."""
+
+    page: WebSocket
+    session: Session
+    before: Tissue
+    depth: float
+    way: list[tuple[float, float, float]]
+    ended: bool = False
+    cut: int = 0
+    moved: asyncio.Event = field(default_factory=asyncio.Event)
+
+    def add(self, point: tuple[float, float, float], last: bool) -> None:
+        """Goes on to a point, mm."""
+        far = np.linalg.norm(np.subtract(point, self.way[-1])) >= SPACING * self.before.edge
+        if far and len(self.way) < MOST_POINTS:
+            self.way.append(point)
+        self.ended = self.ended or last
+        self.moved.set()
+
+    @property
+    def due(self) -> bool:
+        """Whether the cut is to follow."""
+        grown = np.linalg.norm(np.subtract(self.way[-1], self.way[max(self.cut - 1, 0)]))
+        return len(self.way) > max(self.cut, 1) and (self.ended or bool(grown >= PIECE * self.before.edge))
+
+
+class Cutting:
+    """Used on the event loop's thread only. One stroke at a time, of one page.
+
+    changed: called after each cut. tell: shows a text in every page.
+    """
+
+    def __init__(self, lock: asyncio.Lock, changed: Callable[[], None], tell: Callable[[str], Awaitable[None]]) -> None:
+        self.lock, self.changed, self.tell = lock, changed, tell
+        self.stroke: Stroke | None = None
+        self.replayed = 0  # cuts of a record
+
+    def obey(self, page: WebSocket, session: Session, message: Scalpel) -> "asyncio.Task[None] | None":
+        """Begins, goes on with or ends a stroke, or takes a cut back; returns the task that was begun for it."""
+        stroke = self.stroke
+        if message.step == CutStep.undo:
+            return None if stroke else asyncio.create_task(self._undo(session))
+        if message.step == CutStep.begin and stroke is None:
+            depth = min(message.depth, 2 * reach(session))  # through all of it
+            self.stroke = Stroke(page, session, session.tissue, depth, [message.point])
+            return asyncio.create_task(self._follow(self.stroke))
+        if stroke and stroke.page is page and message.step != CutStep.begin:
+            stroke.add(message.point, message.step == CutStep.end)
+        return None
+
+    def leave(self, page: WebSocket) -> None:
+        """Ends the stroke of a page that has gone."""
+        if self.stroke and self.stroke.page is page:
+            self.stroke.ended = True
+            self.stroke.moved.set()
+
+    async def _follow(self, stroke: Stroke) -> None:
+        try:
+            if stroke.session.bodies >= MOST_CUTS:
+                await self.tell(f"{MOST_CUTS} cuts were made in this session; begin another one")
+                return
+            while not stroke.ended or stroke.due:
+                if not stroke.due:
+                    await stroke.moved.wait()
+                    stroke.moved.clear()
+                    continue
+                done = len(stroke.way)
+                way = simplified(stroke.way[:done], TOLERANCE * stroke.before.edge)
+                blade = await asyncio.to_thread(incision, stroke.before, way, stroke.depth)
+                await self._change(partial(stroke.session.cut, blade, extend=stroke.cut > 0))
+                stroke.cut = done
+        except PalpateError as problem:
+            await self.tell(str(problem))
+        finally:
+            self.stroke = None
+
+    async def _undo(self, session: Session) -> None:
+        try:
+            await self._change(session.undo)
+        except PalpateError as problem:
+            await self.tell(str(problem))
+
+    async def _change(self, change: Callable[[], bool]) -> None:
+        async with self.lock:
+            while not await asyncio.to_thread(change):
+                await asyncio.sleep(RETRY)
+            self.changed()
+
+    def replay(self, session: Session, record: Record, tick: int) -> "asyncio.Task[None] | None":
+        """Begins the next cut of a record once its tick has come."""
+        if self.lock.locked() or self.replayed >= len(record.cuts) or record.cuts[self.replayed].tick > tick:
+            return None
+        one = record.cuts[self.replayed]
+        self.replayed += 1
+        return asyncio.create_task(self._change(partial(session.cut_again, one)))
+
+
+def simplified(way: ArrayLike, tolerance: float) -> Float64:
+    """Points (p, 3) of a way such that no point left out is more than `tolerance` mm from the line between its neighbours.
+
+    D. H. Douglas & T. K. Peucker, Cartographica 10 (1973) 112.
+    """
+    points = np.asarray(way, dtype=np.float64)
+    kept, parts = {0, len(points) - 1}, [(0, len(points) - 1)]
+    while parts:
+        a, b = parts.pop()
+        along = points[b] - points[a]
+        offset = points[a + 1 : b] - points[a]
+        share = np.clip(offset @ along / max(float(along @ along), 1e-12), 0, 1)
+        far = np.linalg.norm(offset - share[:, None] * along, axis=1)
+        if len(far) and far.max() > tolerance:
+            middle = a + 1 + int(np.argmax(far))
+            kept.add(middle)
+            parts += [(a, middle), (middle, b)]
+    return points[sorted(kept)]
+
+
+def may_cut(session: Session) -> bool:
+    """Whether pages may cut the tissue of a session."""
+    return may_be_cut(session.first.tissue) and not session.first.tissue.time_dependent
+
+
+def first_depth(session: Session) -> float:
+    """mm, of a cut at first."""
+    mesh = session.first.tissue.mesh
+    return float(min(DEPTH * session.first.tissue.edge, np.ptp(mesh.nodes, axis=0).min() / 2))

@@ -1,0 +1,120 @@
+"""The way of a blade on its way to a cut."""
+
+import asyncio
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.example_organs import organ
+
+import palpate as pp
+from palpate.server.cutting_stroke import MOST_POINTS, Cutting, simplified
+from palpate.server.messages import CutStep, Scalpel, decode, encode
+
+
+def distance(point, way):
+    """mm from a polyline."""
+    a, b = way[:-1], way[1:]
+    along = b - a
+    t = np.clip(((point - a) * along).sum(axis=1) / np.maximum((along**2).sum(axis=1), 1e-30), 0, 1)
+    return np.linalg.norm(point - a - t[:, None] * along, axis=1).min()
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(2, 80), st.floats(0.01, 5), st.integers(0, 2**31))
+def test_no_point_left_out_is_far_from_the_way(count, tolerance, seed):
+    way = np.cumsum(np.random.default_rng(seed).normal(0, 1, (count, 3)), axis=0)
+    less = simplified(way, tolerance)
+    assert np.array_equal(less[[0, -1]], way[[0, -1]])
+    assert max(distance(point, less) for point in way) <= tolerance + 1e-9
+    assert len(simplified(np.linspace((0, 0, 0), (9, 0, 0), 50), 0.1)) == 2
+
+
+@pytest.mark.parametrize("depth", [0.0, -1.0, float("nan"), float("inf")])
+def test_a_scalpel_without_a_depth_is_refused(depth):
+    with pytest.raises(pp.errors.DataError, match="Scalpel"):
+        decode(encode(Scalpel(CutStep.begin, depth, (0.0, 0.0, 25.0))))
+
+
+def run(steps):
+    """The session after these steps of pages (page, Scalpel), ticked meanwhile, and what was told."""
+    whole = organ(9)
+    session = pp.Session(pp.model(whole, "compliance"), radius=9.0, sweeps=4)
+    told, changes = [], []
+
+    async def tell(text):
+        told.append(text)
+
+    async def go():
+        cutting = Cutting(asyncio.Lock(), lambda: changes.append(session.bodies), tell)
+        tasks = []
+        for page, message in steps:
+            if message is None:
+                cutting.leave(page)
+            else:
+                tasks.append(cutting.obey(page, session, message))
+            await asyncio.sleep(0)
+        waiting = asyncio.gather(*(task for task in tasks if task))
+        for _ in range(2000):
+            if waiting.done():
+                break
+            session.step([None] * 2)
+            await asyncio.sleep(0.005)
+        assert waiting.done(), "the stroke never ends"
+        await waiting
+        assert cutting.stroke is None
+
+    asyncio.run(go())
+    return session, told, changes
+
+
+def over_the_top(count=30):
+    """Points over the ellipsoid's top."""
+    x = np.linspace(-15, 15, count)
+    return [(float(a), 0.0, float(25 * np.sqrt(1 - (a / 40) ** 2))) for a in x]
+
+
+def stroke(page, way, depth=14.0):
+    kinds = [CutStep.begin] + [CutStep.move] * (len(way) - 2) + [CutStep.end]
+    return [(page, Scalpel(kind, depth, point)) for kind, point in zip(kinds, way, strict=True)]
+
+
+def test_a_stroke_is_one_cut_of_its_depth():
+    session, told, changes = run(stroke("page", over_the_top()))
+    assert told == []
+    assert session.cuts == 1
+    assert changes == list(range(1, session.bodies + 1))
+    blade = session.mesh.blades[0]
+    assert len(session.mesh.blades) == 1
+    assert blade.points[:, 2].min() == pytest.approx(25 * np.sqrt(1 - (15 / 40) ** 2) - 14.0, abs=1.0)
+    assert np.ptp(blade.points[:, 0]) == pytest.approx(30, abs=1.5)
+
+
+def test_a_page_that_goes_ends_its_stroke_and_another_one_cannot_disturb_it():
+    way = over_the_top()
+    others = [("other", Scalpel(CutStep.move, 9.0, (0.0, 25.0, 8.0))), ("other", Scalpel(CutStep.begin, 9.0, way[3]))]
+    session, told, _ = run([*stroke("page", way)[:-1], *others, ("other", None), ("page", None)])
+    assert told == []
+    assert session.cuts == 1
+    assert np.abs(session.mesh.blades[0].points[:, 1]).max() < 1.0
+
+
+def test_what_lies_far_off_or_is_no_way_is_told_or_nothing():
+    begin = Scalpel(CutStep.begin, 9.0, (0.0, 0.0, 25.0))
+    session, told, _ = run([("page", begin), ("page", Scalpel(CutStep.end, 9.0, (1e38, 0.0, 0.0)))])
+    assert session.bodies == 0
+    assert len(told) == 1
+    assert "off the surface" in told[0]
+    session, told, _ = run([("page", begin), ("page", Scalpel(CutStep.end, 9.0, begin.point))])
+    assert (session.bodies, told) == (0, [])
+    session, told, _ = run([("page", Scalpel(CutStep.undo, 0.0, (0.0, 0.0, 0.0)))])
+    assert session.bodies == 0
+    assert "nothing has been cut" in told[0]
+
+
+def test_a_way_is_bounded():
+    there = over_the_top(40)
+    endless = (there + there[::-1]) * (MOST_POINTS // 40)
+    session, told, _ = run(stroke("page", endless[: 3 * MOST_POINTS], 3.0)[:6] + [("page", None)])
+    assert (told, session.cuts <= 1) == ([], True)
