@@ -17,14 +17,15 @@ struct Driven {                    // the loop, and what it runs on after a cut
     nb::object body[2], before[2]; // a model and its surface; those may go that were replaced before these
     RealtimeLoop loop;
     const ToolSettings tools;
-    int nodes; // of the body that was asked for last
+    int nodes;      // of the body that was asked for last
+    int widest = 0; // nodes of a patch
     Driven(const TissueModel& model, const ContactSurface& surface, In<int32_t, 1> shown,
            const SimulationSettings& settings)
         : loop(model, checked(model, surface, shown, settings), settings, listed(shown)), tools(settings.tools),
           nodes(model.nodes()) {
         require_room(surface);
     }
-    void require_room(const ContactSurface& surface) const {
+    void require_room(const ContactSurface& surface) {
         if (int at = crowded(surface); at >= 0)
             throw std::invalid_argument("a contact of radius " + std::to_string(tools.radius) +
                                         " mm covers more than " + std::to_string(ContactPatch::capacity) +
@@ -39,12 +40,16 @@ struct Driven {                    // the loop, and what it runs on after a cut
         check_radius(settings.tools.radius);
         return surface;
     }
-    int crowded(const ContactSurface& surface) const { // a node whose patch would be too big, or -1
+    int crowded(const ContactSurface& surface) { // a node whose patch would be too big, or -1
+        widest = 0;
         auto scratch = surface.scratch();
         ContactPatch patch;
+        std::vector<bool> seen(surface.vertices());
         for (int t = 0; t < surface.triangles(); t++)
             for (int c = 0; c < 3; c++) {
                 int v = surface.corner[3 * t + c];
+                if (seen[v]) continue;
+                seen[v] = true;
                 SurfacePoint at;
                 at.triangle = t;
                 at.weight[c] = 1;
@@ -52,6 +57,7 @@ struct Driven {                    // the loop, and what it runs on after a cut
                 const auto status = tools.nodal_weights ? surface.nodal_patch(at, tools.radius, scratch, patch)
                                                         : surface.patch(at, tools.radius, scratch, patch);
                 if (status == ContactSurface::PatchStatus::too_many_nodes) return surface.node[v];
+                if (status == ContactSurface::PatchStatus::good) widest = std::max(widest, patch.count);
             }
         return -1;
     }
@@ -260,7 +266,9 @@ void bind_simulation(nb::module_& m) {
                 Driven::checked(to, on, shown, SimulationSettings());
                 check_count(sweeps);
                 expect(shown.shape(0) <= d.loop.shown_room, "shown: too many nodes");
-                d.require_room(on);
+                // A patch at a cut has the nodes of both lips, each also of the layer below: else a look at every
+                // place.
+                if (4 * d.widest > ContactPatch::capacity) d.require_room(on);
                 bool done;
                 {
                     nb::gil_scoped_release release;

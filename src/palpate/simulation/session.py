@@ -341,7 +341,18 @@ class Session:
         return self.displayed.nodes
 
     def drawn(self, frame: Any) -> Float32:
-        """Displacements of the vertices of the surface that was drawn at a frame, (S, 3) mm."""
+        """Return how the surface that is drawn has moved.
+
+        Parameters
+        ----------
+        frame : Frame
+            A frame of this session.
+
+        Returns
+        -------
+        ndarray, (S, 3)
+            Displacements of the vertices of the surface, mm; of a cut tissue also those of its lips.
+        """
         return self._displayed[int(frame.body)].carried(frame.shown)
 
     def mark(self, what: int, tool: int = 0) -> None:
