@@ -21,7 +21,7 @@ NOT_RUN = {
     "realtime_study",
     "tomosynthesis_study",
 }  # minutes each
-RAISE_NOTHING = {"slab_phantom", "breast_phantom", "find_devices", "include", "plot_indentation"}
+RAISE_NOTHING = {"slab_phantom", "breast_phantom", "find_devices", "include", "lesson_template", "plot_indentation"}
 
 
 def sections(documented):

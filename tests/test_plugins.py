@@ -77,7 +77,7 @@ def test_an_own_optimizer_resumes_to_the_bit_through_the_command(tmp_path):
     views = pp.arc_views(panel, [-20, -7, 7, 20], radius=500, pivot=(0, 0, 20))
     body = pp.Phantom([(pp.Ellipsoid((0, 0, 15), (20, 14, 9)), 0.02)])
     pp.write_scan(tmp_path / "scan.h5", pp.simulate_scan(body, views, incident=5000, seed=1))
-    words = f"{plugin('own_optimizer')} reconstruct scan.h5 --thickness 30 --spacing 1 --levels 2 --iterations 40"
+    words = f"{plugin('own_optimizer')} reconstruct scan.h5 --thickness 30 --spacing 1 --levels 2 --iterations 200"
     words += " --tolerance 0 --checkpoint-every 1 --optimizer spectral-gradient -o"
     assert ended(f"{words} whole.nii.gz", tmp_path)[0] == 0
     checkpoint = tmp_path / "parts.nii.gz.checkpoint.h5"

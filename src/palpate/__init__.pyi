@@ -120,8 +120,17 @@ from .scans.trajectories import linear_views as linear_views
 from .scans.trajectories import rotating_views as rotating_views
 from .scans.views import Panel as Panel
 from .scans.views import Views as Views
+from .server.lesson_server import take_lesson as take_lesson
 from .server.touch import touch as touch
 from .server.view import view as view
+from .simulation.lesson import Lesson as Lesson
+from .simulation.lesson import lesson_template as lesson_template
+from .simulation.lesson import read_lesson as read_lesson
+from .simulation.lesson_case import lesson_case as lesson_case
+from .simulation.lesson_ceiling import Ceiling as Ceiling
+from .simulation.lesson_ceiling import lesson_ceiling as lesson_ceiling
+from .simulation.lesson_result import LessonResult as LessonResult
+from .simulation.lesson_result import lesson_result as lesson_result
 from .simulation.pointer import Command as Command
 from .simulation.pointer import Pointer as Pointer
 from .simulation.recording import Record as Record

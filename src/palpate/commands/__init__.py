@@ -28,6 +28,7 @@ COMMANDS = (
     "touch",
     "export",
     "score",
+    "lesson",
     "sessions",
     "demo",
     "study",

@@ -46,13 +46,14 @@ class DisplayedSurface:
         return np.asarray(np.einsum("sa,sak->sk", self.weight, values[self.carrier]), dtype=np.float32)
 
 
-def displayed_surface(mesh: TetMesh) -> DisplayedSurface:
-    """Return what a display draws of a mesh. Of one that was cut it draws no regions inside."""
-    nodes = displayed_nodes(mesh)
+def displayed_surface(mesh: TetMesh, regions: bool = True) -> DisplayedSurface:
+    """Return what a display draws of a mesh; regions: also those inside, but not of a mesh that was cut."""
     if isinstance(mesh, CutMesh):
-        return _of_cut(mesh, nodes)
+        return _of_cut(mesh, displayed_nodes(mesh))
+    nodes = displayed_nodes(mesh) if regions else mesh.surface_nodes
     drawn = [("organ", mesh.surface, False)]
-    drawn += [(mesh.names.get(k, f"region {k}"), faces, True) for k, faces in region_faces(mesh).items()]
+    inside = region_faces(mesh) if regions else {}
+    drawn += [(mesh.names.get(k, f"region {k}"), faces, True) for k, faces in inside.items()]
     first = np.concatenate([[0], np.cumsum([len(faces) for _, faces, _ in drawn])])
     groups = tuple(Group(name, int(first[i]), len(faces), inside) for i, (name, faces, inside) in enumerate(drawn))
     triangles = np.searchsorted(nodes, np.concatenate([faces for _, faces, _ in drawn])).astype(np.int32)

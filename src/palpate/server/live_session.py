@@ -6,17 +6,19 @@ import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from palpate.errors import PalpateError
 from palpate.server.cutting_stroke import Cutting, first_depth, may_cut
+from palpate.server.exam import Exam
 from palpate.server.force_errors import ForceErrors
 from palpate.server.image_payloads import ImagePayload
 from palpate.server.messages import CloseCode, Mark, Scalpel, Selection, SelectionKind, ToolCommand
 from palpate.server.reference_comparison import ReferenceComparison
-from palpate.server.scene_message import reach, scene_bytes
+from palpate.server.scene_message import VIEWS, reach, scene_bytes
+from palpate.simulation.lesson import TOOLS as TOOL_KINDS
 from palpate.simulation.pointer import KINDS, TOOLS, Command, CommandKind, Kind, Pointer, bounded_vector
 from palpate.simulation.recording import start_journal
 from palpate.simulation.replay import Replay
@@ -37,7 +39,7 @@ class LiveSession:
     newest frame as a message. pages: the connected pages, each with an event that is set for every new frame. holders: the
     page that commands each tool. finished: earlier sessions, on other resolutions. choice: organ and model that were chosen
     last, by index. models: models that were built or are being built. record: where the first session will be written;
-    later ones get numbers.
+    later ones get numbers. exam: the exam that it is.
     """
 
     session: Session
@@ -57,6 +59,7 @@ class LiveSession:
     changing: asyncio.Lock = field(default_factory=asyncio.Lock)
     models: dict[tuple[int, str], asyncio.Task[TissueModel]] = field(default_factory=dict)
     record: Path | None = None
+    exam: Exam | None = None
 
     def __post_init__(self) -> None:
         if not self.organs:
@@ -75,15 +78,22 @@ class LiveSession:
             self.session,
             self.title,
             self.is_replay,
-            models=names_in_sessions(),
+            models=() if self.exam else names_in_sessions(),
             organs=tuple(self.organs),
             organ=self.current[0],
             task=self.task,
             reason=self.reason,
             images=bool(self.images),
-            cuts=not self.is_replay and may_cut(self.session),
             depth=first_depth(self.session),
+            tools=self.exam.lesson.tools if self.exam else (*TOOL_KINDS, *(("cut",) if self.cuts else ())),
+            views=self.exam.lesson.views if self.exam else VIEWS,
+            exam=self.exam is not None,
         )
+
+    @property
+    def cuts(self) -> bool:
+        """Whether pages may cut."""
+        return not self.is_replay and not self.exam and may_cut(self.session)
 
     @property
     def is_replay(self) -> bool:
@@ -106,6 +116,8 @@ class LiveSession:
         """Commands a tool, unless another page holds it. A page holds a tool from its first command until it lets go."""
         if self.holders.get(message.tool) not in (None, page) or not isinstance(self.device, Pointer):
             return
+        if self.exam and message.kind != CommandKind.away and not self.exam.allows(message.kind):
+            return
         if message.kind == CommandKind.away:
             self.release(page, message.tool, message.serial)
             return
@@ -116,13 +128,21 @@ class LiveSession:
 
     def cut(self, page: WebSocket, message: Scalpel) -> None:
         """Obeys the scalpel of a page."""
-        if not self.is_replay and may_cut(self.session):
+        if self.cuts:
             self.keep(self.cutting.obey(page, self.session, message))
 
     def replay_cuts(self, tick: int) -> None:
         """Begins a cut of the record that is replayed, once its tick has come."""
         if isinstance(self.device, Replay) and self.device.record.cuts:
             self.keep(self.cutting.replay(self.session, self.device.record, tick))
+
+    def watch(self, frame: Any) -> None:
+        """Ends an exam whose time is over: all tools let go."""
+        if self.exam and isinstance(self.device, Pointer) and self.exam.ends(frame):
+            self.holders.clear()
+            for tool in range(TOOLS):
+                self.device.send(Command(), None, tool)
+            self.keep(asyncio.create_task(self.tell("The time is over.")))
 
     def keep(self, task: "asyncio.Task[None] | None") -> None:
         """Keeps a background task alive until it ends, and prints its error."""
@@ -154,12 +174,16 @@ class LiveSession:
 
     def mark(self, mark: Mark) -> None:
         """Records that a lump was found or a sample taken."""
-        if not self.is_replay:
-            self.session.mark(mark.kind, mark.tool)
+        if self.is_replay:
+            return
+        if self.exam and (refusal := self.exam.claim()):
+            self.keep(asyncio.create_task(self.tell(refusal)))
+            return
+        self.session.mark(mark.kind, mark.tool)
 
     def select(self, selection: Selection) -> None:
         """Notes a choice of model or organ, and begins to carry it out. The last choice wins."""
-        if self.is_replay:
+        if self.is_replay or self.exam:
             return
         organ, model = self.choice
         self.choice = (organ, selection.index) if selection.kind == SelectionKind.model else (selection.index, model)

@@ -25,6 +25,7 @@ F64 = Annotated[float, "d"]
 Vector = Annotated[tuple[float, float, float], "3f"]
 
 DISPLACEMENT_STEPS = 32767  # of the 16-bit displacements in a `Frame`
+EXAM_LENGTH, EXAM_FORCE, EXAM_WORK = 0.05, 0.01, 0.1  # mm, N, N mm: steps in which an exam tells them
 DISTANCE_STEPS = 65535  # of the 16-bit distances in a `Difference`
 AT_REST = 1e-4  # mm: smaller displacements are not sent
 
@@ -199,7 +200,8 @@ class Scene:
     runs; organ: the index of this one. task: the trainee's task, or empty. reason: why the session begins with its model,
     or empty. images: whether there are slices to show (an `Album` at /album, its values as `palpate view` serves them).
     lips: numbers of the first node on the lips of cuts, in the organ and in each region inside. body: how often it was cut
-    or a cut taken back; made: cuts that are there. cuts: whether the page may cut; depth: mm, of a cut at first.
+    or a cut taken back; made: cuts that are there. depth: mm, of a cut at first. tools, views: what the page may offer; exam:
+    whether it is an exam, in which nothing is shown that tells what is inside.
     """
 
     title: str
@@ -211,8 +213,10 @@ class Scene:
     lips: list[int]
     body: int
     made: int
-    cuts: bool
     depth: float
+    tools: list[str]
+    views: list[str]
+    exam: bool
     elements: int
     radius: float
     reach: float
@@ -360,17 +364,30 @@ def flat(vectors: Any) -> tuple[float, ...]:
     return tuple(x for vector in vectors for x in vector)
 
 
+def _in_steps(values: Any, step: float) -> tuple[float, ...]:
+    """Numbers rounded to a step; 0: as they are."""
+    return tuple(values) if step == 0 else tuple((step * np.rint(np.asarray(values) / step)).tolist())
+
+
 def frame_bytes(
-    frame: Any, shown: Float32, model: int = 0, chosen: int = 0, errors: ForceErrors | None = None
+    frame: Any,
+    shown: Float32,
+    model: int = 0,
+    chosen: int = 0,
+    errors: ForceErrors | None = None,
+    exam: bool = False,
 ) -> bytes:
     """A frame of the loop as a message, with the displacements (S, 3) mm of what is drawn. At rest it has no array.
+
+    exam: in the steps of a screen, so that no digit tells more than the trainee can see.
 
     The step is the largest displacement over 32767: 0.2 µm at 5 mm, less than a pixel, at half the size of float32.
     """
     errors = errors or ForceErrors()
     largest = float(np.abs(shown).max(initial=0))
-    at_rest = largest < AT_REST
-    step = 0.0 if at_rest else largest / DISPLACEMENT_STEPS
+    at_rest = largest < (EXAM_LENGTH / 2 if exam else AT_REST)
+    step = 0.0 if at_rest else EXAM_LENGTH if exam else largest / DISPLACEMENT_STEPS
+    length, force, work = (EXAM_LENGTH, EXAM_FORCE, EXAM_WORK) if exam else (0.0, 0.0, 0.0)
     message = Frame(
         model=model,
         tick=float(frame.tick),
@@ -379,12 +396,12 @@ def frame_bytes(
         serial=frame.serial & 0xFFFFFFFF,
         seconds=frame.seconds,
         busy=frame.busy,
-        energy=frame.work,
+        energy=_in_steps([frame.work], work)[0],
         contact=tuple(frame.contact),
-        point=flat(frame.point),
-        displacement=flat(frame.displacement),
-        force=flat(frame.force),
-        insertion=tuple(frame.insertion),
+        point=_in_steps(flat(frame.point), length),
+        displacement=_in_steps(flat(frame.displacement), length),
+        force=_in_steps(flat(frame.force), force),
+        insertion=_in_steps(frame.insertion, length),
         chosen=chosen,
         mesh_error=errors.mesh,
         linearisation=errors.linearisation,

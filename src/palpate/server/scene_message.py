@@ -8,8 +8,11 @@ from dataclasses import asdict
 import numpy as np
 
 from palpate.server.messages import Part, Scene
+from palpate.simulation.lesson import TOOLS
 from palpate.simulation.session import RATE, Session
 from palpate.tissue.models.registry import name_of
+
+VIEWS = ("plain", "displacement", "strain", "stiffness", "error", "wireframe", "inside")
 
 
 def reach(session: Session) -> float:
@@ -36,8 +39,10 @@ def scene_bytes(
     task: str = "",
     reason: str = "",
     images: bool = False,
-    cuts: bool = False,
     depth: float = 0.0,
+    tools: Sequence[str] = TOOLS,
+    views: Sequence[str] = VIEWS,
+    exam: bool = False,
 ) -> bytes:
     """The scene as a message, see `messages.Scene`."""
     drawn = session.displayed
@@ -51,8 +56,10 @@ def scene_bytes(
         lips=list(drawn.lips),
         body=session.bodies,
         made=session.cuts,
-        cuts=cuts,
         depth=depth,
+        tools=list(tools),
+        views=list(views),
+        exam=exam,
         elements=len(session.mesh.tets),
         radius=session.settings.radius,
         reach=reach(session),

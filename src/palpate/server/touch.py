@@ -125,20 +125,28 @@ def touch(
         pointer = Pointer() if replay is None else Replay(replay)
         where = None if record is None else Path(record)
         live = LiveSession(session, haptic or pointer, title, organs, payloads, task, reason, successor, record=where)
-        # Signals are handled before the address is printed: the user may press Ctrl-C as soon as it is.
-        with (
-            shutdown_requests() as ended,
-            running_session(live, listener) as address,
-            haptic or contextlib.nullcontext(),
-        ):
-            announce(address, "touch it", [f"it begins with {reason}"] if reason else speed_warning(session))
-            show(address, ended, open_browser)
-    print("\npalpate: closed")
-    if where is not None:
-        write_records(where, [*live.finished, live.session])
+        lines = [f"it begins with {reason}"] if reason else speed_warning(session)
+        serve_until_closed(live, listener, haptic or contextlib.nullcontext(), lines, open_browser)
     if save is not None:
         write_tissue(save, live.session.tissue)
         print(f"palpate: tissue with {live.session.cuts} cuts in {save}")
+
+
+def serve_until_closed(
+    live: LiveSession,
+    listener: socket.socket,
+    device: AbstractContextManager[object],
+    lines: Sequence[str],
+    open_browser: bool,
+) -> None:
+    """Serves until Ctrl-C, then writes the records. lines: what is printed below the address."""
+    # Signals are handled before the address is printed: the user may press Ctrl-C as soon as it is.
+    with shutdown_requests() as ended, running_session(live, listener) as address, device:
+        announce(address, "touch it", list(lines))
+        show(address, ended, open_browser)
+    print("\npalpate: closed")
+    if live.record is not None:
+        write_records(live.record, [*live.finished, live.session])
 
 
 def write_records(path: Path, sessions: Sequence[Session]) -> None:

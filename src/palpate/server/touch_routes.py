@@ -59,10 +59,13 @@ async def publish_frames(live: LiveSession) -> None:
         serial, tick = frame.serial, frame.tick + FRAME_TICKS
         model = live.current[1]
         chosen = model if live.is_replay else live.choice[1]
-        for task in (live.comparison.update(live.session, frame), live.force_errors.update(live.session, frame)):
-            if task:
-                task.add_done_callback(report_failure)
-        live.newest = frame_bytes(frame, live.session.drawn(frame), model, chosen, live.force_errors)
+        if live.exam is None:
+            for task in (live.comparison.update(live.session, frame), live.force_errors.update(live.session, frame)):
+                if task:
+                    task.add_done_callback(report_failure)
+        live.watch(frame)
+        shown = live.session.drawn(frame)
+        live.newest = frame_bytes(frame, shown, model, chosen, live.force_errors, live.exam is not None)
         live.replay_cuts(frame.tick)
         for event in live.pages.values():
             event.set()
@@ -117,7 +120,7 @@ async def receive_messages(page: WebSocket, live: LiveSession) -> None:
         elif isinstance(message, Mark):
             live.mark(message)
         elif isinstance(message, Compare):
-            live.comparison.request(page, message.on == 1)
+            live.comparison.request(page, message.on == 1 and live.exam is None)
         elif isinstance(message, Scalpel):
             live.cut(page, message)
         else:

@@ -61,6 +61,8 @@ class Record:
         (tick, what, tool) of each claim: 0 a lump under the tool, 1 a sample at the needle's tip.
     cuts : tuple of RecordedCut, optional
         Cuts and what was taken back of them, each with the first tick after it.
+    lesson : str, optional
+        JSON: which lesson and case it was, which tools and views were allowed, and how the force came to the trainee.
 
     Examples
     --------
@@ -87,6 +89,7 @@ class Record:
     changes: tuple[tuple[int, str, int], ...] = ()
     marks: tuple[tuple[int, int, int], ...] = ()
     cuts: tuple[RecordedCut, ...] = ()
+    lesson: str = ""
 
 
 _CHANGES = np.dtype([("tick", "i8"), ("model", "S32"), ("sweeps", "i8")])
@@ -115,7 +118,7 @@ def write_record(path: str | Path, record: Record) -> None:
     """
     with replacing_hdf5(path) as file:
         file.attrs["format"], file.attrs["version"] = FORMAT, WITH_CUTS if record.cuts else VERSION
-        for name in ("length", "model", "tissue", "instructions"):
+        for name in ("length", "model", "tissue", "instructions", *(("lesson",) if record.lesson else ())):
             file.attrs[name] = getattr(record, name)
         for name, (_, units) in COLUMNS.items():
             values = getattr(record, name)
@@ -193,6 +196,7 @@ def read_record(path: str | Path) -> Record:
                 model=str(file.attrs["model"]),
                 tissue=str(file.attrs["tissue"]),
                 instructions=str(file.attrs["instructions"]),
+                lesson=str(file.attrs.get("lesson", "")),
                 settings={name: float(value) for name, value in file["settings"].attrs.items()},
                 changes=tuple((int(t), name.decode(), int(n)) for t, name, n in read("changes")),
                 marks=tuple((int(t), int(what), int(tool)) for t, what, tool in read("marks")),
@@ -232,7 +236,8 @@ def _recovered(journal: Path) -> Record | None:
         if (left := read_journal(journal)) is None:
             return None
         record = Record(**left)
-        heads = (record.model, str), (record.tissue, str), (record.instructions, str), (record.settings, dict)
+        texts = record.model, record.tissue, record.instructions, record.lesson
+        heads = [(record.settings, dict), *((text, str) for text in texts)]
         if not all(isinstance(value, kind) for value, kind in heads):
             raise TypeError("its first line has values of other kinds")
         _check(journal, record)

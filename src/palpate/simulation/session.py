@@ -75,6 +75,8 @@ class Session:
         Coulomb's coefficient, for free tools.
     tension : float, optional
         Of the tissue at rest, kPa: how far a display opens cuts, as `gape` does. No force depends on it.
+    regions : bool, optional
+        Whether a display may draw what is inside.
 
     Raises
     ------
@@ -100,11 +102,13 @@ class Session:
         limit: float = 20.0,
         friction: float = 0.3,
         tension: float = 0.0,
+        regions: bool = True,
     ) -> None:
         _require_time_dependence(model)
         self.first = self.model = model
         self._tissues = CutTissues(model.tissue)
-        self.tension = float(tension)
+        self.regions, self.tension = regions, float(tension)
+        self.lesson = ""  # of the record
         if not (np.isfinite(tension) and tension >= 0):
             raise DataError(f"tension: {tension:g} kPa, expected 0 or more; leave it out for none")
         self.displayed = self._surface_of(model)
@@ -328,7 +332,7 @@ class Session:
     def _surface_of(self, model: TissueModel) -> DisplayedSurface:
         """What a display draws of a model's tissue, opened by the tension."""
         mesh = model.tissue.mesh
-        drawn = displayed_surface(mesh)
+        drawn = displayed_surface(mesh, self.regions)
         if not isinstance(mesh, CutMesh) or self.tension == 0:
             return drawn
         elements = model.elements if isinstance(model, ComplianceModel) else FiniteElements(model.tissue)
@@ -526,13 +530,14 @@ class Session:
         Returns
         -------
         dict
-            model, tissue, settings and instructions, as `Record` has them.
+            model, tissue, settings, instructions and lesson, as `Record` has them.
         """
         return {
             "model": name_of(self.first),
             "tissue": fingerprint(self.first),
             "settings": settings_of(self.first, self.settings),
             "instructions": arithmetic(),
+            "lesson": self.lesson,
         }
 
     def _changes_made(self) -> tuple[tuple[int, str, int], ...]:

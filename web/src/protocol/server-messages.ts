@@ -274,8 +274,10 @@ export interface Scene {
   lips: number[];
   body: number;
   made: number;
-  cuts: boolean;
   depth: number;
+  tools: string[];
+  views: string[];
+  exam: boolean;
   elements: number;
   radius: number;
   reach: number;

@@ -106,7 +106,9 @@ worker.onmessage = ({ data }: MessageEvent<FromWorker>) => {
 };
 
 /** What the hand can take in this session. */
-const tools = (): ToolKind[] => TOOL_KINDS.filter((kind) => kind !== "cut" || scene?.cuts);
+const tools = (): ToolKind[] => TOOL_KINDS.filter((kind) => !scene || scene.tools.includes(kind));
+/** Colors that this session may show, in the order of their buttons. */
+const colors = (): ColorMode[] => COLOR_MODES.filter((mode) => !scene || scene.views.includes(mode));
 
 function describe(scene: Scene): void {
   write("title", scene.title);
@@ -122,7 +124,12 @@ function describe(scene: Scene): void {
   organs.setEntries(scene.organs);
   organs.show(scene.organ);
   element("model-and-mesh").hidden = scene.models.length < 2 && scene.organs.length < 2;
-  element("cut-tool").hidden = !scene.cuts;
+  for (const button of document.querySelectorAll<HTMLElement>("#tool button")) button.hidden = !scene.tools.includes(button.dataset.value!);
+  for (const button of document.querySelectorAll<HTMLElement>("#color-mode button")) button.hidden = !scene.views.includes(button.dataset.value!);
+  document.querySelector<HTMLElement>('#shading [data-value="wire"]')!.hidden = !scene.views.includes("wireframe");
+  element("translucent").hidden = !scene.views.includes("inside");
+  element("stiffness-row").hidden = element("linearity-row").hidden = element("mesh-error-row").hidden = scene.exam;
+  if (!tools().includes(controller.kind)) selectTool(tools()[0]);
   element<HTMLButtonElement>("undo-cut").disabled = scene.made === 0;
   element("slices-toggle").hidden = !scene.images;
   element("task").hidden = element("found").hidden = !scene.task;
@@ -249,14 +256,14 @@ element("help-keys").replaceChildren(...HELP.map(([key, text]) => helpRow(key, t
 
 listenToKeys(canvas, view, cursor, {
   ...Object.fromEntries(TOOL_KINDS.map((kind, i) => [String(i + 1), () => selectTool(kind)])),
-  w: () => selectShading(shading === "wire" ? "smooth" : "wire"),
-  c: () => selectColorMode(COLOR_MODES[(COLOR_MODES.indexOf(colorMode) + 1) % COLOR_MODES.length]),
+  w: () => scene?.views.includes("wireframe") && selectShading(shading === "wire" ? "smooth" : "wire"),
+  c: () => selectColorMode(colors()[(colors().indexOf(colorMode) + 1) % colors().length]),
   m: () => selectSound(SOUND_MODES[(SOUND_MODES.indexOf(sound.mode) + 1) % SOUND_MODES.length]),
   n: () => selectNeedleDirection(controller.inward ? "view" : "inward"),
-  i: () => translucentToggle.click(),
+  i: () => scene?.views.includes("inside") && translucentToggle.click(),
   s: () => scene?.images && slicesToggle.click(),
   o: () => controller.withdrawNeedle(),
-  z: () => scene?.cuts && controller.undoCut(),
+  z: () => scene?.tools.includes("cut") && controller.undoCut(),
   f: markLump,
   r: resetView,
   Enter: takeSample,

@@ -81,10 +81,10 @@ export class ForceReadout {
       this.updateNumbers(here, kind);
       write("mesh-error", here ? meshError(here.force, frame.mesh_error) : "–");
       const finiteStrain = scene.models[frame.model] === "neo-hookean";
-      element("linearity-row").hidden = element("mesh-error-row").hidden = finiteStrain || isExported;
+      element("linearity-row").hidden = element("mesh-error-row").hidden = finiteStrain || isExported || scene.exam;
       element("solution-row").hidden = !finiteStrain;
       write("solution", solution(frame));
-      if (finiteStrain) element("hand-over").hidden = true;
+      if (finiteStrain || scene.exam) element("hand-over").hidden = true;
       else if (!Number.isNaN(frame.least_volume)) this.updateLinearity(frame);
     }
     if (now - this.plotsUpdated < PLOTS_INTERVAL) return;
