@@ -126,7 +126,8 @@ function describe(scene: Scene): void {
   element("model-and-mesh").hidden = scene.models.length < 2 && scene.organs.length < 2;
   for (const button of document.querySelectorAll<HTMLElement>("#tool button")) button.hidden = !scene.tools.includes(button.dataset.value!);
   for (const button of document.querySelectorAll<HTMLElement>("#color-mode button")) button.hidden = !scene.views.includes(button.dataset.value!);
-  document.querySelector<HTMLElement>('#shading [data-value="wire"]')!.hidden = !scene.views.includes("wireframe");
+  element("shading").parentElement!.hidden = !scene.views.includes("wireframe");
+  element("color-mode").parentElement!.hidden = colors().length < 2;
   element("translucent").hidden = !scene.views.includes("inside");
   element("stiffness-row").hidden = element("linearity-row").hidden = element("mesh-error-row").hidden = scene.exam;
   if (!tools().includes(controller.kind)) selectTool(tools()[0]);
