@@ -129,7 +129,7 @@ def touch(
         serve_until_closed(live, listener, haptic or contextlib.nullcontext(), lines, open_browser)
     if save is not None:
         write_tissue(save, live.session.tissue)
-        print(f"palpate: tissue with {live.session.cuts} cuts in {save}")
+        print(f"palpate: tissue with {live.session.cuts} new cut{'s' * (live.session.cuts != 1)} in {save}")
 
 
 def serve_until_closed(
