@@ -11,6 +11,7 @@ from palpate.tissue.contact_patches import surface_point
 from palpate.tissue.models.tissue_model import TissueModel
 
 TICK = 1 / RATE  # s
+FREE_WAY = 2.0  # mm
 _NS = 10**9 // RATE  # ns a tick
 _START = 0.1  # mm outside: a tool in space has to be outside before it touches
 _RISEN = 600  # ticks before the press: a device's force rises from nothing over half a second
@@ -82,7 +83,12 @@ class RenderedChain:
         slope = self._scale * float(np.linalg.norm(frame.model_force[0])) / way if touching and way > 1e-3 else 0.0
         normal = self.normal if touching else np.zeros(3)
         self._servo.answer(
-            touching, list(frame.tip[0]), force.tolist(), (slope * np.eye(3)).ravel().tolist(), normal.tolist(), self._ticks
+            touching,
+            list(frame.tip[0]),
+            force.tolist(),
+            (slope * np.eye(3)).ravel().tolist(),
+            normal.tolist(),
+            self._ticks,
         )
         return float(np.array(felt) @ self.normal)
 
@@ -96,6 +102,12 @@ class RenderedChain:
             self._loop.drain()
         self._frame = self._loop.frame()
         return self._scale * np.array(self._frame.device_force[0])
+
+    def free_force(self) -> float:
+        """N, the largest on a tool that moves by `FREE_WAY` and back above the surface, in 0.2 s."""
+        above = _START + FREE_WAY * np.sin(np.pi * np.arange(RATE // 5) / (RATE // 5)) ** 2
+        moved = [self.tick(-x) for x in above.tolist()]
+        return float(np.abs(moved).max())
 
     def press(self, depth: float, rest: float) -> float:
         """Moves the hand to `depth` mm at 20 mm/s and keeps it there for `rest` s; the force at the end, N."""

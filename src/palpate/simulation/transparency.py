@@ -184,13 +184,13 @@ def _modulus(tissue: Tissue, hertz: Float64) -> Complex128:
     if tissue.relaxation is None:
         return np.ones(len(hertz), dtype=np.complex128)
     if not (isinstance(tissue.relaxation, Relaxation) and tissue.relaxes_alike):
-        raise MaterialError("transparency: parts of the tissue relax differently; give one relaxation for shear and bulk")
+        raise MaterialError(
+            "transparency: parts of the tissue relax differently; give one relaxation for shear and bulk"
+        )
     return tissue.relaxation.complex_modulus(hertz)
 
 
-def contact_stiffness(
-    model: TissueModel, chain: RenderedChain, radius: float, depth: float, amplitude: float
-) -> float:
+def contact_stiffness(model: TissueModel, chain: RenderedChain, radius: float, depth: float, amplitude: float) -> float:
     """N/mm in the long term, of a press along the normal about `depth` mm: between both ends of the swing."""
     inward = -chain.normal
     low, high = (
