@@ -14,6 +14,7 @@ const float* ComplianceModel::sample_field(ComplianceState& s, int sample) const
 }
 
 void ComplianceModel::displayed_displacement(ModelState& state, const int* nodes, int count, float* out) const {
+    if (count == 0) return; // a loop without a display does not pay for the whole field
     auto& s = static_cast<ComplianceState&>(state);
     const ContactSnapshot& at = s.snapshot;
     const bool background = s.tables == TablePolicy::background && s.samples[0]->precompute;

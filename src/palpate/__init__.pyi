@@ -141,6 +141,11 @@ from .simulation.scoring import Score as Score
 from .simulation.scoring import score as score
 from .simulation.session import Session as Session
 from .simulation.training_task import Task as Task
+from .simulation.transparency import Transparency as Transparency
+from .simulation.transparency import transparency as transparency
+from .simulation.z_width import Hand as Hand
+from .simulation.z_width import ZWidth as ZWidth
+from .simulation.z_width import z_width as z_width
 from .standalone.organ_page import export as export
 from .studies.deformation.study import deformation_study as deformation_study
 from .studies.detection.study import detection_study as detection_study

@@ -19,6 +19,7 @@ else:
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
+Complex128 = NDArray[np.complex128]
 Int32 = NDArray[np.int32]
 Int64 = NDArray[np.int64]
 Bool = NDArray[np.bool_]

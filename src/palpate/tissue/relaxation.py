@@ -5,7 +5,7 @@ from typing import Self
 
 import numpy as np
 
-from palpate.arrays import ArrayLike, Float64
+from palpate.arrays import ArrayLike, Complex128, Float64
 from palpate.errors import MaterialError
 
 MOST_TERMS = 6
@@ -144,6 +144,32 @@ class Relaxation:
             return self.instantaneous
         x = s * np.array(self.times)
         return float(1 + self.instantaneous * (np.array(self.shares) * x / (1 + x)).sum())
+
+    def complex_modulus(self, frequency: ArrayLike) -> Complex128:
+        """Return the complex modulus under a sinusoidal strain.
+
+        Parameters
+        ----------
+        frequency : array_like
+            Hz, 0 or more.
+
+        Returns
+        -------
+        ndarray
+            Storage modulus and, as the imaginary part, loss modulus, over the modulus in the long term; of the shape of
+            `frequency`.
+
+        References
+        ----------
+        Christensen, Theory of Viscoelasticity, 2nd ed., 1982, section 1.6.
+
+        Examples
+        --------
+        >>> complex(pp.Relaxation((0.5,), (0.2,)).complex_modulus(5 / (2 * np.pi)).round(3))
+        (1.5+0.5j)
+        """
+        x = 2j * np.pi * np.asarray(frequency, dtype=np.float64)[..., None] * np.array(self.times)
+        return np.asarray(1 + x / (1 + x) @ (self.instantaneous * np.array(self.shares)))
 
     @property
     def text(self) -> str:
