@@ -51,9 +51,7 @@ class Ceiling:
         return self.found / self.sought
 
 
-def lesson_ceiling(
-    lesson: Lesson, organ: Tissue, cases: int = 20, presses: int = 200, weber: float = WEBER
-) -> Ceiling:
+def lesson_ceiling(lesson: Lesson, organ: Tissue, cases: int = 20, presses: int = 200, weber: float = WEBER) -> Ceiling:
     """Measure what the best palpation could find in a lesson: an upper mark for a trainee, not a bound.
 
     A bot presses by 2 mm all over the skin and reads the forces in the steps of an exam, each with an error as a hand has
