@@ -156,11 +156,16 @@ def test_a_journal_that_lies_behind_right_checksums_is_refused_or_read(written, 
         [["x", 1, 1]],
         {},
         {"a": []},
+        [[3, "undo"]],
+        [[3, "cut", [[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]]],
+        [[3, "cut", [[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]]]],
+        [[3, "cut", [[0]], [["x"]]]],
+        [["3", "cut"]],
     ]
     for _ in range(300):
         made = [dict(line) for line in lines]
         line = made[rng.integers(len(made)) if rng.random() < 0.7 else 0]
-        name = str(rng.choice([*line, "points", "new"]))
+        name = str(rng.choice([*line, "points", "cuts", "lesson", "new"]))
         if rng.random() < 0.2:
             line.pop(name, None)
         else:

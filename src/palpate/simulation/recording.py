@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.arrays import Float64, Int64, UInt8
-from palpate.errors import FileError
+from palpate.errors import DataError, FileError
 from palpate.simulation.event_log import COLUMNS
 from palpate.simulation.page_record import read_page_record
 from palpate.simulation.pointer import KINDS, TOOLS
@@ -238,13 +238,13 @@ def _recovered(journal: Path) -> Record | None:
         record = Record(**left)
         texts = record.model, record.tissue, record.instructions, record.lesson
         heads = [(record.settings, dict), *((text, str) for text in texts)]
-        if not all(isinstance(value, kind) for value, kind in heads):
+        numbers = all(isinstance(value, int | float) for value in record.settings.values())
+        if not numbers or not all(isinstance(value, kind) for value, kind in heads):
             raise TypeError("its first line has values of other kinds")
         _check(journal, record)
         np.array(list(record.changes), dtype=_CHANGES)
         np.array(list(record.marks), dtype="i8").reshape(-1, 3)
-        np.array(list(record.settings.values()), dtype="f8")
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as problem:
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError, DataError) as problem:
         raise FileError(
             f"{journal}: its checksums fit, but no session wrote what it holds ({problem}); move it away to read the record"
         ) from None
