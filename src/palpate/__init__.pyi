@@ -124,6 +124,10 @@ from .server.touch import touch as touch
 from .server.view import view as view
 from .simulation.pointer import Command as Command
 from .simulation.pointer import Pointer as Pointer
+from .simulation.psychometric_fit import PsychometricFit as PsychometricFit
+from .simulation.psychometric_fit import fit_psychometric as fit_psychometric
+from .simulation.psychometrics import PsychometricFunction as PsychometricFunction
+from .simulation.quest import Quest as Quest
 from .simulation.recording import Record as Record
 from .simulation.recording import read_record as read_record
 from .simulation.recording import write_record as write_record
@@ -132,6 +136,7 @@ from .simulation.scoring import Score as Score
 from .simulation.scoring import score as score
 from .simulation.session import Session as Session
 from .simulation.training_task import Task as Task
+from .simulation.weighted_up_down import WeightedUpDown as WeightedUpDown
 from .standalone.organ_page import export as export
 from .studies.deformation.study import deformation_study as deformation_study
 from .studies.detection.study import detection_study as detection_study
