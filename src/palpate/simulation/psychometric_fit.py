@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import minimize
 from scipy.special import xlogy
 
 from palpate.arrays import ArrayLike, Float64
@@ -42,7 +43,7 @@ class PsychometricFit:
         Whether the answers bound the threshold on both sides. If not, the interval ends where the prior does: ask more, at
         levels below and above.
     likeliest : PsychometricFunction
-        The parameters of the largest likelihood within the prior's range, of those on the grid.
+        The parameters of the largest likelihood within the prior's range.
     deviance : float
         Twice the log likelihood that is lacking from `likeliest` to one probability for each level.
     p : float
@@ -149,23 +150,23 @@ def fit_psychometric(
     whole = ParameterGrid(ranges, SHAPE, guess)
     grid, weights, log_likelihood = _narrowed(whole, asked, k, count - k)
     best = int(log_likelihood.argmax())
-    log_threshold, slopes, lapses = (values[best] for values in grid.cells)
-    likeliest = PsychometricFunction(float(np.exp(log_threshold)), float(slopes), float(lapses), guess)
-    deviance = float(_saturated(k, count) - 2 * log_likelihood[best])
+    likeliest, most = _likeliest(grid, ranges, best, asked, k, count - k)
+    saturated = float(_saturated(k, count))
     p = np.nan
     if draws:
+        # The simulated deviances are those of the best cell, so it is the best cell's that they are compared with.
         chance = grid.probability(asked)[:, best]
         drawn = np.random.default_rng(seed).binomial(count.astype(int), chance, size=(draws, len(asked))).astype(float)
-        most = grid.log_likelihood(asked, drawn, count - drawn).max(axis=1)
-        larger = np.count_nonzero(_saturated(drawn, count) - 2 * most >= deviance * (1 - 1e-9))
-        p = (1 + larger) / (1 + draws)
+        lacking = _saturated(drawn, count) - 2 * grid.log_likelihood(asked, drawn, count - drawn).max(axis=1)
+        at_least = np.count_nonzero(lacking >= (saturated - 2 * log_likelihood[best]) * (1 - 1e-9))
+        p = (1 + at_least) / (1 + draws)
     return PsychometricFit(
         grid.mean(weights),
         grid.interval(weights),
         grid.interval(weights, 1),
         _inside(grid, weights, whole),
         likeliest,
-        deviance,
+        max(saturated - 2 * most, 0.0),
         float(p),
     )
 
@@ -196,6 +197,28 @@ def _narrowed(
         log_likelihood = grid.log_likelihood(levels, right, wrong)
         weights = posterior(log_likelihood)
     return grid, weights, log_likelihood
+
+
+def _likeliest(
+    grid: ParameterGrid,
+    ranges: tuple[Range, Range, Range],
+    cell: int,
+    levels: Float64,
+    right: Float64,
+    wrong: Float64,
+) -> tuple[PsychometricFunction, float]:
+    """From the middle of the best cell up to the largest likelihood: the function and its log likelihood."""
+
+    def minus(x: Float64) -> float:
+        a, b, c = (float(value) for value in x)
+        point = ParameterGrid(((a, a), (b, b), (c, c)), (1, 1, 1), grid.guess)
+        return -float(point.log_likelihood(levels, right, wrong)[0])
+
+    threshold, slope, lapse = (values[cell] for values in grid.cells)
+    start = np.array([threshold, np.log(slope), lapse])
+    found = minimize(minus, start, method="L-BFGS-B", bounds=ranges)
+    end = found.x if found.fun < minus(start) else start
+    return PsychometricFunction(float(np.exp(end[0])), float(np.exp(end[1])), float(end[2]), grid.guess), -minus(end)
 
 
 def _inside(grid: ParameterGrid, weights: Float64, whole: ParameterGrid) -> bool:

@@ -9,7 +9,10 @@ from palpate.arrays import ArrayLike, Float64, float64
 from palpate.errors import DataError
 
 GUESS = 0.5  # chance of a right answer by guessing between two
-SLOPES = (0.7, 7.0)  # d' in proportion to the level is about 1.3, vision about 3.5; half a decade to either side of 2.2
+SLOPES = (
+    0.5,
+    8.0,
+)  # d' in proportion to the level is about 1.3, vision about 3.5; a factor of four to either side of 2
 LAPSES = (0.0, 0.06)  # Wichmann & Hill, Percept. Psychophys. 63 (2001) 1293
 CLOSE = 1e-12  # probabilities stay as far from 0 and 1, so that one answer cannot exclude a parameter for good
 

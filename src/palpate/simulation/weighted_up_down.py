@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from palpate.arrays import Float64
 from palpate.errors import DataError
 
 
@@ -83,14 +82,15 @@ class WeightedUpDown:
 
     @property
     def estimate(self) -> float:
-        """Level at which the share `target` is right: geometric mean of the levels after the reversals that do not count.
+        """Level at which the share `target` is right: geometric mean of the levels at the reversals that count, in pairs.
 
-        NaN before them. It has no interval: give the answers to `fit_psychometric`.
+        NaN before there are two. It has no interval: give the answers to `fit_psychometric`.
         """
-        if len(self._reversed) <= self.discard:
+        counted = self._reversed[self.discard :]
+        counted = counted[len(counted) % 2 :]  # as many upper as lower ones
+        if not counted:
             return float("nan")
-        counted: Float64 = np.log(self.asked[self._reversed[self.discard] :])
-        return float(np.exp(counted.mean()))
+        return float(np.exp(np.mean([np.log(self.asked[trial]) for trial in counted])))
 
     def next_level(self) -> float:
         """Return the level to ask next.
