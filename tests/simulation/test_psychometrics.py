@@ -1,6 +1,8 @@
 """Psychometric functions, QUEST+ and the staircase: the intervals against simulated observers, the fit against SciPy."""
 
+import re
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ from scipy.optimize import minimize
 
 import palpate as pp
 from palpate.errors import DataError
+from palpate.simulation.psychometrics import weibull, weibull_gradient
 
 RUNS = 500
 LEVELS = np.geomspace(0.02, 2.0, 31)
@@ -45,9 +48,6 @@ def test_quests_interval_holds_the_threshold_as_often_as_it_says():
     truths = [person.threshold for person in people]
     assert 0.92 <= share_held([quest.interval for quest in quests], truths) <= 0.98
     found = [pp.fit_psychometric(quest.asked, quest.right, threshold=SPAN, draws=0) for quest in quests]
-    assert 0.92 <= share_held([fit.interval for fit in found], truths) <= 0.98
-    # So does the default range of the threshold, which is that of the levels that were asked.
-    found = [pp.fit_psychometric(quest.asked, quest.right, draws=0) for quest in quests]
     assert 0.92 <= share_held([fit.interval for fit in found], truths) <= 0.98
 
 
@@ -186,6 +186,17 @@ def test_the_likeliest_function_is_scipys():
         assert found.likeliest.lapse == pytest.approx(best.x[2], abs=3e-4)
 
 
+def test_the_gradient_is_that_of_differences():
+    log_level, at = np.log(np.geomspace(1e-3, 1e4, 9)), np.array([-1.2, 0.4, 0.03])
+
+    def chance(x):
+        return weibull(log_level, x[0], np.exp(x[1]), x[2], 0.5)
+
+    found = weibull_gradient(log_level, at[0], np.exp(at[1]), at[2], 0.5)
+    for axis, by in enumerate(np.eye(3) * 1e-5):
+        np.testing.assert_allclose(found[axis], (chance(at + by) - chance(at - by)) / 2e-5, atol=1e-8)
+
+
 def negative_log_likelihood_of_shares(right, count):
     share = right / count
     return -np.sum(right * np.log(share) + (count - right) * np.log(np.where(share < 1, 1 - share, 1)))
@@ -229,7 +240,7 @@ def test_goodness_of_fit_refuses_a_true_function_as_seldom_as_it_says():
     person = pp.PsychometricFunction(0.2, 1.5, 0.02)
     p = [
         pp.fit_psychometric(levels, rng.random(len(levels)) < person.probability(levels), draws=99, seed=k).p
-        for k in range(300)
+        for k in range(200)
     ]
     assert 0.02 <= np.mean(np.array(p) <= 0.05) <= 0.09
     assert 0.4 <= np.mean(p) <= 0.6
@@ -255,6 +266,16 @@ def test_answers_that_do_not_bound_the_threshold_are_said_not_to():
     assert known.bounded
     assert known.text.startswith("threshold 0.")
     assert "bound" not in known.text
+
+
+def test_the_pages_example_runs(capsys):
+    page = (Path(__file__).parents[2] / "docs" / "psychophysics.md").read_text(encoding="utf-8")
+    (code,) = re.findall(r"^```python\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
+    names = {}
+    exec(code, names)
+    assert names["found"].bounded
+    assert names["found"].interval[0] < 0.2 < names["found"].interval[1]
+    assert capsys.readouterr().out.startswith("threshold 0.")
 
 
 def test_level_and_probability_undo_each_other():

@@ -18,6 +18,8 @@ from palpate.simulation.psychometrics import (
     positive_levels,
     posterior,
     prior_ranges,
+    weibull,
+    weibull_gradient,
     yes_or_no,
 )
 
@@ -209,16 +211,20 @@ def _likeliest(
 ) -> tuple[PsychometricFunction, float]:
     """From the middle of the best cell up to the largest likelihood: the function and its log likelihood."""
 
-    def minus(x: Float64) -> float:
-        a, b, c = (float(value) for value in x)
-        point = ParameterGrid(((a, a), (b, b), (c, c)), (1, 1, 1), grid.guess)
-        return -float(point.log_likelihood(levels, right, wrong)[0])
+    log_level = np.log(levels)
+
+    def minus(x: Float64) -> tuple[float, Float64]:
+        a, s, c = float(x[0]), float(np.exp(x[1])), float(x[2])
+        p = weibull(log_level, a, s, c, grid.guess)
+        by_p = right / p - wrong / (1 - p)
+        slopes = weibull_gradient(log_level, a, s, c, grid.guess)
+        return -float(right @ np.log(p) + wrong @ np.log1p(-p)), np.array([-float(by_p @ each) for each in slopes])
 
     threshold, slope, lapse = (values[cell] for values in grid.cells)
     start = np.array([threshold, np.log(slope), lapse])
-    found = minimize(minus, start, method="L-BFGS-B", bounds=ranges)
-    end = found.x if found.fun < minus(start) else start
-    return PsychometricFunction(float(np.exp(end[0])), float(np.exp(end[1])), float(end[2]), grid.guess), -minus(end)
+    found = minimize(minus, start, jac=True, method="L-BFGS-B", bounds=ranges)
+    end = found.x if found.fun < minus(start)[0] else start
+    return PsychometricFunction(float(np.exp(end[0])), float(np.exp(end[1])), float(end[2]), grid.guess), -minus(end)[0]
 
 
 def _inside(grid: ParameterGrid, weights: Float64, whole: ParameterGrid) -> bool:

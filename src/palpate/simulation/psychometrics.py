@@ -15,6 +15,7 @@ SLOPES = (
 )  # d' in proportion to the level is about 1.3, vision about 3.5; a factor of four to either side of 2
 LAPSES = (0.0, 0.06)  # Wichmann & Hill, Percept. Psychophys. 63 (2001) 1293
 CLOSE = 1e-12  # probabilities stay as far from 0 and 1, so that one answer cannot exclude a parameter for good
+OVERFLOW = 700.0  # less than the logarithm of the largest float
 
 Range = tuple[float, float]
 
@@ -119,6 +120,25 @@ class PsychometricFunction:
         return float(self.threshold * (-np.log1p(-rise)) ** (1 / self.slope))
 
 
+def weibull(
+    log_level: Float64, log_threshold: Float64 | float, slope: Float64 | float, lapse: Float64 | float, guess: float
+) -> Float64:
+    """Probability of a right answer, kept off 0 and 1. The arrays broadcast."""
+    left = np.exp(-np.exp(np.minimum(slope * (log_level - log_threshold), OVERFLOW)))
+    return np.asarray(np.clip(guess + (1 - guess - lapse) * (1 - left), CLOSE, 1 - CLOSE))
+
+
+def weibull_gradient(
+    log_level: Float64, log_threshold: float, slope: float, lapse: float, guess: float
+) -> tuple[Float64, Float64, Float64]:
+    """Derivatives of `weibull` by log threshold, log slope and lapse."""
+    way = slope * (log_level - log_threshold)
+    rate = np.exp(np.minimum(way, OVERFLOW))
+    left = np.exp(-rate)
+    steep = (1 - guess - lapse) * left * rate
+    return -slope * steep, way * steep, left - 1
+
+
 @dataclass(frozen=True, eq=False)
 class ParameterGrid:
     """Cells of equal prior probability: uniform in log threshold, log slope and lapse.
@@ -147,10 +167,7 @@ class ParameterGrid:
 
     def probability(self, levels: Float64) -> Float64:
         """Of a right answer: (levels, cells)."""
-        threshold, slope, lapse = self.cells
-        with np.errstate(over="ignore"):  # far above the threshold the exponential is 0
-            left = np.exp(-np.exp(slope * (np.log(levels)[:, None] - threshold)))
-        return np.asarray(np.clip(self.guess + (1 - self.guess - lapse) * (1 - left), CLOSE, 1 - CLOSE))
+        return weibull(np.log(levels)[:, None], *self.cells, self.guess)
 
     def log_likelihood(self, levels: Float64, right: Float64, wrong: Float64) -> Float64:
         """Of so many right and wrong answers at each level, (..., levels): (..., cells)."""
