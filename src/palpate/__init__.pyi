@@ -133,6 +133,10 @@ from .simulation.lesson_result import LessonResult as LessonResult
 from .simulation.lesson_result import lesson_result as lesson_result
 from .simulation.pointer import Command as Command
 from .simulation.pointer import Pointer as Pointer
+from .simulation.psychometric_fit import PsychometricFit as PsychometricFit
+from .simulation.psychometric_fit import fit_psychometric as fit_psychometric
+from .simulation.psychometrics import PsychometricFunction as PsychometricFunction
+from .simulation.quest import Quest as Quest
 from .simulation.recording import Record as Record
 from .simulation.recording import read_record as read_record
 from .simulation.recording import write_record as write_record
@@ -143,6 +147,7 @@ from .simulation.session import Session as Session
 from .simulation.training_task import Task as Task
 from .simulation.transparency import Transparency as Transparency
 from .simulation.transparency import transparency as transparency
+from .simulation.weighted_up_down import WeightedUpDown as WeightedUpDown
 from .simulation.z_width import Hand as Hand
 from .simulation.z_width import ZWidth as ZWidth
 from .simulation.z_width import z_width as z_width
