@@ -3,8 +3,8 @@
     python -m benchmarks.transparency
 
 The sample's kidney, model `compliance`, elastic and relaxing. The hand presses 2 mm and swings by 0.2 mm. A tool in space, as
-devices send it; a tool that holds the tissue; and a tool in space behind the coupling of a device. Then the greatest
-stiffness at which a device of 0.1 kg and 0.5 N s/m stays stable, without a hand and with one. No clock is read.
+devices send it; a tool that holds the tissue, as they send it while a button is down; and both behind a coupling. Then the
+greatest stiffness at which a device of 0.1 kg and 0.5 N s/m stays stable, without a hand and with one. No clock is read.
 """
 
 from collections.abc import Iterator
@@ -18,13 +18,14 @@ import palpate as pp
 from benchmarks.cutting_by_hand import kidney
 
 EDGE, DEPTH, AMPLITUDE = 8.0, 2.0, 0.2  # mm
-FREQUENCIES = (1.0, 3.0, 10.0, 30.0, 100.0)  # Hz
+FREQUENCIES = (0.1, 1.0, 3.0, 10.0, 30.0, 100.0)  # Hz
 SPECTRUM = pp.Relaxation((0.3, 0.2), (0.1, 2.0))
 CHAINS: dict[str, dict[str, Any]] = {
     "in space": {},
     "held": {"kind": "hold"},
-    "coupling 0.4 N/mm": {"coupling": 0.4},
-    "coupling 2 N/mm": {"coupling": 2.0},
+    "in space, coupling 0.4 N/mm": {"coupling": 0.4},
+    "in space, coupling 2 N/mm": {"coupling": 2.0},
+    "held, coupling 2 N/mm": {"coupling": 2.0, "kind": "hold"},
 }
 HANDS = {"none": None, "0.1 kg, 2 N s/m, 0.3 N/mm": pp.Hand(0.1, 2e-3, 0.3)}  # the second is an example, not measured
 BENT = 0.05  # of the force is no sinusoid
@@ -35,7 +36,8 @@ def cell(felt: pp.Transparency, k: int) -> str:
     loss = felt.rendered[k].imag / np.abs(felt.rendered[k])
     star = "*" if felt.distortion[k] > BENT else ""
     gives = " gives" if loss < -1e-3 else ""
-    return f"{felt.decibels[k] + 0.0:.1f}, {felt.phase[k] + 0.0:.0f}°{star}{gives}"
+    decibels, degrees = round(felt.decibels[k], 1) + 0.0, round(felt.phase[k]) + 0.0
+    return f"{decibels:.1f}, {degrees:.0f}°{star}{gives}"
 
 
 def transparency_lines(models: dict[str, Any], at: Any, radius: float) -> Iterator[str]:

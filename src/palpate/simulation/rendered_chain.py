@@ -43,8 +43,6 @@ class RenderedChain:
             raise DataError(f"kind: {kind!r}, expected 'free' or 'hold'")
         if coupling is not None and not (np.isfinite(coupling) and coupling > 0):
             raise DataError(f"coupling: {coupling:g} N/mm, expected more than 0; leave it out for none")
-        if coupling is not None and kind == "hold":
-            raise DataError("kind: a coupling is measured with a tool in space; give 'free', or leave the coupling out")
         at = surface_point(model.tissue, point, radius)
         self.point = np.array(at.point)
         self.normal = np.array(model.tissue.surface.normal(at))
@@ -81,7 +79,8 @@ class RenderedChain:
         touching = frame.contact[0] == int(_core.simulation.ContactState.closed)
         # What `ServoDevice` answers: an isotropic stiffness, and the normal of a contact that can only push.
         slope = self._scale * float(np.linalg.norm(frame.model_force[0])) / way if touching and way > 1e-3 else 0.0
-        normal = self.normal if touching else np.zeros(3)
+        can_only_push = touching and self._number == KINDS.index("free")
+        normal = self.normal if can_only_push else np.zeros(3)
         self._servo.answer(
             touching,
             list(frame.tip[0]),

@@ -148,7 +148,8 @@ def z_width(
     -----
     A spring of stiffness K is passive for every passive hand if b > K T/2. A device without a hand has one frequency only,
     and is stable up to nearly the same stiffness. With a hand of some stiffness and damping it is stable for more; that
-    another hand keeps it so is not said. Scaling is exact for linear models only.
+    another hand keeps it so is not said. Behind a coupling a passivity controller acts, so that more than one stiffness may
+    end the range; the bisection finds one of them. Scaling is exact for linear models only.
 
     References
     ----------
