@@ -27,7 +27,10 @@ CHAINS: dict[str, dict[str, Any]] = {
     "in space, coupling 2 N/mm": {"coupling": 2.0},
     "held, coupling 2 N/mm": {"coupling": 2.0, "kind": "hold"},
 }
-HANDS = {"none": None, "0.1 kg, 2 N s/m, 0.3 N/mm": pp.Hand(0.1, 2e-3, 0.3)}  # the second is an example, not measured
+HANDS = {
+    "none": None,
+    "0.1 kg, 2 N s/m, 0.3 N/mm": pp.HandImpedance(0.1, 2e-3, 0.3),
+}  # an example
 BENT = 0.05  # of the force is no sinusoid
 
 

@@ -266,8 +266,7 @@ void bind_simulation(nb::module_& m) {
                 Driven::checked(to, on, shown, SimulationSettings());
                 check_count(sweeps);
                 expect(shown.shape(0) <= d.loop.shown_room, "shown: too many nodes");
-                // A patch at a cut has the nodes of both lips, each also of the layer below: else a look at every
-                // place.
+                // A patch at a cut has the nodes of both lips, and of the layer below them.
                 if (4 * d.widest > ContactPatch::capacity) d.require_room(on);
                 bool done;
                 {
@@ -284,6 +283,9 @@ void bind_simulation(nb::module_& m) {
             nb::sig("def change_body(self, model: palpate._core.tissue.TissueModel, surface: "
                     "palpate._core.tissue.ContactSurface, shown: typing.Any, sweeps: int) -> bool"),
             "A body that was cut, from the next tick on; False while a change is on its way.")
+        .def(
+            "change_pending", [](Driven& d) { return d.loop.change_pending(); },
+            nb::call_guard<nb::gil_scoped_release>(), "Whether another change would be refused.")
         .def(
             "free_retired", [](Driven& d) { d.loop.free_retired(); }, nb::call_guard<nb::gil_scoped_release>())
         .def("changes", &drain_changes, "Ticks that first ran another model or body, since the last call.")

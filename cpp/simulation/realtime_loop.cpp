@@ -150,9 +150,13 @@ bool RealtimeLoop::change_body(const TissueModel& model, const ContactSurface& s
     return request({&model, model.make_state(), sweeps, &surface, surface.scratch(), std::move(shown)});
 }
 
-bool RealtimeLoop::request(ActiveModel wanted) {
+bool RealtimeLoop::change_pending() {
     free_retired();
-    if (requested.load() || pending) return false;
+    return requested.load() || pending;
+}
+
+bool RealtimeLoop::request(ActiveModel wanted) {
+    if (change_pending()) return false;
     auto* to = new ActiveModel(std::move(wanted));
     if (running()) to->model->begin_realtime(*to->state);
     pending = true;

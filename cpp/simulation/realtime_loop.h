@@ -75,7 +75,8 @@ public:
     // outlive its run.
     bool change_body(const TissueModel& model, const ContactSurface& surface, int sweeps, std::vector<int> shown);
     const size_t shown_room;
-    void free_retired(); // frees the model that a change has replaced; from the thread that changes
+    bool change_pending(); // whether another one would be refused; from the thread that changes
+    void free_retired();   // frees the model that a change has replaced; from the thread that changes
 
     // Waits for an unread frame that obeys another command than `serial`, or is of `tick` or later; for `seconds` at
     // most. True if there is one. The loop wakes the reader without a lock.

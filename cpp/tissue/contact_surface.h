@@ -38,8 +38,8 @@ struct SurfaceScratch {
 };
 
 // The boundary of a mesh at rest. Its vertices are numbered from 0; `node` holds their numbers in the mesh. Does not
-// change after construction, so any number of threads may query it. Closest points: C. Ericson, Real-Time Collision
-// Detection (2005), section 5.1.5, over a tree of axis-aligned boxes.
+// change after construction and carry(), so any number of threads may query it. Closest points: C. Ericson, Real-Time
+// Collision Detection (2005), section 5.1.5, over a tree of axis-aligned boxes.
 class ContactSurface {
 public:
     // nodes: (count, 3) mm; triangles: (faces, 3) node numbers, outward normals; fixed: (count) 1 for a node that

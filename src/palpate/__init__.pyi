@@ -148,7 +148,7 @@ from .simulation.training_task import Task as Task
 from .simulation.transparency import Transparency as Transparency
 from .simulation.transparency import transparency as transparency
 from .simulation.weighted_up_down import WeightedUpDown as WeightedUpDown
-from .simulation.z_width import Hand as Hand
+from .simulation.z_width import HandImpedance as HandImpedance
 from .simulation.z_width import ZWidth as ZWidth
 from .simulation.z_width import z_width as z_width
 from .standalone.organ_page import export as export

@@ -102,7 +102,7 @@ def test_claims_are_counted_and_the_time_ends(sat):
     touched.wait("palpate.frame.contact[0] === 1")
     for count in (1, 2):
         touched.page.keyboard.press("f")
-        until(lambda count=count: len(touched.session._marks) == count)
+        until(lambda count=count: len(touched.session.events.marks) == count)
     touched.page.keyboard.press("f")
     touched.until_told("2 claims have been made")
     touched.until_told("time is over")
@@ -112,5 +112,5 @@ def test_claims_are_counted_and_the_time_ends(sat):
     touched.page.wait_for_timeout(300)
     assert touched.see("palpate.frame.contact[0]") == 0
     touched.page.mouse.up()
-    assert len(touched.session._marks) == 2
+    assert len(touched.session.events.marks) == 2
     assert touched.problems == []

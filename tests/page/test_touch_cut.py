@@ -96,7 +96,7 @@ def test_a_stroke_cuts_while_it_goes_on_and_the_cut_opens(opened, album):
     assert np.count_nonzero(moved) > 800, "it gapes"
     left, right = np.flatnonzero(moved.any(axis=0))[[0, -1]]
     assert right - left > 150, "along the stroke"
-    record_of_a_cut = [one.kind for one in touched.session._cuts_made()]
+    record_of_a_cut = [one.kind for one in touched.session.events.cuts]
     assert record_of_a_cut[0] == "cut"
     assert set(record_of_a_cut[1:]) <= {"extend"}
     touched.page.keyboard.press("z")

@@ -37,17 +37,21 @@ def test_a_scalpel_without_a_depth_is_refused(depth):
         decode(encode(Scalpel(CutStep.begin, depth, (0.0, 0.0, 25.0))))
 
 
-def run(steps):
-    """The session after these steps of pages (page, Scalpel), ticked meanwhile, and what was told."""
+def run(steps, replaced=False):
+    """The session after these steps of pages (page, Scalpel), ticked meanwhile, and what was told.
+
+    replaced: another session has taken its place.
+    """
     whole = organ(9)
     session = pp.Session(pp.model(whole, "compliance"), radius=9.0, sweeps=4)
+    running = object() if replaced else session
     told, changes = [], []
 
     async def tell(text):
         told.append(text)
 
     async def go():
-        cutting = Cutting(asyncio.Lock(), lambda: changes.append(session.bodies), tell)
+        cutting = Cutting(asyncio.Lock(), lambda: running, lambda: changes.append(session.bodies), tell)
         tasks = []
         for page, message in steps:
             if message is None:
@@ -111,6 +115,12 @@ def test_what_lies_far_off_or_is_no_way_is_told_or_nothing():
     session, told, _ = run([("page", Scalpel(CutStep.undo, 0.0, (0.0, 0.0, 0.0)))])
     assert session.bodies == 0
     assert "nothing has been cut" in told[0]
+
+
+def test_a_stroke_ends_with_its_session():
+    """That ticks no more: a cut would wait for ever."""
+    session, told, changes = run(stroke("page", over_the_top()), replaced=True)
+    assert (session.bodies, told, changes) == (0, [], [])
 
 
 def test_a_way_is_bounded():

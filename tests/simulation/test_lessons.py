@@ -14,8 +14,9 @@ import palpate as pp
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.server.exam import Exam
 from palpate.server.lesson_server import exam_session
-from palpate.server.messages import EXAM_FORCE, EXAM_LENGTH, Frame, code, frame_bytes
+from palpate.server.messages import Frame, code, frame_bytes
 from palpate.server.scene_message import scene_bytes
+from palpate.simulation.lesson import EXAM_FORCE, EXAM_LENGTH
 from palpate.simulation.lesson_ceiling import pressed
 from palpate.simulation.session import LUMP
 from palpate.simulation.target_regions import connected_lumps
@@ -90,7 +91,7 @@ def test_a_lesson_that_cannot_be_is_refused(file, tmp_path, changes, said):
 
 def test_what_is_no_yaml_is_refused(tmp_path):
     (tmp_path / "a.yaml").write_text("title: [")
-    with pytest.raises(pp.errors.FileError, match="no YAML"):
+    with pytest.raises(pp.errors.FileError, match="not a YAML text"):
         pp.read_lesson(tmp_path / "a.yaml")
     with pytest.raises(pp.errors.FileError):
         pp.read_lesson(tmp_path / "missing.yaml")

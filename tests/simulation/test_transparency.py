@@ -139,8 +139,8 @@ def greatest(loop, low, high, wall=Wall):
 def test_a_plain_wall_is_stable_up_to_the_closed_form(mass, damping):
     """b > K T/2 (Colgate & Brown 1994)."""
     wall = 2 * damping / TICK
-    assert greatest(ClosedLoop(mass, damping, pp.Hand()), wall / 4, 4 * wall) == pytest.approx(wall, rel=0.01)
-    with_hand = ClosedLoop(mass, damping, pp.Hand(damping=damping))
+    assert greatest(ClosedLoop(mass, damping, pp.HandImpedance()), wall / 4, 4 * wall) == pytest.approx(wall, rel=0.01)
+    with_hand = ClosedLoop(mass, damping, pp.HandImpedance(damping=damping))
     assert greatest(with_hand, wall / 4, 8 * wall) == pytest.approx(2 * wall, rel=0.02)
 
 
@@ -157,7 +157,7 @@ def test_a_tissue_is_stable_as_far_as_a_plain_wall(elastic):
 def test_a_held_tool_shows_much_less(elastic):
     """The poles of device, hold and motion filter lie on the unit circle at the greatest stiffness."""
     mass, damping = 0.1, 5e-4
-    (xx, xv, xf), (vx, vv, vf) = ClosedLoop(mass, damping, pp.Hand()).step
+    (xx, xv, xf), (vx, vv, vf) = ClosedLoop(mass, damping, pp.HandImpedance()).step
 
     def growth(k):
         follows = np.array([APPROACH, 0, 1 - APPROACH])  # of (x, v, y): y after the tick
@@ -218,7 +218,7 @@ def test_a_device_that_cannot_be_is_refused(elastic, changes, complaint):
     with pytest.raises(DataError, match=complaint):
         pp.z_width(elastic, TOP, RADIUS, **changes)
     with pytest.raises(DataError, match="hand: mass -1"):
-        pp.Hand(mass=-1.0)
+        pp.HandImpedance(mass=-1.0)
 
 
 def test_a_tissue_whose_own_stiffness_is_not_known_is_refused():

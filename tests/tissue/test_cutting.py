@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import scipy.linalg
 from support.brick_meshes import brick
 from support.cut_stiffness import solution, stiffness
 from support.example_organs import organ
@@ -83,6 +84,24 @@ def test_a_cut_between_elements_is_the_conforming_one(element):
 
     assert len(cut.mesh.nodes) == len(split.nodes)
     assert np.abs(ordered(cut) - ordered(other)).max() < 1e-12 * np.abs(ordered(other)).max()
+
+
+@pytest.mark.parametrize("seed", [6, 10])
+def test_the_error_of_a_force_beside_slivers_is_certified(seed):
+    """A millionth of a tetrahedron at a node of its own: the least stiffness is that much less than the others."""
+    whole, rng = organ(10), np.random.default_rng(seed)
+    top = whole.mesh.nodes[np.argmax(whole.mesh.nodes[:, 2])]
+    across = rng.uniform(-8, 8)
+    ends = top + (-15, across, 0), top + (15, across + rng.uniform(-5, 5), 0)
+    path = [whole.surface.closest(end).point for end in ends]
+    opened = pp.cut(whole, pp.incision(whole, path, depth=18.9))
+    assert opened.mesh.share.min() < 1e-5
+    model = pp.model(opened, "compliance")
+    assert model.push(top + (0, 14, 0), (0, 2, 0), 8).error < 1e-8
+    K = model._stiffness
+    M = scipy.linalg.block_diag(*model._diagonal[0])
+    least = scipy.linalg.eigh(K.toarray(), M, eigvals_only=True, subset_by_index=[0, 0])[0]
+    assert 0.4 * least < model._least <= least
 
 
 def test_a_cut_makes_softer(cube, slot):

@@ -47,9 +47,8 @@ def touch_command(
 
     Hold on the organ to press it in and stroke along to feel what lies
     below; drag beside it to turn the view. Cut it: choose Cut and draw
-    over it. The page is served to this
-    machine only; the printed ssh line reaches it from another one. Ctrl-C
-    ends the session.
+    over it. The page is served to this machine only; the printed ssh line
+    reaches it from another one. Ctrl-C ends the session.
     """
     from palpate.commands.fit import P1_NOTE
     from palpate.commands.score import scored

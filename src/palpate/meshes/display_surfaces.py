@@ -10,8 +10,8 @@ from palpate.meshes.tet_mesh import TetMesh, boundary_faces
 
 
 @dataclass(frozen=True, eq=False)
-class Group:
-    """Triangles first to first + count of a `DisplayedSurface`: the organ, or a region inside it."""
+class Part:
+    """Triangles first to first + count of a `DisplayedSurface` or a scene: the organ, or a region inside it."""
 
     name: str
     first: int
@@ -33,7 +33,7 @@ class DisplayedSurface:
     nodes: Int32
     places: Float64
     triangles: Int32
-    groups: tuple[Group, ...]
+    parts: tuple[Part, ...]
     lips: tuple[int, ...]
     carrier: Int64 | None = None
     weight: Float32 | None = None
@@ -55,9 +55,9 @@ def displayed_surface(mesh: TetMesh, regions: bool = True) -> DisplayedSurface:
     inside = region_faces(mesh) if regions else {}
     drawn += [(mesh.names.get(k, f"region {k}"), faces, True) for k, faces in inside.items()]
     first = np.concatenate([[0], np.cumsum([len(faces) for _, faces, _ in drawn])])
-    groups = tuple(Group(name, int(first[i]), len(faces), inside) for i, (name, faces, inside) in enumerate(drawn))
+    parts = tuple(Part(name, int(first[i]), len(faces), inside) for i, (name, faces, inside) in enumerate(drawn))
     triangles = np.searchsorted(nodes, np.concatenate([faces for _, faces, _ in drawn])).astype(np.int32)
-    return DisplayedSurface(nodes, mesh.nodes[nodes], triangles, groups, (len(nodes),))
+    return DisplayedSurface(nodes, mesh.nodes[nodes], triangles, parts, (len(nodes),))
 
 
 def _of_cut(mesh: CutMesh, nodes: Int32) -> DisplayedSurface:
@@ -72,7 +72,7 @@ def _of_cut(mesh: CutMesh, nodes: Int32) -> DisplayedSurface:
         nodes,
         mesh.places[vertex],
         numbered.reshape(-1, 3).astype(np.int32),
-        (Group("organ", 0, len(twice), False),),
+        (Part("organ", 0, len(twice), False),),
         tuple(np.searchsorted(used, count * np.arange(1, 1 + len(labels))).tolist()),
         np.minimum(np.searchsorted(nodes, mesh.tets[skin.tet[vertex]]), len(nodes) - 1),  # of weight 0 where not there
         skin.weight[vertex].astype(np.float32),

@@ -1,13 +1,23 @@
 """YAML of a size that people write: aliases cannot stand for more than that, and nothing is nested without end."""
 
+from pathlib import Path
 from typing import Any
 
 import yaml
 
 from palpate.bounded_read import NEST
+from palpate.errors import FileError
 
 NODES = 200_000  # with what aliases stand for; ten thousand views that are listed take half of it
 LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+def yaml_in(path: Path, text: str, remedy: str) -> Any:
+    """The value of a file's text. Raises `FileError`, with a remedy, if it is no YAML."""
+    try:
+        return parse_yaml(text)
+    except (yaml.YAMLError, ValueError) as problem:
+        raise FileError(f"{path}: not a YAML text ({' '.join(str(problem).split())}); {remedy}") from None
 
 
 def parse_yaml(text: str) -> Any:

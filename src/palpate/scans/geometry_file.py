@@ -7,13 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from palpate.arrays import Float64
 from palpate.bounded_read import read_text
-from palpate.errors import FileError, GeometryError
+from palpate.errors import GeometryError
 from palpate.scans import orbits, trajectories
-from palpate.scans.bounded_yaml import parse_yaml
+from palpate.scans.bounded_yaml import yaml_in
 from palpate.scans.views import Panel, Views
 
 UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 0.001}
@@ -139,13 +138,7 @@ def read_geometry(path: str | Path) -> Geometry:
     no such file
     """
     path = Path(path)
-    text = read_text(path)
-    try:
-        content = parse_yaml(text)
-    except (yaml.YAMLError, ValueError) as problem:
-        raise FileError(
-            f"{path}: not a YAML text ({' '.join(str(problem).split())}); see: palpate scan template"
-        ) from None
+    content = yaml_in(path, read_text(path), "see: palpate scan template")
     try:
         return _geometry(path, content)
     except ValueError as problem:  # GeometryError and DataError are ValueErrors: say in which file

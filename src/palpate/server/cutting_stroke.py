@@ -14,6 +14,7 @@ from palpate.server.messages import CutStep, Scalpel
 from palpate.server.scene_message import reach
 from palpate.simulation.recording import Record
 from palpate.simulation.session import Session
+from palpate.simulation.session_cuts import RecordedCut
 from palpate.tissue.cutting import may_be_cut
 from palpate.tissue.incision import incision
 from palpate.tissue.tissue import Tissue
@@ -58,11 +59,18 @@ class Stroke:
 class Cutting:
     """Used on the event loop's thread only. One stroke at a time, of one page.
 
-    changed: called after each cut. tell: shows a text in every page.
+    lock: of whoever changes the session. present: the session that runs; a stroke ends with its own. changed: called after
+    each cut. tell: shows a text in every page.
     """
 
-    def __init__(self, lock: asyncio.Lock, changed: Callable[[], None], tell: Callable[[str], Awaitable[None]]) -> None:
-        self.lock, self.changed, self.tell = lock, changed, tell
+    def __init__(
+        self,
+        lock: asyncio.Lock,
+        present: Callable[[], Session],
+        changed: Callable[[], None],
+        tell: Callable[[str], Awaitable[None]],
+    ) -> None:
+        self.lock, self.present, self.changed, self.tell = lock, present, changed, tell
         self.stroke: Stroke | None = None
         self.replayed = 0  # cuts of a record
 
@@ -98,7 +106,9 @@ class Cutting:
                 done = len(stroke.way)
                 way = simplified(stroke.way[:done], TOLERANCE * stroke.before.edge)
                 blade = await asyncio.to_thread(incision, stroke.before, way, stroke.depth)
-                await self._change(partial(stroke.session.cut, blade, extend=stroke.cut > 0))
+                cut = partial(stroke.session.cut, blade, extend=stroke.cut > 0)
+                if not await self._change(stroke.session, cut):
+                    return
                 stroke.cut = done
         except PalpateError as problem:
             await self.tell(str(problem))
@@ -107,15 +117,19 @@ class Cutting:
 
     async def _undo(self, session: Session) -> None:
         try:
-            await self._change(session.undo)
+            await self._change(session, session.undo)
         except PalpateError as problem:
             await self.tell(str(problem))
 
-    async def _change(self, change: Callable[[], bool]) -> None:
+    async def _change(self, session: Session, change: Callable[[], bool]) -> bool:
+        """Changes a session, once earlier changes are done; False if it is not the one that runs any more."""
         async with self.lock:
+            if session is not self.present():
+                return False
             while not await asyncio.to_thread(change):
                 await asyncio.sleep(RETRY)
             self.changed()
+            return True
 
     def replay(self, session: Session, record: Record, tick: int) -> "asyncio.Task[None] | None":
         """Begins the next cut of a record once its tick has come."""
@@ -123,7 +137,10 @@ class Cutting:
             return None
         one = record.cuts[self.replayed]
         self.replayed += 1
-        return asyncio.create_task(self._change(partial(session.cut_again, one)))
+        return asyncio.create_task(self._replayed(session, one))
+
+    async def _replayed(self, session: Session, one: RecordedCut) -> None:
+        await self._change(session, partial(session.cut_again, one))
 
 
 def simplified(way: ArrayLike, tolerance: float) -> Float64:

@@ -65,7 +65,7 @@ class LiveSession:
         if not self.organs:
             self.organs = {self.title: self.session.first.tissue}
         self.comparison = ReferenceComparison(self.build_model)
-        self.cutting = Cutting(self.changing, self.describe, self.tell)
+        self.cutting = Cutting(self.changing, lambda: self.session, self.describe, self.tell)
         self.force_errors = ForceErrors()
         self.open_journal(self.session, 0)
         self.choice = self.current
@@ -85,13 +85,13 @@ class LiveSession:
             reason=self.reason,
             images=bool(self.images),
             depth=first_depth(self.session),
-            tools=self.exam.lesson.tools if self.exam else (*TOOL_KINDS, *(("cut",) if self.cuts else ())),
+            tools=self.exam.lesson.tools if self.exam else (*TOOL_KINDS, *(("cut",) if self.pages_may_cut else ())),
             views=self.exam.lesson.views if self.exam else VIEWS,
             exam=self.exam is not None,
         )
 
     @property
-    def cuts(self) -> bool:
+    def pages_may_cut(self) -> bool:
         """Whether pages may cut."""
         return not self.is_replay and not self.exam and may_cut(self.session)
 
@@ -128,7 +128,7 @@ class LiveSession:
 
     def cut(self, page: WebSocket, message: Scalpel) -> None:
         """Obeys the scalpel of a page."""
-        if self.cuts:
+        if self.pages_may_cut:
             self.keep(self.cutting.obey(page, self.session, message))
 
     def replay_cuts(self, tick: int) -> None:

@@ -13,7 +13,9 @@ import numpy as np
 
 from palpate.arrays import AnyArray, Float32
 from palpate.errors import DataError
+from palpate.meshes.display_surfaces import Part
 from palpate.server.force_errors import ForceErrors
+from palpate.simulation.lesson import EXAM_FORCE, EXAM_LENGTH, EXAM_WORK
 from palpate.simulation.pointer import TOOLS, CommandKind, ContactState
 from palpate.simulation.session import LUMP, SAMPLE
 
@@ -25,7 +27,6 @@ F64 = Annotated[float, "d"]
 Vector = Annotated[tuple[float, float, float], "3f"]
 
 DISPLACEMENT_STEPS = 32767  # of the 16-bit displacements in a `Frame`
-EXAM_LENGTH, EXAM_FORCE, EXAM_WORK = 0.05, 0.01, 0.1  # mm, N, N mm: steps in which an exam tells them
 DISTANCE_STEPS = 65535  # of the 16-bit distances in a `Difference`
 AT_REST = 1e-4  # mm: smaller displacements are not sent
 
@@ -177,16 +178,6 @@ class Difference:
     force_error: F32
     step: F32
     count: U32
-
-
-@dataclass(frozen=True)
-class Part:
-    """Triangles first to first + count of the scene: the organ, or a region inside it."""
-
-    name: str
-    first: int
-    count: int
-    inside: bool
 
 
 @dataclass(frozen=True)

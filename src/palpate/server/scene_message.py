@@ -7,7 +7,7 @@ from dataclasses import asdict
 
 import numpy as np
 
-from palpate.server.messages import Part, Scene
+from palpate.server.messages import Scene
 from palpate.simulation.lesson import TOOLS
 from palpate.simulation.session import RATE, Session
 from palpate.tissue.models.registry import name_of
@@ -51,7 +51,7 @@ def scene_bytes(
         model=name_of(session.model),
         nodes=len(drawn.places),
         triangles=len(drawn.triangles),
-        parts=[Part(group.name, group.first, group.count, group.inside) for group in drawn.groups],
+        parts=list(drawn.parts),
         gapes=drawn.gape is not None,
         lips=list(drawn.lips),
         body=session.bodies,

@@ -6,11 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from palpate.bounded_read import read_text
-from palpate.errors import DataError, FileError
-from palpate.scans.bounded_yaml import parse_yaml
+from palpate.errors import DataError
+from palpate.scans.bounded_yaml import yaml_in
 from palpate.simulation.training_task import ASKED, Task
 
 VERSION = 1
@@ -19,6 +18,7 @@ VIEWS = ("plain", "displacement", "strain", "wireframe")  # what a display may s
 KEYS = (
     "title", "organ", "trains", "cannot", "task", "text", "tools", "views", "time", "claims", "limits", "lumps", "pass",
 )  # fmt: skip
+EXAM_LENGTH, EXAM_FORCE, EXAM_WORK = 0.05, 0.01, 0.1  # mm, N, N mm: steps in which an exam tells them
 MOST_LUMPS = 5
 Range = tuple[float, float]
 
@@ -134,12 +134,7 @@ def read_lesson(path: str | Path) -> Lesson:
     """
     path = Path(path)
     text = read_text(path)
-    try:
-        content = parse_yaml(text)
-    except (yaml.YAMLError, ValueError) as problem:
-        raise FileError(
-            f"{path}: no YAML ({str(problem).splitlines()[0]}); write one: palpate lesson new {path}"
-        ) from None
+    content = yaml_in(path, text, f"write one: palpate lesson new {path}")
     if not isinstance(content, dict) or content.get("palpate lesson") != VERSION:
         raise DataError(f"{path}: expected `palpate lesson: {VERSION}` in it; write one: palpate lesson new {path}")
     given = {str(key): value for key, value in content.items() if key != "palpate lesson"}
@@ -150,21 +145,7 @@ def read_lesson(path: str | Path) -> Lesson:
 
 
 def _lesson(given: dict[str, Any], folder: Path, digest: str) -> Lesson:
-    known = {
-        "title",
-        "organ",
-        "trains",
-        "cannot",
-        "task",
-        "text",
-        "tools",
-        "views",
-        "time",
-        "claims",
-        "limits",
-        "lumps",
-        "pass",
-    }
+    known = {each.name for each in fields(Lesson)} - {"rule", "digest"} | {"pass"}
     if unknown := sorted(set(given) - known):
         raise DataError(f"{unknown[0]}: no such key; there are {', '.join(sorted(known))}")
     for name in ("title", "organ", "trains", "cannot"):

@@ -7,7 +7,7 @@ from scipy.stats import binomtest
 
 from palpate.arrays import Float64
 from palpate.errors import DataError
-from palpate.simulation.lesson import Lesson
+from palpate.simulation.lesson import EXAM_FORCE, Lesson
 from palpate.simulation.lesson_case import lesson_case
 from palpate.simulation.target_regions import connected_lumps
 from palpate.tissue.contact_patches import patch
@@ -16,7 +16,6 @@ from palpate.tissue.spring_fitting import scattered_points, surface_normals
 from palpate.tissue.tissue import Tissue
 
 DEPTH = 2.0  # mm, of a press
-FORCE_STEP = 0.01  # N, as an exam tells it
 WEBER = 0.07  # of a force
 BATCH = 64  # presses solved together
 
@@ -130,7 +129,7 @@ def pressed(model: ComplianceModel, points: Float64) -> Float64:
         for k, way in enumerate(inward[start : start + BATCH]):
             own = slice(3 * k, 3 * k + 3)
             forces.append(float(np.linalg.norm(np.linalg.solve(load[:, own].T @ u[:, own], way))))
-    return np.maximum(FORCE_STEP * np.rint(np.array(forces) / FORCE_STEP), FORCE_STEP)
+    return np.maximum(EXAM_FORCE * np.rint(np.array(forces) / EXAM_FORCE), EXAM_FORCE)
 
 
 def _claims(points: Float64, ratio: Float64, count: int, apart: float) -> list[Float64]:

@@ -1,11 +1,15 @@
 """A device that obeys given commands."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from palpate import _core
-from palpate.simulation.pointer import Command
+from palpate.errors import DataError
+from palpate.simulation.pointer import TOOLS, Command
+
+IDLE = Command()
+Given = Command | None | Sequence[Command | None]  # for one tool, or for up to four
 
 
 class ScriptedDevice:
@@ -21,3 +25,17 @@ class ScriptedDevice:
             np.empty(0, dtype=np.int64),
             np.empty(0, dtype=np.uint8),
         )
+
+
+def new_commands(first: int, commands: Sequence[Given]) -> Iterator[tuple[int, int, Command]]:
+    """(tick, tool, command) where a tool's command is another than the tick before; a tool that is not named lets go."""
+    current = [IDLE] * TOOLS
+    for tick, given in enumerate(commands, first):
+        named = [given] if given is None or isinstance(given, Command) else list(given)
+        if len(named) > TOOLS:
+            raise DataError(f"step: {len(named)} tools, at most {TOOLS} can be at work")
+        for tool in range(TOOLS):
+            command = (named[tool] if tool < len(named) else None) or IDLE
+            if command is not current[tool]:
+                current[tool] = command
+                yield tick, tool, command

@@ -1,10 +1,9 @@
 """A session: a tissue under tools at 1000 ticks a second, by the clock with a device, or in lockstep."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from threading import Event, Lock, Thread
 from types import TracebackType
-from typing import Any, Protocol, Self, cast
+from typing import Any, Protocol, Self
 from weakref import ReferenceType, ref
 
 import numpy as np
@@ -14,13 +13,12 @@ from palpate.arrays import Float32, Float64, Int32
 from palpate.errors import DataError, MaterialError
 from palpate.meshes.cutting.blade import Blade
 from palpate.meshes.cutting.cut_mesh import CutMesh
-from palpate.meshes.display_surfaces import DisplayedSurface, displayed_surface
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.simulation.event_log import EventLog
+from palpate.simulation.displayed_bodies import DisplayedBodies
 from palpate.simulation.pointer import TOOLS, Command
 from palpate.simulation.recording import Record
 from palpate.simulation.replay import Replay
-from palpate.simulation.scripted_device import ScriptedDevice
+from palpate.simulation.scripted_device import Given, ScriptedDevice, new_commands
 from palpate.simulation.session_compatibility import (
     arithmetic,
     check_record,
@@ -31,23 +29,18 @@ from palpate.simulation.session_compatibility import (
     settings_of,
 )
 from palpate.simulation.session_cuts import CutKind, CutTissues, RecordedCut
+from palpate.simulation.session_events import SessionEvents
 from palpate.simulation.session_journal import SessionJournal
-from palpate.tissue.gaping import opening
-from palpate.tissue.models.compliance import ComplianceModel
 from palpate.tissue.models.registry import model as build
 from palpate.tissue.models.registry import name_of
 from palpate.tissue.models.tissue_model import TissueModel
-from palpate.tissue.reference.linear_elasticity import FiniteElements
 from palpate.tissue.tissue import Tissue
 
 RATE: int = _core.simulation.RATE  # ticks a second
 TICK_BUDGET = 0.4e-3  # s of each tick for sweeps
 MOST_SWEEPS = 40
 COLLECT_INTERVAL = 0.5  # s; the queues of the loop hold the events of 16 s at least
-IDLE = Command()
-KEPT_SURFACES = 3  # of the last bodies, for frames that are on their way
 LUMP, SAMPLE = 0, 1  # what `Session.mark` may note
-Given = Command | None | Sequence[Command | None]  # for one tool, or for up to four
 
 
 class Device(Protocol):
@@ -107,12 +100,10 @@ class Session:
         _require_time_dependence(model)
         self.first = self.model = model
         self._tissues = CutTissues(model.tissue)
-        self.regions, self.tension = regions, float(tension)
         self.lesson = ""  # of the record
-        if not (np.isfinite(tension) and tension >= 0):
-            raise DataError(f"tension: {tension:g} kPa, expected 0 or more; leave it out for none")
-        self.displayed = self._surface_of(model)
-        self._displayed = {0: self.displayed}  # by `Frame.body`; those before the last few are gone
+        self.bodies = 0  # how often the body has been changed
+        self._surfaces = DisplayedBodies(tension, regions)
+        self.displayed = self._surfaces.add(self.bodies, model)
         radius = 2 * mean_edge(model.tissue) if radius is None else float(radius)
         for name, value in (("radius", radius), ("limit", limit)):
             if not value > 0 or not np.isfinite(value):
@@ -130,15 +121,24 @@ class Session:
         except ValueError as problem:
             raise DataError(f"{problem}; choose a smaller radius") from None
         self._ticks = 0
-        self._kept = EventLog()
-        self._came: list[tuple[str, int] | tuple[CutKind, Blade | None]] = []  # model and sweeps, or cut, as they came
-        self._changes: list[int] = []  # first ticks of these
-        self.bodies = 0  # how often the body has been changed
-        self._marks: list[tuple[int, int, int]] = []
+        self.events = SessionEvents()
         self._lock = Lock()  # a change of model frees the retired one, and so does the collector
         self._stopped = Event()
         self._collector: Thread | None = None
-        self.journal: SessionJournal | None = None  # takes the events of a session that runs by the clock, as they come
+
+    @property
+    def tension(self) -> float:
+        """Of the tissue at rest, kPa, by which a display opens cuts."""
+        return self._surfaces.tension
+
+    @property
+    def journal(self) -> SessionJournal | None:
+        """Takes the events of a session that runs by the clock, as they come."""
+        return self.events.journal
+
+    @journal.setter
+    def journal(self, journal: SessionJournal | None) -> None:
+        self.events.journal = journal
 
     @property
     def tissue(self) -> Tissue:
@@ -181,7 +181,7 @@ class Session:
             self._stopped.set()
             self._collector.join()
             self._collector = None
-        self._collect_events()
+        self.events.collect(self.loop)
         self._ticks = int(self.loop.frame().tick)
 
     def step(self, commands: Sequence[Given]) -> Float64:
@@ -198,7 +198,7 @@ class Session:
             Force of the tissue on the first tool, or on all tools if several were commanded, N.
         """
         alone = all(given is None or isinstance(given, Command) for given in commands)
-        given = list(_new_commands(self._ticks, commands))
+        given = list(new_commands(self._ticks, commands))
         device = ScriptedDevice([at for at, *_ in given], [c for *_, c in given], [tool for _, tool, _ in given])
         force = self._advance(device.core, len(commands))
         return force[:, 0] if alone else force
@@ -234,7 +234,7 @@ class Session:
             if not self.loop.change(model.native, done):
                 return False
             self.model = model
-            self._came.append((name_of(model), done))
+            self.events.model(name_of(model), done)
         return True
 
     def cut(self, blade: Blade, *, extend: bool = False) -> bool:
@@ -304,6 +304,9 @@ class Session:
         name = name_of(self.model)
         if name != "compliance":
             raise MaterialError(f"cut: the model {name} cannot go on after a cut; change to compliance first")
+        with self._lock:
+            if self.loop.change_pending():  # before a second of work that it would refuse
+                return False
         if self.first.tissue.time_dependent:
             raise MaterialError(
                 "cut: a tissue that relaxes or has inertia is not cut in a session; cut it before: pp.cut"
@@ -311,13 +314,10 @@ class Session:
         tissues = self._tissues.after(kind, blade)
         tissue = tissues[-1]
         model = self.first if tissue is self.first.tissue and name_of(self.first) == name else build(tissue, name)
-        displayed = self._surface_of(model)
+        displayed = self._surfaces.add(self.bodies + 1, model)
         with self._lock:
-            self._displayed[self.bodies + 1] = displayed  # before the loop gives its first frame
             try:
-                done = self.loop.change_body(
-                    model.native, tissue.surface, displayed.nodes, self._sweeps(None, self.sweep_seconds)
-                )
+                done = self.loop.change_body(model.native, tissue.surface, displayed.nodes, self.settings.sweeps)
             except ValueError as problem:
                 raise DataError(f"cut: {problem}; cut less, or choose a smaller radius") from None
             if not done:
@@ -325,19 +325,8 @@ class Session:
             self._tissues.take(tissues)
             self.model, self.displayed = model, displayed
             self.bodies += 1
-            self._displayed.pop(self.bodies - KEPT_SURFACES, None)
-            self._came.append((kind, blade))
+            self.events.cut(kind, blade)
         return True
-
-    def _surface_of(self, model: TissueModel) -> DisplayedSurface:
-        """What a display draws of a model's tissue, opened by the tension."""
-        mesh = model.tissue.mesh
-        drawn = displayed_surface(mesh, self.regions)
-        if not isinstance(mesh, CutMesh) or self.tension == 0:
-            return drawn
-        elements = model.elements if isinstance(model, ComplianceModel) else FiniteElements(model.tissue)
-        moved = opening(elements, mesh, np.full(len(mesh.tets), self.tension))
-        return replace(drawn, gape=drawn.carried(moved[drawn.nodes].astype(np.float32)))
 
     @property
     def shown(self) -> Int32:
@@ -357,7 +346,7 @@ class Session:
         ndarray, (S, 3)
             Displacements of the vertices of the surface, mm; of a cut tissue also those of its lips.
         """
-        return self._displayed[int(frame.body)].carried(frame.shown)
+        return self._surfaces.moved(frame)
 
     def mark(self, what: int, tool: int = 0) -> None:
         """Record what the trainee claims, for the score.
@@ -371,7 +360,7 @@ class Session:
         """
         if what not in (LUMP, SAMPLE) or not 0 <= tool < TOOLS:
             raise DataError(f"mark: {what} of tool {tool}, expected 0 or 1 of tool 0 to {TOOLS - 1}")
-        self._marks.append((int(self.loop.frame().tick), what, tool))
+        self.events.marks.append((int(self.loop.frame().tick), what, tool))
 
     @staticmethod
     def _sweeps(asked: int | None, seconds: float) -> int:
@@ -460,8 +449,7 @@ class Session:
                     self.first if first else build(self.tissue, name, **settings_after_change(record, name)), sweeps
                 )
             if cuts and cuts[0].tick == self._ticks:
-                one = cuts.pop(0)
-                self.cut_again(one)
+                self.cut_again(cuts.pop(0))
             stop = min(record.length, self._ticks - self._ticks % every + every)
             later = [*(at for at, *_ in (*changes, *record.marks)), *(one.tick for one in cuts)]
             stop = min([stop, *(at for at in later if at > self._ticks)])
@@ -474,7 +462,7 @@ class Session:
         forces = [np.empty((0, TOOLS, 3))]
         for begun in range(0, ticks, 10_000):  # the core's queues are bounded
             forces.append(self.loop.step(commands, min(10_000, ticks - begun)))
-            self._collect_events()
+            self.events.collect(self.loop)
         self._ticks = int(self.loop.frame().tick)
         return np.concatenate(forces)
 
@@ -514,15 +502,8 @@ class Session:
             raise DataError(
                 f"record: {lost} entries were lost, since Python's threads stood still for seconds; record again"
             )
-        self._kept.add(self.loop.drain())
-        return Record(
-            **self._kept.columns(),
-            length=int(self.loop.frame().tick),
-            **self.description(),
-            changes=self._changes_made(),
-            marks=tuple(self._marks),
-            cuts=self._cuts_made(),
-        )
+        self.events.collect(self.loop)
+        return Record(length=int(self.loop.frame().tick), **self.description(), **self.events.columns())
 
     def description(self) -> dict[str, Any]:
         """Say what a `Record` holds of the session as a whole.
@@ -540,23 +521,6 @@ class Session:
             "lesson": self.lesson,
         }
 
-    def _changes_made(self) -> tuple[tuple[int, str, int], ...]:
-        came = zip(self._changes, self._came, strict=False)
-        return tuple((at, what, how) for at, (what, how) in came if isinstance(how, int))
-
-    def _cuts_made(self) -> tuple[RecordedCut, ...]:
-        came = zip(self._changes, self._came, strict=False)
-        return tuple(RecordedCut(at, cast(CutKind, what), how) for at, (what, how) in came if not isinstance(how, int))
-
-    def _collect_events(self) -> None:
-        """Takes commands, digests and changes of model out of the loop's queues, which are bounded."""
-        events = self.loop.drain()
-        self._kept.add(events)
-        self._changes += self.loop.changes()
-        self.loop.free_retired()
-        if self.journal and not self.loop.dropped():
-            self.journal.append(events, self._changes_made(), self._marks, self._cuts_made())
-
 
 def _require_time_dependence(model: TissueModel) -> None:
     tissue = model.tissue
@@ -571,22 +535,8 @@ def _collect_while_running(session: "ReferenceType[Session]", stopped: Event) ->
     """Collects the loop's events now and then; does not keep the session alive."""
     while not stopped.wait(COLLECT_INTERVAL) and (running := session()):
         with running._lock:
-            running._collect_events()
+            running.events.collect(running.loop)
         del running
-
-
-def _new_commands(first: int, commands: Sequence[Given]) -> Iterator[tuple[int, int, Command]]:
-    """(tick, tool, command) where a tool's command is another than the tick before; a tool that is not named lets go."""
-    current = [IDLE] * TOOLS
-    for tick, given in enumerate(commands, first):
-        named = [given] if given is None or isinstance(given, Command) else list(given)
-        if len(named) > TOOLS:
-            raise DataError(f"step: {len(named)} tools, at most {TOOLS} can be at work")
-        for tool in range(TOOLS):
-            command = (named[tool] if tool < len(named) else None) or IDLE
-            if command is not current[tool]:
-                current[tool] = command
-                yield tick, tool, command
 
 
 def mean_edge(tissue: Tissue) -> float:

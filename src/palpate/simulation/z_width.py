@@ -23,7 +23,7 @@ KILOGRAM = 1e-3  # N s²/mm
 
 
 @dataclass(frozen=True)
-class Hand:
+class HandImpedance:
     """A hand as a mass, a damper and a spring that move with the device.
 
     Parameters
@@ -42,7 +42,7 @@ class Hand:
 
     Examples
     --------
-    >>> pp.Hand(mass=0.1, damping=0.002, stiffness=0.3).mass
+    >>> pp.HandImpedance(mass=0.1, damping=0.002, stiffness=0.3).mass
     0.1
     """
 
@@ -96,7 +96,7 @@ def z_width(
     *,
     mass: float = 0.1,
     damping: float = 5e-4,
-    hand: Hand | None = None,
+    hand: HandImpedance | None = None,
     depth: float = 1.0,
     kind: Kind = "free",
     coupling: float | None = None,
@@ -121,7 +121,7 @@ def z_width(
         Of the device, kg.
     damping : float, optional
         b, of the device, N s/mm.
-    hand : Hand, optional
+    hand : HandImpedance, optional
         What moves with the device. By default nothing, so that only the device dissipates energy.
     depth : float, optional
         Of the press, mm.
@@ -167,7 +167,7 @@ def z_width(
     for name, value in (("mass", mass), ("damping", damping), ("depth", depth)):
         if not (np.isfinite(value) and value > 0):
             raise DataError(f"{name}: {value:g}, expected more than 0")
-    loop = ClosedLoop(mass, damping, hand or Hand())
+    loop = ClosedLoop(mass, damping, hand or HandImpedance())
 
     def pressed(scale: float) -> tuple[RenderedChain, float]:
         chain = RenderedChain(
@@ -222,7 +222,7 @@ def z_width(
 class ClosedLoop:
     """Device and hand as one mass, solved exactly between ticks, since the force is held for each."""
 
-    def __init__(self, mass: float, damping: float, hand: Hand) -> None:
+    def __init__(self, mass: float, damping: float, hand: HandImpedance) -> None:
         m, b = KILOGRAM * (mass + hand.mass), damping + hand.damping
         self.mass, self.spring = m, hand.stiffness
         system = np.array([[0, 1, 0], [-hand.stiffness / m, -b / m, 1 / m], [0, 0, 0]])

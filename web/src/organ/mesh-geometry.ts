@@ -38,7 +38,8 @@ export function pick(
   return best;
 }
 
-/** The place of a point on a surface at rest: its nearest triangle, seen from the planes of the triangles around it. */
+/** The place of a point on a surface at rest. Exact where the point lies on it; off an edge the weights are cut to 0..1,
+ * which is not the nearest point but near. */
 export function locate(point: Vector, rest: Float32Array, triangles: Uint32Array, first: number, count: number): Hit {
   let best: Hit = { triangle: first, weights: [1, 0, 0], distance: Infinity };
   const at = (t: number, c: number): Vector => {

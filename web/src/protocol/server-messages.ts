@@ -255,7 +255,7 @@ export function decodeScalpel(view: DataView): Scalpel {
   };
 }
 
-/** Triangles first to first + count of the scene: the organ, or a region inside it. */
+/** Triangles first to first + count of a `DisplayedSurface` or a scene: the organ, or a region inside it. */
 export interface Part {
   name: string;
   first: number;
