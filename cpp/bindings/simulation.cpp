@@ -198,6 +198,9 @@ void bind_frame(nb::module_& m) {
         .def_prop_ro("force", [](const Frame& f) { return vectors(f.force); })
         .def_prop_ro("model_force", [](const Frame& f) { return vectors(f.model_force); })
         .def_prop_ro("device_force", [](const Frame& f) { return vectors(f.device_force); })
+        .def_prop_ro(
+            "device_stiffness",
+            [](const Frame& f) { return std::vector<double>(f.device_stiffness, f.device_stiffness + most_tools); })
         .def_prop_ro("tip", [](const Frame& f) { return vectors(f.tip); })
         .def_prop_ro("axis", [](const Frame& f) { return vectors(f.axis); })
         .def_prop_ro("insertion",

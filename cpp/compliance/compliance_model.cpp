@@ -171,6 +171,13 @@ const double* ComplianceModel::contact_stiffness(const ComplianceState& state) {
     return &state.values[ComplianceState::stiffness_at];
 }
 
+bool ComplianceModel::contact_slope(const ModelState& state, int patch, double* out) const {
+    const auto& s = static_cast<const ComplianceState&>(state);
+    const int n = 3 * int(s.values[ComplianceState::prescribed_at]);
+    for (int k = 0; k < 9; k++) out[k] = contact_stiffness(s)[n * (3 * patch + k / 3) + 3 * patch + k % 3];
+    return true;
+}
+
 // Looks for the blocks between the patches' nodes, and between those and what the history knows of.
 void ComplianceModel::find_blocks(ComplianceState& s) const {
     const auto known = [&] {

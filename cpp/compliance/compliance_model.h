@@ -75,6 +75,7 @@ public:
     void prefetch(ModelState& state, const ContactPatch* patches, int count) const override;
     void begin_realtime(ModelState& state) const override;
     void end_realtime(ModelState& state) const override;
+    bool contact_slope(const ModelState& state, int patch, double* out) const override;
     // The contact stiffness that the last tick has used, (3 prescribed, 3 prescribed) N/mm.
     static const double* contact_stiffness(const ComplianceState& state);
 

@@ -32,7 +32,7 @@ struct Feedback {
     bool touching = false;
     double at[3] = {0, 0, 0};     // mm, the tool's tip
     double force[3] = {0, 0, 0};  // N, of the tissue on the tool, within SimulationSettings::limit
-    double stiffness = 0;         // N/mm, estimated slope of the force
+    double stiffness = 0;         // N/mm, slope of the force along the displacement, in a tick; else force over way
     double anchor[3] = {0, 0, 0}; // mm, the contact on the surface at rest
     double normal[3] = {0, 0, 0}; // outward normal of a contact that can only push; zero: it may also pull
 };

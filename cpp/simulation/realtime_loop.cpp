@@ -187,6 +187,7 @@ void RealtimeLoop::publish(double now) {
     for (int t = 0; t < most_tools; t++) {
         const ToolProxy& p = simulation.proxy[t];
         frame.contact[t] = int(p.state);
+        frame.device_stiffness[t] = simulation.feedback[t].stiffness;
         frame.insertion[t] = p.insertion;
         p.total_force(frame.force + 3 * t);
         for (int k = 0; k < 3; k++) {

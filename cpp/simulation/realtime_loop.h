@@ -26,6 +26,7 @@ struct Frame {
     double force[3 * most_tools] = {};                  // N, on the tool: model_force and what keeps it passive
     double model_force[3 * most_tools] = {};            // N, the model's answer
     double device_force[3 * most_tools] = {};           // N, `force` limited for a device
+    double device_stiffness[most_tools] = {};           // N/mm, Feedback::stiffness
     double tip[3 * most_tools] = {};                    // mm
     double insertion[most_tools] = {};                  // mm of a needle inside the tissue
     double axis[3 * most_tools] = {};                   // of a needle

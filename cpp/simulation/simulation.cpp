@@ -197,6 +197,13 @@ void Simulation::write_feedback() {
         if (f.touching && p.kind == CommandKind::free) now.surface->normal(p.at, f.normal);
         f.stiffness = f.touching && way > 1e-3 ? length(p.force) / way : 0;
     }
+    for (int c = 0; c < closed; c++) {
+        const double *d = proxy[tool_of[c]].displacement, square = dot(d, d);
+        double slope[9], along = 0;
+        if (feedback[tool_of[c]].stiffness == 0 || !now.model->contact_slope(*now.state, c, slope)) continue;
+        for (int k = 0; k < 9; k++) along += d[k / 3] * slope[k] * d[k % 3];
+        feedback[tool_of[c]].stiffness = along / square;
+    }
 }
 
 void Simulation::follow_clock(bool on) {

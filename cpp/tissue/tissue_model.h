@@ -73,6 +73,10 @@ public:
     // forces have no step. In a tick: allocates nothing, takes no lock. False: it begins at rest.
     virtual bool continue_from(ModelState&, const ModelState&) const { return false; }
 
+    // (3, 3) N/mm after a relax(): by how much the force of a prescribed patch would differ if its displacement did, in
+    // that tick alone. Of tissue that relaxes it is steeper than force over displacement. False: not known.
+    virtual bool contact_slope(const ModelState&, int /*patch*/, double* /*out*/) const { return false; }
+
     // Between ticks: the patches, prescribed or observed, that the next tick may bring. A model may load into the
     // caches what it would need for them. No answer may depend on this call. Allocates nothing, takes no lock.
     virtual void prefetch(ModelState&, const ContactPatch*, int) const {}

@@ -74,23 +74,42 @@ def test_a_relaxing_tissue_has_its_complex_modulus(relaxing, elastic):
 
 
 @pytest.mark.parametrize("kind", ["free", "hold"])
-def test_behind_a_coupling_the_hand_feels_both_springs_in_series(elastic, kind):
+def test_behind_a_coupling_the_hand_feels_both_springs_in_series(elastic, relaxing, kind):
     """Of a held tool too: the servo goes on from where the tool is, not from where it was sent."""
     coupling, hertz = 0.5, [0.5, 3.0, 10.0, 20.0]
     felt = pp.transparency(elastic, TOP, RADIUS, hertz, coupling=coupling, kind=kind)
     damper = min(_core.haptics.ServoSettings().damping, 1e-3 * coupling)
     spring = coupling + damper * (1 - delay(hertz)) / TICK  # implicit Euler
     np.testing.assert_allclose(felt.rendered, spring * felt.tissue / (spring + felt.tissue), rtol=0.02)
+    felt = pp.transparency(relaxing, TOP, RADIUS, hertz, coupling=coupling, kind=kind)
+    ratio = felt.rendered / (spring * felt.tissue / (spring + felt.tissue))
+    assert np.abs(20 * np.log10(np.abs(ratio))).max() < 1  # the servo does not know how much relaxes within a tick
+    assert np.abs(np.degrees(np.angle(ratio))).max() < 5
 
 
 def test_no_period_gives_the_hand_energy(elastic, relaxing):
     """But for a held tool without a coupling: its force lags its command."""
-    for model, coupling in ((elastic, None), (relaxing, None), (elastic, 0.5)):
-        felt = pp.transparency(model, TOP, RADIUS, [1.0, 10.0, 20.0], coupling=coupling)
+    for model, coupling in ((elastic, None), (relaxing, None), (elastic, 0.5), (relaxing, 0.5)):
+        felt = pp.transparency(model, TOP, RADIUS, [1.0, 10.0, 20.0, 30.0], coupling=coupling)
         whole = np.pi * felt.amplitude**2 * np.abs(felt.rendered)
         assert (felt.dissipated > -1e-4 * whole).all()
     held = pp.transparency(elastic, TOP, RADIUS, [10.0], kind="hold")
     assert held.dissipated[0] < 0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_no_way_of_a_hand_gains_energy_from_tissue_that_relaxes(relaxing, seed):
+    rng, s = np.random.default_rng(seed), np.arange(3000) * TICK
+    way = 1 - np.exp(-s / 0.05)
+    for hertz in rng.uniform(0.5, 30, 12):
+        way += 0.5 * rng.normal() * min(1, 3 / hertz) * np.sin(2 * np.pi * hertz * s + rng.uniform(0, 2 * np.pi))
+    chain = RenderedChain(relaxing, TOP, RADIUS, coupling=2.0)
+    depths = [*[chain.depth] * 600, *(way - way[0] + chain.depth), *np.linspace(way[-1] - way[0], -0.1, 500)]
+    forces = np.array([chain.tick(float(depth)) for depth in depths])
+    work = np.cumsum(forces[:-1] * np.diff(depths))  # N mm, of the hand: a device holds a force until the next tick
+    assert work.max() > 0.1
+    assert work.min() > -0.01 * work.max()
+    assert work[-1] > 0
 
 
 def test_a_force_limit_shows_as_distortion(elastic):

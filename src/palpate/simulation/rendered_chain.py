@@ -75,10 +75,9 @@ class RenderedChain:
         tool = np.array(self._servo.pose().position)
         force = self._tissue_force(tool - self.point)
         frame = self._frame
-        way = float(np.linalg.norm(frame.displacement[0]))
         touching = frame.contact[0] == int(_core.simulation.ContactState.closed)
         # What `ServoDevice` answers: an isotropic stiffness, and the normal of a contact that can only push.
-        slope = self._scale * float(np.linalg.norm(frame.model_force[0])) / way if touching and way > 1e-3 else 0.0
+        slope = self._scale * frame.device_stiffness[0]
         can_only_push = touching and self._number == KINDS.index("free")
         normal = self.normal if can_only_push else np.zeros(3)
         self._servo.answer(
