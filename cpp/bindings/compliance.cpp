@@ -61,6 +61,19 @@ template <class F> void in_batches(const std::vector<int>& all, F make) {
         make(&all[k], int(std::min<size_t>(GreensFunctions::batch, all.size() - k)));
 }
 
+// W and K^-1 N come as rows of `count` numbers, and are kept as rows of whole cache lines.
+AlignedBuffer padded(const double* from, size_t rows, int count, int stride) {
+    AlignedBuffer out(rows * stride);
+    for (size_t r = 0; r < rows; r++)
+        for (int k = 0; k < count; k++) out[r * stride + k] = float(from[r * count + k]);
+    return out;
+}
+
+void check_gaps(const GapConstraints& gaps, size_t vertices, int free_nodes) {
+    expect(gaps.response.size() == 3 * vertices * gaps.stride, "gaps: of other vertices");
+    for (int node : gaps.node) expect(node < free_nodes, "gaps: a node that the factor lacks");
+}
+
 } // namespace
 
 void bind_compliance(nb::module_& m) {
@@ -131,6 +144,39 @@ void bind_compliance(nb::module_& m) {
             "frequencies"_as_is, "shapes"_as_is, "damping"_a, "lag"_a, "relaxation"_as_is,
             "frequencies: (modes) rad/s. shapes: (nodes, modes, 3) mm for an amplitude of 1 root of N mm s^2. damping: "
             "ratio. lag: s. relaxation: as of ComplianceModel.");
+    nb::class_<GapConstraints>(m, "GapConstraints", "Surfaces of a body that may meet.")
+        .def(
+            "__init__",
+            [](GapConstraints* self, In<double, 1> rest, In<double, 2> between, In<double, 3> response,
+               In<int32_t, 1> first, In<int32_t, 1> node, In<double, 2> share) {
+                const size_t count = rest.size();
+                expect(count >= 1 && count <= GapConstraints::most, "gaps: 1 to 1024");
+                expect(between.shape(0) == count && between.shape(1) == count, "between: expected (gaps, gaps)");
+                expect(response.shape(1) == 3 && response.shape(2) == count, "response: expected (vertices, 3, gaps)");
+                expect(first.size() == count + 1 && first(0) == 0 && size_t(first(count)) == node.size(),
+                       "first: expected (gaps + 1)");
+                for (size_t i = 0; i < count; i++) {
+                    expect(first(i) <= first(i + 1), "first: descends");
+                    expect(rest(i) >= 0, "rest: below 0 mm");
+                    expect(between(i, i) > 0, "between: a gap that no force opens");
+                }
+                expect_vectors(share, node.size(), "share: expected (entries, 3)");
+                expect_finite(rest, "rest: not finite");
+                expect_finite(between, "between: not finite");
+                expect_finite(response, "response: not finite");
+                expect_finite(share, "share: not finite");
+                expect_numbers(node, size_t(1) << 30, "node: below 0");
+                new (self) GapConstraints();
+                self->count = int(count);
+                self->stride = (self->count + cache_line - 1) / cache_line * cache_line;
+                self->rest = listed(rest), self->first = listed(first), self->node = listed(node);
+                self->between = padded(between.data(), count, self->count, self->stride);
+                self->response = padded(response.data(), 3 * response.shape(0), self->count, self->stride);
+                self->share.assign(share.data(), share.data() + share.size());
+            },
+            "rest"_as_is, "between"_as_is, "response"_as_is, "first"_as_is, "node"_as_is, "share"_as_is,
+            "rest: (gaps) mm. between: (gaps, gaps) mm/N, N'K^-1 N. response: (vertices, 3, gaps) mm/N, K^-1 N. first: "
+            "(gaps + 1), node: (entries) free nodes and share: (entries, 3) of N, gap by gap.");
     nb::class_<ComplianceModel, TissueModel>(m, "ComplianceModel",
                                              "Exact linear finite elements by tables of Green's functions.")
         .def(
@@ -144,6 +190,14 @@ void bind_compliance(nb::module_& m) {
             "factor: of the free nodes' stiffness, N/mm. free: (nodes) each node's number there, or -1. vertices: free "
             "nodes that are touched or shown. nodes: (nodes, 3) mm. budget: bytes of tables that a state may keep. "
             "relaxation: (terms, 2) shares of the instantaneous stiffness, and the times in s with which they relax.")
+        .def(
+            "__init__",
+            [](ComplianceModel* self, const SparseCholesky& factor, In<int32_t, 1> free, In<int32_t, 1> vertices,
+               In<double, 2> nodes, size_t budget, const GapConstraints& gaps) {
+                check_gaps(gaps, vertices.size(), factor.tree.nodes());
+                new (self) ComplianceModel(elastic(factor, free, vertices, nodes), budget, gaps);
+            },
+            "factor"_a, "free"_as_is, "vertices"_as_is, "nodes"_as_is, "budget"_a, "gaps"_a, nb::keep_alive<1, 2>())
         .def(
             "__init__",
             [](ComplianceModel* self, const SparseCholesky& factor, In<int32_t, 1> free, In<int32_t, 1> vertices,

@@ -23,6 +23,7 @@ void ComplianceModel::displayed_displacement(ModelState& state, const int* nodes
         const float* part = background ? s.samples[k]->precompute->newest_field() : sample_field(s, int(k));
         for (size_t i = 0; i < s.field.size(); i++) s.field[i] += part[i];
     }
+    if (!background && at.gaps > 0) gaps.add_displacement(at.gap_force, s.field.data());
     for (int i = 0; i < count; i++) {
         const int v = stiffness.vertex_index[nodes[i]];
         for (int k = 0; k < 3; k++) out[3 * i + k] = v < 0 ? 0 : s.field[3 * size_t(v) + k];
@@ -39,6 +40,7 @@ void ComplianceModel::displacement(ModelState& state, double* out) const {
         std::vector<double> x(3 * size_t(samples[k].factor->tree.nodes()), 0);
         for (int v = 0; v < at.loads; v++)
             std::copy_n(load + 3 * v, 3, &x[3 * size_t(stiffness.vertex_free[at.vertex[v]])]);
+        if (s.gaps) gaps.add_load(s.gap_force(), x.data());
         samples[k].factor->solve(x.data(), 1);
         for (int i = 0; i < nodes(); i++)
             for (int c = 0; c < 3 && stiffness.free_index[i] >= 0; c++)

@@ -9,6 +9,7 @@ namespace {
 
 constexpr int capacity = ContactPatch::capacity;
 constexpr int most = ComplianceState::most;
+constexpr int gap_sweeps = 8, first_sweeps = 60; // a tick starts where the last one has come to
 
 // out = a^-1, a 3x3 or larger; overwrites a. False: the contacts are linearly dependent.
 bool invert(double* a, int n, double* out) {
@@ -34,7 +35,8 @@ std::vector<FactoredStiffness> alone(FactoredStiffness one) {
 } // namespace
 
 ComplianceState::ComplianceState(const std::vector<FactoredStiffness>& bodies, size_t budget,
-                                 const LoadRecursion& recursion, const VibrationModes& modes)
+                                 const LoadRecursion& recursion, const VibrationModes& modes,
+                                 const GapConstraints& constraints)
     : values(size, 0.0), weight(TissueModel::max_patches * capacity), field(3 * size_t(bodies[0].vertices())) {
     for (const FactoredStiffness& body : bodies) {
         samples.push_back(std::make_unique<Sample>(body, budget / bodies.size()));
@@ -42,6 +44,10 @@ ComplianceState::ComplianceState(const std::vector<FactoredStiffness>& bodies, s
     }
     u.assign(3 * size_t(bodies[0].nodes()), 0);
     elastic.resize(3 * samples.size() * capacity), part.resize(field.size());
+    if (constraints.count > 0) {
+        gaps = std::make_unique<GapSolver>(constraints, TissueModel::max_patches);
+        values.resize(size + constraints.count);
+    }
     if (recursion.fields == 0) return;
     history = std::make_unique<LoadHistory>(bodies[0], recursion);
     acting.resize(3 * ContactSnapshot::capacity);
@@ -58,12 +64,16 @@ bool ComplianceState::blocks_known() const {
 void ComplianceState::reset() {
     if (history) history->reset();
     if (motion) motion->reset();
-    snapshot.count = snapshot.loads = 0;
-    values.assign(size, 0.0);
+    snapshot.count = snapshot.loads = snapshot.gaps = 0;
+    values.assign(gaps ? values.size() : size_t(size), 0.0);
+    continues = false;
 }
 
 ComplianceModel::ComplianceModel(FactoredStiffness s, size_t budget, const RelaxationSpectrum& spectrum)
     : samples(alone(std::move(s))), stiffness(samples[0]), recursion(LoadRecursion::of(spectrum)), budget(budget) {}
+
+ComplianceModel::ComplianceModel(FactoredStiffness s, size_t budget, GapConstraints constraints)
+    : samples(alone(std::move(s))), stiffness(samples[0]), gaps(std::move(constraints)), budget(budget) {}
 
 ComplianceModel::ComplianceModel(FactoredStiffness s, size_t budget, VibrationModes vibration)
     : samples(alone(std::move(s))), stiffness(samples[0]), recursion(vibration.loads), modes(std::move(vibration)),
@@ -75,7 +85,7 @@ ComplianceModel::ComplianceModel(std::vector<FactoredStiffness> all, size_t budg
 }
 
 std::unique_ptr<ModelState> ComplianceModel::make_state() const {
-    auto state = std::make_unique<ComplianceState>(samples, budget, recursion, modes);
+    auto state = std::make_unique<ComplianceState>(samples, budget, recursion, modes, gaps);
     state->owner = this;
     return state;
 }
@@ -95,7 +105,9 @@ bool ComplianceModel::relax(ModelState& state, const ContactPatch* patches, int 
         std::copy_n(displacement, 3 * prescribed, driving);
         if (s.history) subtract_history(s, prescribed, driving);
         good = update_stiffness(s, prescribed, driving);
-        if (good) apply_stiffness(s, prescribed, driving, force);
+        double added[most] = {};
+        if (good && s.gaps) close_gaps(s, prescribed, driving, added);
+        if (good) apply_stiffness(s, prescribed, driving, added, force);
         if (good && s.history) advance_history(s, prescribed, displacement, force);
         observe(s, prescribed, observed, displacement, force);
     } else {
@@ -157,8 +169,8 @@ void ComplianceModel::resize_contacts(ComplianceState& s, int prescribed) const 
 }
 
 void ComplianceModel::release(ComplianceState& s) const {
-    std::fill_n(s.values.begin(), ComplianceState::size, 0.0);
-    s.snapshot.count = s.snapshot.loads = 0;
+    std::fill_n(s.values.begin(), ComplianceState::size + gaps.count, 0.0);
+    s.snapshot.count = s.snapshot.loads = s.snapshot.gaps = 0;
     s.stale = s.blending = false;
     if (!s.history) return;
     s.history->enter(s.greens.data(), nullptr, 0, false);
@@ -173,6 +185,7 @@ const double* ComplianceModel::contact_stiffness(const ComplianceState& state) {
 
 bool ComplianceModel::contact_slope(const ModelState& state, int patch, double* out) const {
     const auto& s = static_cast<const ComplianceState&>(state);
+    if (s.gaps) return false; // forces in the gaps add to it
     const int n = 3 * int(s.values[ComplianceState::prescribed_at]);
     for (int k = 0; k < 9; k++) out[k] = contact_stiffness(s)[n * (3 * patch + k / 3) + 3 * patch + k % 3];
     return true;
@@ -246,22 +259,49 @@ bool ComplianceModel::update_stiffness(ComplianceState& s, int prescribed, const
     if (values[ComplianceState::known_at] < 0)
         for (int k = 0; k < n * n; k++) offset[k] = in_use[k] - exact[k];
     values[ComplianceState::known_at] = 1;
-    s.blending = StiffnessBlend::advance(in_use, offset, exact, n, displacement);
+    s.blending = s.continues || StiffnessBlend::advance(in_use, offset, exact, n, displacement);
     return true;
 }
 
+// The forces in the gaps, and what they add to those of the tissue on the tools. They are found with the exact
+// stiffness: with the one in use they could have no solution.
+void ComplianceModel::close_gaps(ComplianceState& s, int prescribed, const double* displacement, double* added) const {
+    const int n = 3 * prescribed;
+    if (s.stale && s.continues) return; // the forces before the cut serve on
+    double *in_use = &s.values[ComplianceState::stiffness_at], *offset = &s.values[ComplianceState::offset_at];
+    double exact[most * most], moved[most];
+    for (int k = 0; k < n * n; k++) exact[k] = in_use[k] - offset[k];
+    for (int a = 0; a < prescribed; a++)
+        s.gaps->set_patch(a, s.blocks().vertex.data(), &s.weight[a * capacity], s.blocks().count);
+    s.gaps->solve(exact, displacement, n, s.continues ? first_sweeps : gap_sweeps, s.gap_force());
+    for (int a = 0; a < prescribed; a++) s.gaps->patch_displacement(a, s.gap_force(), moved + 3 * a);
+    double square = 0;
+    for (int k = 0; k < n; k++) {
+        square += displacement[k] * displacement[k];
+        for (int c = 0; c < n; c++) added[k] += exact[n * k + c] * moved[c];
+    }
+    if (s.continues && square > 0) // no step: the difference fades with that of the stiffness
+        for (int k = 0; k < n * n; k++) {
+            const double part = added[k / n] * displacement[k % n] / square;
+            in_use[k] += part, offset[k] += part;
+        }
+    s.continues = false;
+}
+
 void ComplianceModel::apply_stiffness(ComplianceState& s, int prescribed, const double* displacement,
-                                      double* force) const {
+                                      const double* added, double* force) const {
     double* values = s.values.data();
     const int n = 3 * prescribed;
     for (int k = 0; k < n; k++) {
-        force[k] = 0;
+        force[k] = added[k];
         for (int c = 0; c < n; c++) force[k] -= values[ComplianceState::stiffness_at + n * k + c] * displacement[c];
         values[ComplianceState::force_at + k] = force[k];
         values[ComplianceState::displacement_at + k] = displacement[k];
     }
     const int patches = prescribed > 0 ? prescribed : int(values[ComplianceState::observed_at]);
     s.snapshot.count = s.snapshot.loads = s.blocks().count;
+    s.snapshot.gaps = gaps.count;
+    std::copy_n(&values[ComplianceState::size], gaps.count, s.snapshot.gap_force);
     std::copy_n(s.blocks().vertex.data(), s.blocks().count, s.snapshot.vertex);
     for (int i = 0; i < s.blocks().count; i++) {
         double sum = 0, load[3] = {0, 0, 0};
@@ -291,6 +331,12 @@ void ComplianceModel::observe(ComplianceState& s, int prescribed, int observed, 
                 patch_compliance(s, o, a, part);
                 for (int k = 0; k < 9; k++) mean[k / 3] -= part[k] * force[3 * a + k % 3];
             }
+            if (s.gaps) {
+                double moved[3];
+                s.gaps->set_patch(o, s.blocks().vertex.data(), &s.weight[o * capacity], s.blocks().count);
+                s.gaps->patch_displacement(o, s.gap_force(), moved);
+                for (int k = 0; k < 3; k++) mean[k] += moved[k];
+            }
         }
         std::copy_n(mean, 3, displacement + 3 * o);
         std::fill_n(force + 3 * o, 3, 0.0);
@@ -304,6 +350,17 @@ bool ComplianceModel::continue_from(ModelState& state, const ModelState& from) c
     if (!other || s.history || other->history) return false;
     std::copy_n(other->values.data(), int(ComplianceState::size), s.values.data());
     s.values[ComplianceState::known_at] = -1;
+    s.continues = s.gaps != nullptr;
+    // What forces in gaps of the body before added to those of the tools is part of the stiffness now.
+    const int n = 3 * int(s.values[ComplianceState::prescribed_at]);
+    double *in_use = &s.values[ComplianceState::stiffness_at], square = 0;
+    const double *d = &s.values[ComplianceState::displacement_at], *force = &s.values[ComplianceState::force_at];
+    for (int k = 0; k < n; k++) square += d[k] * d[k];
+    for (int k = 0; other->gaps && k < n && square > 0; k++) {
+        double missing = -force[k];
+        for (int c = 0; c < n; c++) missing -= in_use[n * k + c] * d[c];
+        for (int c = 0; c < n; c++) in_use[n * k + c] += missing * d[c] / square;
+    }
     return true;
 }
 
@@ -320,7 +377,7 @@ void ComplianceModel::begin_realtime(ModelState& state) const {
     auto& s = static_cast<ComplianceState&>(state);
     for (size_t k = 0; k < s.samples.size(); k++) {
         ComplianceState::Sample& one = *s.samples[k];
-        one.precompute = std::make_unique<PrecomputeThread>(samples[k], one.greens, modes, one.snapshots);
+        one.precompute = std::make_unique<PrecomputeThread>(samples[k], one.greens, modes, gaps, one.snapshots);
     }
     s.tables = TablePolicy::background;
 }

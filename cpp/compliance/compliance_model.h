@@ -11,7 +11,7 @@ namespace palpate {
 // some are not computed yet, the last stiffness serves; once they are, the difference fades out over some ticks.
 struct ComplianceState : ModelState {
     ComplianceState(const std::vector<FactoredStiffness>& samples, size_t budget, const LoadRecursion& recursion,
-                    const VibrationModes& modes);
+                    const VibrationModes& modes, const GapConstraints& gaps);
     ~ComplianceState() override;
     std::vector<double>& state_vector() override { return values; } // u is not used: a tick solves for its patches only
     void reset() override;
@@ -29,8 +29,12 @@ struct ComplianceState : ModelState {
 
     // Prescribed and observed contacts (2); forces, displacements (3 per patch each); the stiffness in use, its
     // difference to the exact one (3 prescribed by 3 prescribed, each); 1: the difference is known, -1: it is not; the
-    // history's numbers.
+    // history's numbers, or the forces in gaps that have closed.
     std::vector<double> values;
+    std::unique_ptr<GapSolver> gaps; // of a body with surfaces that may meet
+    double* gap_force() { return &values[size]; }
+    const double* gap_force() const { return &values[size]; }
+    bool continues = false;               // a body before it, and no gap has been looked at yet
     std::unique_ptr<LoadHistory> history; // of a tissue that relaxes or has inertia
     std::unique_ptr<ModalMotion> motion;  // of one that has inertia
     std::vector<double> shapes;           // (patches, modes, 3) of the modes under each patch
@@ -58,6 +62,8 @@ class ComplianceModel : public TissueModel {
 public:
     // stiffness: in the long term. budget: bytes of tables per state.
     ComplianceModel(FactoredStiffness stiffness, size_t budget, const RelaxationSpectrum& spectrum = {});
+    // An elastic body with surfaces that may meet.
+    ComplianceModel(FactoredStiffness stiffness, size_t budget, GapConstraints gaps);
     ComplianceModel(FactoredStiffness stiffness, size_t budget, VibrationModes modes);
     // A body whose parts relax differently: its stiffness at the samples of the Laplace variable that `creep` mixes,
     // in the long term first and instantaneously last.
@@ -83,6 +89,7 @@ public:
     const FactoredStiffness& stiffness; // the first of them: in the long term
     const LoadRecursion recursion;
     const VibrationModes modes;
+    const GapConstraints gaps;
 
 private:
     const size_t budget;
@@ -100,7 +107,9 @@ private:
     void advance_history(ComplianceState& s, int prescribed, const double* displacement, const double* force) const;
     void write_history(ComplianceState& s) const;
     bool update_stiffness(ComplianceState& s, int prescribed, const double* displacement) const;
-    void apply_stiffness(ComplianceState& s, int prescribed, const double* displacement, double* force) const;
+    void close_gaps(ComplianceState& s, int prescribed, const double* displacement, double* added) const;
+    void apply_stiffness(ComplianceState& s, int prescribed, const double* displacement, const double* added,
+                         double* force) const;
     void observe(ComplianceState& s, int prescribed, int observed, double* displacement, double* force) const;
 };
 

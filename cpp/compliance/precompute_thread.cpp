@@ -22,8 +22,9 @@ constexpr double reach_margin = 1.25; // reach of the blocks over the patch's wi
 } // namespace
 
 PrecomputeThread::PrecomputeThread(const FactoredStiffness& stiffness, GreensFunctions& greens,
-                                   const VibrationModes& modes, TripleBuffer<ContactSnapshot>& snapshots)
-    : stiffness(stiffness), greens(greens), modes(modes), snapshots(snapshots),
+                                   const VibrationModes& modes, const GapConstraints& gaps,
+                                   TripleBuffer<ContactSnapshot>& snapshots)
+    : stiffness(stiffness), greens(greens), modes(modes), gaps(gaps), snapshots(snapshots),
       fields(std::vector<float>(3 * size_t(stiffness.vertices()), 0.0f)) {
     thread = std::thread([this] { run(); });
 }
@@ -40,6 +41,8 @@ void ContactSnapshot::copy(const ContactSnapshot& other) {
     std::copy_n(other.load, 3 * loads, load);
     modes = other.modes;
     std::copy_n(other.amplitude, modes, amplitude);
+    gaps = other.gaps;
+    std::copy_n(other.gap_force, gaps, gap_force);
 }
 
 void PrecomputeThread::run() {
@@ -163,6 +166,7 @@ void PrecomputeThread::publish_field() {
         greens.solve(snapshot.vertex, snapshot.loads, snapshot.load, out);
     for (int v = 0; snapshot.modes > 0 && v < stiffness.vertices(); v++)
         modes.add_displacement(stiffness.vertex_node[v], snapshot.amplitude, out + 3 * size_t(v));
+    if (snapshot.gaps > 0) gaps.add_displacement(snapshot.gap_force, out);
     fields.publish();
     field_serial = snapshot.serial;
 }

@@ -1,6 +1,7 @@
 #pragma once
 // The background thread of a ComplianceState. It fills GreensFunctions ahead of the tool; the loop's thread sends it
 // snapshots and reads its display field, both through triple buffers.
+#include "compliance/gap_constraints.h"
 #include "compliance/load_history.h"
 #include "compliance/vibration_modes.h"
 #include "realtime/triple_buffer.h"
@@ -20,8 +21,10 @@ struct ContactSnapshot {
     double weight[ContactPatch::capacity]; // mean over the patches, sum 1
     double load[3 * capacity];             // on the tissue as an elastic one, N
     int modes = 0;
-    float amplitude[VibrationModes::most];   // of the modes of vibration
-    void copy(const ContactSnapshot& other); // copies only the entries in use
+    float amplitude[VibrationModes::most]; // of the modes of vibration
+    int gaps = 0;
+    float gap_force[GapConstraints::most] = {}; // N, in gaps that have closed; 0 beyond the last one
+    void copy(const ContactSnapshot& other);    // copies only the entries in use
 };
 
 // Computes, in this order: the patch's own blocks, blocks along its predicted path, columns for the display while the
@@ -29,7 +32,7 @@ struct ContactSnapshot {
 class PrecomputeThread {
 public:
     PrecomputeThread(const FactoredStiffness& stiffness, GreensFunctions& greens, const VibrationModes& modes,
-                     TripleBuffer<ContactSnapshot>& snapshots);
+                     const GapConstraints& gaps, TripleBuffer<ContactSnapshot>& snapshots);
     ~PrecomputeThread();
     // The next piece of work, of some ms. False: there was none. The thread calls it; where there are no threads
     // (wasm/), who runs the ticks does, between them.
@@ -40,6 +43,7 @@ private:
     const FactoredStiffness& stiffness;
     GreensFunctions& greens;
     const VibrationModes& modes;
+    const GapConstraints& gaps;
     TripleBuffer<ContactSnapshot>& snapshots;
     TripleBuffer<std::vector<float>> fields;
     ContactSnapshot snapshot;

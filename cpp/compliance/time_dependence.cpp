@@ -86,7 +86,11 @@ void ComplianceModel::write_history(ComplianceState& s) const {
 double ComplianceModel::energy(const ModelState& state, int prescribed, const double* displacement,
                                const double* force) const {
     const auto& s = static_cast<const ComplianceState&>(state);
-    if (!s.history) return TissueModel::energy(state, prescribed, displacement, force);
+    if (!s.history) {
+        double energy = TissueModel::energy(state, prescribed, displacement, force);
+        for (int i = 0; i < gaps.count; i++) energy -= 0.5 * gaps.rest[i] * s.gap_force()[i];
+        return energy;
+    }
     return s.history->energy() + (s.motion ? s.motion->energy() : 0);
 }
 

@@ -45,7 +45,7 @@ def session(model):
     return pp.Session(model, radius=RADIUS, sweeps=4)
 
 
-def hold(point, way=(0.5, 0.3, -2.0)):
+def hold(point, way=(0.5, 3.0, -0.5)):
     return pp.Command(True, tuple(map(float, point)), way)
 
 
@@ -70,6 +70,26 @@ def test_a_blade_at_20_mm_a_second_lets_the_force_go_slowly(top, session, whole)
         felt.append(session.step(at))
     assert np.linalg.norm(np.diff(np.concatenate(felt), axis=0), axis=1).max() <= LARGEST_STEP
     assert np.linalg.norm(felt[-1][-1] - felt[0][0]) > 5e-3
+
+
+def test_a_blade_may_cut_what_is_pressed_together(top, session, whole):
+    """The lips of the new piece press on each other at once, and the force of the tool has no step."""
+    at, felt = [hold(top + (0, 8, 0), (0, -3.0, -1.0))] * 250, []
+    session.step(at)
+    for length in range(5, 35, 5):
+        session.cut(pp.incision(whole, [top - (15, 0, 0), top + (length - 15, 0, 0)], depth=12), extend=length > 5)
+        felt.append(session.step(at))
+    assert np.linalg.norm(np.diff(np.concatenate(felt), axis=0), axis=1).max() <= LARGEST_STEP
+    hit = whole.surface.closest(top + (0, 8, 0)).point
+    closed, through = (
+        pp.model(session.tissue, "compliance", contact=contact).push(hit, at[0].displacement, RADIUS).force
+        for contact in (True, False)
+    )
+    assert np.allclose(felt[-1][-1], closed, rtol=2e-3, atol=1e-5)
+    assert np.linalg.norm(closed - through) > 0.05 * np.linalg.norm(closed)
+    session.undo()
+    undone = session.step(at)
+    assert np.linalg.norm(np.diff(undone, axis=0), axis=1).max() <= LARGEST_STEP
 
 
 def test_several_tools_hold_on(whole, top, session, blade):
@@ -204,14 +224,16 @@ def test_by_the_clock_the_loop_goes_on(whole, top, model, blade):
 def test_a_session_may_begin_with_a_cut_tissue_and_touch_its_lips(whole, top, blade):
     opened = pp.cut(whole, blade)
     cut = pp.model(opened, "compliance")
-    for model in (cut, pp.model(opened, "blocks")):
+    lips = {"compliance": cut, "blocks": pp.model(opened, "compliance", contact=False)}  # `blocks` knows of no contact
+    for name, exact in lips.items():
+        model = cut if name == "compliance" else pp.model(opened, name)
         session = pp.Session(model, radius=RADIUS, sweeps=40)
         lip = opened.mesh.places[opened.mesh.skin.triangles[opened.mesh.skin.lip]].mean(axis=1)
         for point in (top + (0, 8, 0), lip[len(lip) // 2]):
             at = opened.surface.closest(np.ascontiguousarray(point, dtype=float)).point
             session.step([None] * 200)
             force = session.step([hold(at)] * 1500)[-1]
-            assert np.allclose(force, cut.push(at, hold(at).displacement, RADIUS).force, rtol=5e-3, atol=1e-5)
+            assert np.allclose(force, exact.push(at, hold(at).displacement, RADIUS).force, rtol=5e-3, atol=1e-5)
     assert pp.Session(cut).settings.radius == pytest.approx(2 * opened.edge)
 
 

@@ -48,10 +48,11 @@ def test_force_of_a_cut_body(slot):
     W = np.kron(contacts(slot, *PUSH).weights(len(slot.mesh.nodes)), np.eye(3))
     force, u = solution(slot, W, PUSH[1])
     for name in ("compliance", "blocks", "multigrid"):
-        answer = pp.model(slot, name).push(*PUSH, tolerance=1e-7)
+        model = pp.model(slot, name, **({"contact": False} if name == "compliance" else {}))
+        answer = model.push(*PUSH, tolerance=1e-7)
         assert np.allclose(answer.force, -force, rtol=1e-6), name
         assert np.abs(answer.displacement.ravel() - u).max() < 1e-6 * np.abs(u).max()
-    exact = pp.model(slot, "compliance").push(*PUSH)
+    exact = pp.model(slot, "compliance", contact=False).push(*PUSH)
     assert np.allclose(exact.force, -force, rtol=1e-10)
     assert np.allclose(pp.finite_elements(slot).push(*PUSH).force, -force, rtol=1e-10)
     assert exact.estimate is None
@@ -115,9 +116,12 @@ def test_the_other_half_does_not_move(cube):
     x = through.mesh.nodes[through.mesh.tets].mean(axis=1)[:, 0]
     far = through.mesh.body != through.mesh.body[np.argmin(x)]
     still = np.unique(through.mesh.tets[far])
-    answer = pp.model(through, "compliance").push(*PUSH)
-    assert np.abs(answer.displacement).max() > 1
-    assert (answer.displacement[still] == 0).all()
+    away, towards = (-0.5, 0.2, 2.0), PUSH[1]
+    for way, contact in ((towards, False), (away, False), (away, True)):
+        answer = pp.model(through, "compliance", contact=contact).push(PUSH[0], way, PUSH[2])
+        assert np.abs(answer.displacement).max() > 1
+        assert (answer.displacement[still] == 0).all()
+    assert np.abs(pp.model(through, "compliance").push(*PUSH).displacement[still]).max() > 0.1
     half = brick((4, 4, 4))
     assert still.size > len(half.nodes) / 2
 
@@ -207,8 +211,8 @@ def test_a_lump_may_be_cut():
     top = whole.mesh.nodes[np.argmax(whole.mesh.nodes[:, 2])]
     opened = pp.cut(whole, pp.Blade.swept([top - (30, 0, -5), top + (30, 0, 5)], (0, 0, -1), 25))
     assert {1, 2} <= set(opened.mesh.region[opened.mesh.side != 0])
-    stiff, soft = (pp.model(t, "compliance").push(top + (0, 8, 0), (0, 0, -2), 8).force[2] for t in (whole, opened))
-    assert 0.2 * stiff < soft < 0.95 * stiff
+    stiff, soft = (pp.model(t, "compliance").push(top + (0, 8, 0), (0, 2, 0), 8).force[1] for t in (whole, opened))
+    assert 0.2 < soft / stiff < 0.95
 
 
 def test_the_mesh_of_a_cut_mesh_is_the_one_before(cube, slot):

@@ -1,5 +1,6 @@
 """Model `compliance`: linear finite elements by cached Green's functions."""
 
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -9,10 +10,13 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 from palpate import _core
 from palpate.arrays import Float64, Int32
 from palpate.errors import DataError, MaterialError
+from palpate.meshes.cutting.cut_mesh import CutMesh
 from palpate.meshes.display_surfaces import displayed_nodes
 from palpate.tissue.contact_patches import Contacts
 from palpate.tissue.error_bound import relative
+from palpate.tissue.gap_contact import GapContact
 from palpate.tissue.linearisation_error import MOST_CONTACTS, LinearisationError
+from palpate.tissue.lip_gaps import lip_gaps
 from palpate.tissue.models.tissue_model import TissueModel, nodal_element
 from palpate.tissue.reference.linear_elasticity import FiniteElements
 from palpate.tissue.regional_relaxation import CreepFit, creep_of
@@ -21,6 +25,7 @@ from palpate.tissue.sparse_factor import Factors
 from palpate.tissue.tissue import Tissue
 from palpate.tissue.vibration import Inertia, lowest_modes, nodal_mass
 
+NO_GAP = 1e-9  # of a force that opens a gap, what stands on free nodes: less of one between held nodes alone
 SCALING = 32  # roundings of an entry when the stiffness is scaled from both sides by triangular 3x3 blocks, at most
 
 
@@ -36,6 +41,9 @@ class ComplianceModel(TissueModel):
     says how far that is off. If it has inertia, the loop moves
     it in its lowest modes, and adds what the others give (residual flexibility) with a lag.
 
+    contact: whether the lips of cuts press on each other where they meet, without friction (`GapContact`); they do not in
+    tissue that relaxes or has inertia.
+
     Raises `MaterialError` if the stiffness is not positive definite, `DataError` on a memory that is not positive.
     """
 
@@ -45,7 +53,9 @@ class ComplianceModel(TissueModel):
     time_dependent = True
     creep: CreepFit | None = None  # of a tissue whose parts relax differently
 
-    def __init__(self, tissue: Tissue, memory: float = 256.0) -> None:
+    gaps: GapContact | None = None
+
+    def __init__(self, tissue: Tissue, memory: float = 256.0, contact: bool = True) -> None:
         if not (np.isfinite(memory) and memory > 0):
             raise DataError(f"memory: {memory} MB; give how much the tables may take, such as 256")
         self.elements = self._finite_elements(tissue)
@@ -55,7 +65,15 @@ class ComplianceModel(TissueModel):
         self._free[~tissue.held] = np.arange(np.count_nonzero(~tissue.held))
         shown = displayed_nodes(tissue.mesh)
         self.vertices: Int32 = shown[~tissue.held[shown]]
-        super().__init__(tissue, self._in_time(tissue, int(memory * 2**20)))
+        if contact and isinstance(tissue.mesh, CutMesh) and not tissue.time_dependent:
+            self.gaps = self._lips(tissue.mesh)
+        super().__init__(tissue, self._in_time(tissue, int(memory * 2**20)), {} if contact else {"contact": 0.0})
+
+    def _lips(self, mesh: CutMesh) -> GapContact | None:
+        N = lip_gaps(mesh)[np.repeat(self._free >= 0, 3)]
+        opens = np.sqrt(N.power(2).sum(axis=0)) > NO_GAP
+        N = csr_array(N[:, np.flatnonzero(opens)])
+        return GapContact(self.factors, N, np.zeros(N.shape[1])) if N.shape[1] else None
 
     def _finite_elements(self, tissue: Tissue) -> FiniteElements:
         return FiniteElements(tissue, nodal_element(tissue))
@@ -65,6 +83,9 @@ class ComplianceModel(TissueModel):
         body = (self._free, self.vertices, tissue.mesh.nodes, budget)
         if tissue.relaxation is None or tissue.relaxes_alike:
             one = tissue.relaxation
+            if self.gaps is not None:
+                gaps = self.gaps.native(self._free[self.vertices])
+                return _core.compliance.ComplianceModel(self.factors.native, *body, gaps)
             table = one.table() if isinstance(one, Relaxation) else np.empty((0, 2))
             in_time = table if tissue.inertia is None else self._modes(tissue, tissue.inertia, table)
             return _core.compliance.ComplianceModel(self.factors.native, *body, in_time)
@@ -94,13 +115,33 @@ class ComplianceModel(TissueModel):
     ) -> tuple[Float64, float, int]:
         """Directly: the patches' compliance C = WᵀK⁻¹W, the forces by it, then their field, whose error is certified."""
         nodes, load = self.loads(found)
-        force = found.forces(self.compliance(found)).ravel()
         whole = np.zeros((len(self.places), 3))
-        whole[nodes] = (load @ force).reshape(-1, 3)
+        if self.gaps is None:
+            force = found.forces(self.compliance(found)).ravel()
+        else:
+            force, pressed = self._with_gaps(found, nodes, load)
+            whole += (self.gaps.N @ pressed).reshape(-1, 3)
+        whole[nodes] += (load @ force).reshape(-1, 3)
         u = self.factors.solve(whole.ravel())
         state.u[:] = 0
         state.u[~self.tissue.held] = u.reshape(-1, 3)
         return -force.reshape(-1, 3), self._certified_error(u, whole.ravel()), 0
+
+    def _with_gaps(self, found: Contacts, nodes: Int32, load: Float64) -> tuple[Float64, Float64]:
+        """(3m,) N of the tools on the tissue, and (g,) N in the gaps."""
+        assert self.gaps is not None
+        unknowns = (3 * nodes[:, None] + np.arange(3)).ravel()
+        unit = np.zeros((3 * len(self.places), load.shape[1]))
+        unit[unknowns] = load
+        moved = self.factors.solve(unit)
+        C = load.T @ moved[unknowns]
+        C = (C + C.T) / 2
+
+        def tools(displacement: Float64) -> Float64:
+            return replace(found, displacement=displacement).forces(C)
+
+        force, pressed = self.gaps.forces(C, moved, found.displacement, tools)
+        return force.ravel(), pressed
 
     def model_errors(self, u: Float64, found: Contacts, force: Float64) -> tuple[float, float | None]:
         """What the mesh and linear strain make of the force (m, 3) N of the tools on the tissue, relative to it."""

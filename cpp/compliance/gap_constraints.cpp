@@ -1,0 +1,98 @@
+#include "compliance/gap_constraints.h"
+#include "base/cpu_dispatch.h"
+#include <algorithm>
+
+namespace palpate {
+namespace {
+
+// A tool whose patch all but is the surface of a gap moves both as it likes: no force can open that gap.
+constexpr float least_pivot = 1e-4f; // of the gap's own compliance
+
+PALPATE_KERNEL void add_scaled(const float* x, float a, int n, float* y) {
+    for (int k = 0; k < n; k++) y[k] += a * x[k];
+}
+
+PALPATE_KERNEL float dot_product(const float* x, const float* y, int n) {
+    constexpr int lanes = 16; // rows are of whole cache lines
+    float sum[lanes] = {};
+    for (int k = 0; k < n; k += lanes)
+        for (int l = 0; l < lanes; l++) sum[l] += x[k + l] * y[k + l];
+    float all = 0;
+    for (float one : sum) all += one;
+    return all;
+}
+
+} // namespace
+
+void GapConstraints::add_displacement(const float* p, float* out) const {
+    for (size_t k = 0; k < response.size() / stride; k++) out[k] += dot_product(&response[k * stride], p, stride);
+}
+
+void GapConstraints::add_load(const double* p, double* load) const {
+    for (int i = 0; i < count; i++)
+        for (int k = first[i]; k < first[i + 1]; k++)
+            for (int c = 0; c < 3; c++) load[3 * size_t(node[k]) + c] += p[i] * share[3 * size_t(k) + c];
+}
+
+GapSolver::GapSolver(const GapConstraints& gaps, int patches)
+    : gaps(gaps), moved(3 * size_t(patches) * gaps.stride), stiff(moved.size()), matrix(gaps.between.size()),
+      gap(gaps.stride), known(gaps.count) {}
+
+void GapSolver::set_patch(int patch, const int* vertices, const double* weight, int count) {
+    const size_t stride = gaps.stride, three = 3 * stride;
+    float* out = &moved[three * patch];
+    std::fill_n(out, three, 0.0f);
+    for (int i = 0; i < count; i++)
+        if (weight[i] != 0) add_scaled(&gaps.response[three * vertices[i]], float(weight[i]), int(three), out);
+}
+
+void GapSolver::patch_displacement(int patch, const double* p, double out[3]) const {
+    for (int c = 0; c < 3; c++) {
+        out[c] = 0;
+        for (int i = 0; i < gaps.count; i++) out[c] += double(moved[size_t(3 * patch + c) * gaps.stride + i]) * p[i];
+    }
+}
+
+const float* GapSolver::row(int i, int n) {
+    float* out = &matrix[size_t(i) * gaps.stride];
+    if (known[i]) return out;
+    known[i] = 1;
+    std::copy_n(&gaps.between[size_t(i) * gaps.stride], gaps.stride, out);
+    for (int k = 0; k < n; k++) {
+        const size_t at = size_t(k) * gaps.stride;
+        add_scaled(&moved[at], -stiff[at + i], gaps.stride, out);
+    }
+    return out;
+}
+
+void GapSolver::solve(const double* stiffness, const double* displacement, int n, int sweeps, double* p) {
+    const int stride = gaps.stride;
+    std::fill(known.begin(), known.end(), uint8_t(0));
+    std::fill_n(stiff.begin(), size_t(n) * stride, 0.0f);
+    for (int i = 0; i < gaps.count; i++) gap[i] = float(gaps.rest[i]);
+    for (int k = 0; k < n; k++) {
+        float* out = &stiff[size_t(k) * stride];
+        for (int c = 0; c < n; c++) add_scaled(&moved[size_t(c) * stride], float(stiffness[n * k + c]), stride, out);
+        add_scaled(out, float(displacement[k]), stride, gap.data());
+    }
+    for (int i = 0; i < gaps.count; i++)
+        if (p[i] != 0) add_scaled(row(i, n), float(p[i]), stride, gap.data());
+    for (int sweep = 0; sweep < sweeps; sweep++) {
+        bool changed = false;
+        for (int k = 0; k < gaps.count; k++) {
+            const int i = sweep % 2 == 0 ? k : gaps.count - 1 - k;
+            if (p[i] == 0 && gap[i] >= 0) continue;
+            const float* m = row(i, n);
+            if (!(m[i] > least_pivot * gaps.between[size_t(i) * stride + i])) continue;
+            const double next = std::max(0.0, p[i] - double(gap[i]) / double(m[i]));
+            const double step = next - p[i];
+            if (step == 0) continue;
+            add_scaled(m, float(step), stride, gap.data());
+            p[i] = next;
+            changed = true;
+        }
+        if (!changed) break;
+    }
+}
+
+} // namespace palpate

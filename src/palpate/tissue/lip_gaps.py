@@ -1,0 +1,73 @@
+"""The gap between the lips of a cut, node by node."""
+
+import numpy as np
+from scipy.sparse import coo_array, csr_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from palpate.arrays import Float64, Int64
+from palpate.meshes.cutting.cut_mesh import CutMesh
+
+SAME = 1e-8  # of the body's size: vertices that are nearer to each other are at one place
+
+
+def lip_gaps(mesh: CutMesh) -> csr_array:
+    """(3N, g) N: the weighted mean of the gap over each part of the cut, from the displacement (N, 3) of the nodes.
+
+    A node of the mesh before, of which the two lips have two copies, has a part of the cut: its weight is the node's own
+    shape function, so the means are those of a mortar method. With it the jump of the displacement along the normal is
+    integrated over the faces of the cut (one point a corner). At rest all gaps are 0.
+    """
+    skin, places = mesh.skin, mesh.places
+    front, back = _opposite(
+        skin.triangles[skin.lip].astype(np.int64), places, SAME * float(np.ptp(mesh.nodes, axis=0).max())
+    )
+    a, b, c = places[front].swapaxes(0, 1)
+    normal = np.cross(b - a, c - a) / 6  # a third of the area: of a corner. Out of the front, into the back
+    vertex, other = front.ravel(), back.ravel()
+    normal = np.repeat(normal, 3, axis=0)
+    nodes, weight = mesh.tets[skin.tet].astype(np.int64), skin.weight
+    origin = mesh.origin.astype(np.int64)
+    # The copies of one node that move a front corner and the back corner opposite.
+    point, i, j = np.nonzero(
+        (origin[nodes[vertex]][:, :, None] == origin[nodes[other]][:, None, :])
+        & (weight[vertex][:, :, None] > 0)
+        & (weight[other][:, None, :] > 0)
+    )
+    first, second = nodes[vertex[point], i], nodes[other[point], j]
+    apart = first != second  # at the blade's tip they are one
+    point, i, first, second = point[apart], i[apart], first[apart], second[apart]
+    if len(point) == 0:
+        return csr_array((3 * len(mesh.nodes), 0))
+    pair = np.sort(np.stack([first, second], axis=1), axis=1)
+    number, gap = np.unique(pair, axis=0, return_inverse=True)
+    share = weight[vertex[point], i]
+    size = np.bincount(gap, share * np.linalg.norm(normal[point], axis=1))
+    pressed = (share / size[gap])[:, None] * normal[point]  # (p, 3)
+    rows, values = [], []
+    for nodal, by, sign in (
+        (nodes[vertex[point]], weight[vertex[point]], -1),
+        (nodes[other[point]], weight[other[point]], 1),
+    ):
+        rows.append(3 * nodal[:, :, None] + np.arange(3))
+        values.append(sign * by[:, :, None] * pressed[:, None])
+    columns = np.broadcast_to(gap[:, None, None], rows[0].shape)
+    at = (np.concatenate([r.ravel() for r in rows]), np.tile(columns.ravel(), 2))
+    return csr_array(
+        coo_array((np.concatenate([v.ravel() for v in values]), at), shape=(3 * len(mesh.nodes), len(number)))
+    )
+
+
+def _opposite(triangles: Int64, places: Float64, tolerance: float) -> tuple[Int64, Int64]:
+    """(n, 3) and (n, 3): each face of one lip, and the vertices of the other lip at the same places."""
+    i, j = cKDTree(places).query_pairs(tolerance, output_type="ndarray").T
+    size = (len(places), len(places))
+    place = connected_components(coo_array((np.ones(len(i)), (i, j)), size), directed=False)[1].astype(np.int64)
+    order = np.argsort(place[triangles], axis=1, kind="stable")
+    turned = np.take_along_axis(triangles, order, axis=1)
+    _, group, count = np.unique(place[turned], axis=0, return_inverse=True, return_counts=True)
+    double = np.flatnonzero(count[group.ravel()] == 2)
+    one, two = double[np.argsort(group.ravel()[double], kind="stable")].reshape(-1, 2).T
+    front, back = triangles[one], turned[two]
+    rank = np.argsort(order[one], axis=1, kind="stable")  # corners of the back in the order of the front's
+    return front, np.take_along_axis(back, rank, axis=1)
