@@ -173,6 +173,7 @@ from .tissue.indentation_curve import read_indentation as read_indentation
 from .tissue.interval_correction import IntervalCorrection as IntervalCorrection
 from .tissue.io import read_tissue as read_tissue
 from .tissue.io import write_tissue as write_tissue
+from .tissue.joined_tissues import join_tissues as join_tissues
 from .tissue.lump_detectability import force_map as force_map
 from .tissue.lump_detectability import lump_map as lump_map
 from .tissue.lump_sampling import lump_uncertainty as lump_uncertainty
@@ -183,6 +184,7 @@ from .tissue.named_tissues import tissue_properties as tissue_properties
 from .tissue.reference.solver import finite_elements as finite_elements
 from .tissue.reference.solver import finite_strain as finite_strain
 from .tissue.relaxation import Relaxation as Relaxation
+from .tissue.scene_file import read_scene as read_scene
 from .tissue.spring_fitting import fit as fit
 from .tissue.stiffness_map import stiffness_from_map as stiffness_from_map
 from .tissue.tissue import SpringLaw as SpringLaw

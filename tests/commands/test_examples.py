@@ -100,6 +100,19 @@ def test_mesh_fit_and_touch(folder):
     assert pp.read_record(folder / "session.h5").length > 0
 
 
+def test_scene(folder):
+    """With the file in the help."""
+    text = ended("scene --help", Path.cwd())[1]
+    lines = [line.strip() for line in text.splitlines()]
+    first = lines.index("palpate scene: 1")
+    last = next(k for k in range(first, len(lines)) if lines[k].startswith("bones:"))
+    inner = ("liver", "stomach")
+    indented = [f"  {line}" if line.startswith(inner) else line for line in lines[first : last + 1]]
+    (folder / "abdomen.yaml").write_text("\n".join(indented))
+    assert "3 organs and bones of" in done("scene", folder)
+    assert pp.read_tissue(folder / "abdomen.vtu").mesh.names == {5: "liver", 6: "stomach", 31: "vertebrae_L1"}
+
+
 def test_demo_as_far_as_its_first_file(folder):
     """All of it is run by the tests of the demos."""
     code, _, said = interrupted(start(example("demo"), folder), (folder / "demo" / "scan.h5").exists)

@@ -60,7 +60,8 @@ function show(data: ArrayBuffer, cut = false): void {
   const rest = new Float32Array(data.slice(4 + header, 4 + header + 12 * scene.nodes));
   const arrays = scene.gapes ? 2 : 1, open = rest.slice();
   if (scene.gapes) new Float32Array(data.slice(4 + header + 12 * scene.nodes, 4 + header + 24 * scene.nodes)).forEach((x, i) => (open[i] += x));
-  const triangles = new Uint32Array(data.slice(4 + header + 12 * arrays * scene.nodes));
+  const at = 4 + header + 12 * arrays * scene.nodes, end = at + 12 * scene.triangles;
+  const triangles = new Uint32Array(data.slice(at, end)), beside = scene.beside.length ? new Uint32Array(data.slice(end)) : null;
   const outer = scene.parts.find((p) => !p.inside) ?? scene.parts[0];
   const surface = triangles.subarray(3 * outer.first, 3 * (outer.first + outer.count));
   const unitNormals = new Float32Array(rest.length);
@@ -68,7 +69,7 @@ function show(data: ArrayBuffer, cut = false): void {
   normals(rest, surface, unitNormals);
   normalize(unitNormals);
   const edges = uniqueEdges(triangles, outer.first, outer.count);
-  organ = { scene, rest, open, triangles, normals: unitNormals, edges, rims: borderEdges(surface, scene.lips[0]) };
+  organ = { scene, rest, open, triangles, beside, normals: unitNormals, edges, rims: borderEdges(surface, scene.lips[0]) };
   colorMap = new ColorMap(organ, surface, ends);
   colorMap.mode = mode;
   normalSums = new Float32Array(rest.length);

@@ -23,6 +23,7 @@ COMMANDS = (
     "segment",
     "mesh",
     "fit",
+    "scene",
     "cut",
     "indent",
     "touch",

@@ -1,11 +1,12 @@
 """The surfaces that a display draws: the mesh's own, those of the regions inside, and the lips of cuts."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from palpate.arrays import Float32, Float64, Int32, Int64
 from palpate.meshes.cutting.cut_mesh import CutMesh
+from palpate.meshes.separate_organs import main_regions, organs
 from palpate.meshes.tet_mesh import TetMesh, boundary_faces
 
 
@@ -28,6 +29,7 @@ class DisplayedSurface:
     by label; lips have vertices of their own so that their rim is sharp. S where there are none. carrier, weight: (S, 4)
     which of `nodes` move each vertex, and how much; None where the vertices are the nodes. gape: (S, 3) mm, how far the
     vertices have gone from their places before anything touches them, since a tension has opened the cuts; None: not at all.
+    beside: names of the organs, where several lie beside each other, and organ: (S,) to which of them each vertex belongs.
     """
 
     nodes: Int32
@@ -38,6 +40,8 @@ class DisplayedSurface:
     carrier: Int64 | None = None
     weight: Float32 | None = None
     gape: Float32 | None = None
+    beside: tuple[str, ...] = ()
+    organ: Int32 | None = None
 
     def carried(self, values: Float32) -> Float32:
         """(S, 3) at the vertices, of values (n, 3) at the nodes."""
@@ -52,12 +56,21 @@ def displayed_surface(mesh: TetMesh, regions: bool = True) -> DisplayedSurface:
         return _of_cut(mesh, displayed_nodes(mesh))
     nodes = displayed_nodes(mesh) if regions else mesh.surface_nodes
     drawn = [("organ", mesh.surface, False)]
-    inside = region_faces(mesh) if regions else {}
+    inside = inner_faces(mesh) if regions else {}
     drawn += [(mesh.names.get(k, f"region {k}"), faces, True) for k, faces in inside.items()]
     first = np.concatenate([[0], np.cumsum([len(faces) for _, faces, _ in drawn])])
     parts = tuple(Part(name, int(first[i]), len(faces), inside) for i, (name, faces, inside) in enumerate(drawn))
     triangles = np.searchsorted(nodes, np.concatenate([faces for _, faces, _ in drawn])).astype(np.int32)
-    return DisplayedSurface(nodes, mesh.nodes[nodes], triangles, parts, (len(nodes),))
+    drawn_of = DisplayedSurface(nodes, mesh.nodes[nodes], triangles, parts, (len(nodes),))
+    return _with_organs(drawn_of, mesh, organs(mesh)[nodes])
+
+
+def _with_organs(drawn: DisplayedSurface, mesh: TetMesh, organ: Int32) -> DisplayedSurface:
+    """With the names of organs beside each other, and which of them each vertex (S,) belongs to."""
+    main = main_regions(mesh)
+    if len(main) < 2:
+        return drawn
+    return replace(drawn, beside=tuple(mesh.names.get(label, f"region {label}") for label in main), organ=organ)
 
 
 def _of_cut(mesh: CutMesh, nodes: Int32) -> DisplayedSurface:
@@ -68,7 +81,7 @@ def _of_cut(mesh: CutMesh, nodes: Int32) -> DisplayedSurface:
     twice = skin.triangles + count * np.where(skin.lip[:, None], 1 + place[skin.triangles], 0)
     used, numbered = np.unique(twice, return_inverse=True)
     vertex = used % count
-    return DisplayedSurface(
+    drawn = DisplayedSurface(
         nodes,
         mesh.places[vertex],
         numbered.reshape(-1, 3).astype(np.int32),
@@ -77,21 +90,30 @@ def _of_cut(mesh: CutMesh, nodes: Int32) -> DisplayedSurface:
         np.minimum(np.searchsorted(nodes, mesh.tets[skin.tet[vertex]]), len(nodes) - 1),  # of weight 0 where not there
         skin.weight[vertex].astype(np.float32),
     )
+    return _with_organs(drawn, mesh, organs(mesh)[mesh.tets[skin.tet[vertex], 0]])
 
 
 def displayed_nodes(mesh: TetMesh) -> Int32:
     """Sorted nodes that move what a display draws: on the surface, or between two regions."""
     if isinstance(mesh, CutMesh):
         return mesh.surface_nodes
-    nodes = [mesh.surface.ravel(), *(faces.ravel() for faces in region_faces(mesh).values())]
+    nodes = [mesh.surface.ravel(), *(faces.ravel() for faces in inner_faces(mesh).values())]
     return np.unique(np.concatenate(nodes)).astype(np.int32)
+
+
+def inner_faces(mesh: TetMesh) -> dict[int, Int32]:
+    """Triangles around each region inside an organ, by label: all but the largest of each organ."""
+    main = main_regions(mesh)
+    return {label: _around(mesh, label) for label in _by_size(mesh) if label not in main}
+
+
+def _around(mesh: TetMesh, label: int) -> Int32:
+    return boundary_faces(np.ascontiguousarray(mesh.tets[mesh.region == label]))
 
 
 def region_faces(mesh: TetMesh) -> dict[int, Int32]:
     """Triangles around each region inside another, by label: all regions but the largest."""
-    return {
-        label: boundary_faces(np.ascontiguousarray(mesh.tets[mesh.region == label])) for label in _by_size(mesh)[1:]
-    }
+    return {label: _around(mesh, label) for label in _by_size(mesh)[1:]}
 
 
 def _by_size(mesh: TetMesh) -> list[int]:

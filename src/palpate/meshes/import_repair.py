@@ -17,8 +17,11 @@ SAME = 1e-6  # of the median edge: nodes closer than this are one
 FLAT = ("vertex", "line", "triangle", "quad", "polygon")  # how meshio's names of cells without volume begin
 
 
-def repair_mesh(stored: Any) -> tuple[TetMesh, list[str]]:
-    """The mesh in what meshio read, and notes on the repairs. Raises `MeshError` and `DataError`."""
+def repair_mesh(stored: Any, organs: bool = False) -> tuple[TetMesh, list[str]]:
+    """The mesh in what meshio read, and notes on the repairs. Raises `MeshError` and `DataError`.
+
+    organs: parts that touch are organs beside each other, and stay apart.
+    """
     notes: list[str] = []
     blocks, tets = _tets(stored, notes)
     nodes = float64("nodes", stored.points, (None, 3))
@@ -30,7 +33,8 @@ def repair_mesh(stored: Any) -> tuple[TetMesh, list[str]]:
             f"the file is damaged: write it again"
         )
     region = _region(stored, blocks)
-    tets, region = _merged(nodes, tets, region, notes)
+    if not organs:
+        tets, region = _merged(nodes, tets, region, notes)
     volume = signed_volumes(nodes, tets)
     inverted = volume < 0
     if inverted.any():
@@ -41,7 +45,7 @@ def repair_mesh(stored: Any) -> tuple[TetMesh, list[str]]:
     mesh = TetMesh(nodes[used], index.reshape(tets.shape), region, region_names(stored, region))
     _check_surface(mesh)
     _check_folds(mesh)
-    _notes(mesh, notes)
+    _notes(mesh, notes, organs)
     return mesh, notes
 
 
@@ -97,10 +101,10 @@ def _merged(nodes: Float64, tets: Int64, region: Int64, notes: list[str]) -> tup
     return tets[~collapsed], region[~collapsed]
 
 
-def _notes(mesh: TetMesh, notes: list[str]) -> None:
+def _notes(mesh: TetMesh, notes: list[str], organs: bool) -> None:
     """Notes on what is valid but may not be intended."""
     count, part = parts(mesh.tets)
-    if count > 1:
+    if count > 1 and not organs:
         volume = np.sort(np.bincount(part, weights=mesh.volumes))[::-1]
         sizes = ", ".join(f"{v / volume.sum():.1%}" for v in volume[:4]) + ", ..." * (count > 4)
         notes.append(f"{count} parts that no face joins ({sizes} of the volume); each moves by itself")

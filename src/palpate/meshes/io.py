@@ -127,14 +127,17 @@ def is_cut(stored: Any) -> bool:
     return "share" in stored.cell_data and "skin tet" in stored.field_data
 
 
-def repaired(path: Path, stored: Any) -> TetMesh:
-    """The mesh in what `read_stored` gave, with a warning for each repair. Raises `MeshError` and `DataError`."""
+def repaired(path: Path, stored: Any, organs: bool = False) -> TetMesh:
+    """The mesh in what `read_stored` gave, with a warning for each repair. Raises `MeshError` and `DataError`.
+
+    organs: as for `repair_mesh`.
+    """
     if is_cut(stored):
         raise MeshError(
             f"{path}: is a tissue that has been cut, and no mesh to begin with; take the tissue before the cut"
         )
     try:
-        mesh, notes = repair_mesh(stored)
+        mesh, notes = repair_mesh(stored, organs)
     except (MeshError, DataError) as problem:
         raise type(problem)(f"{path}: {problem}") from None
     for note in notes:

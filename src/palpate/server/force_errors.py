@@ -43,6 +43,7 @@ class ForceErrors:
         if (
             not isinstance(model, ComplianceModel)
             or isinstance(model.tissue.mesh, CutMesh)
+            or model.gaps is not None
             or monotonic() < self._due
             or (self.task and not self.task.done())
         ):

@@ -185,7 +185,8 @@ class Scene:
     """Server to page, once: a 32-bit length, then JSON of that length, padded with blanks to a multiple of 4 bytes.
 
     Then (nodes, 3) float32 mm at rest, then, if it gapes, (nodes, 3) float32 mm from there to where tension at rest has
-    opened the cuts, then (triangles, 3) 32-bit integers, normals outwards. reach: mm, the longest
+    opened the cuts, then (triangles, 3) 32-bit integers, normals outwards, then, if organs lie beside each other, (nodes)
+    32-bit integers, to which of them each node belongs. beside: their names, else empty. reach: mm, the longest
     displacement that a tool may ask for. limit: N, the largest force on a device. front: radians about z from -y
     towards +x, the direction from which the organ is first seen. models, organs: what can be selected while the session
     runs; organ: the index of this one. task: the trainee's task, or empty. reason: why the session begins with its model,
@@ -202,6 +203,7 @@ class Scene:
     parts: list[Part]
     gapes: bool
     lips: list[int]
+    beside: list[str]
     body: int
     made: int
     depth: float

@@ -84,6 +84,9 @@ class ReferenceComparison:
             self._without_reference = tissue
             return None
         assert isinstance(exact, ComplianceModel)
+        if exact.gaps is not None:  # its factors alone know of no contact between organs
+            self._without_reference = tissue
+            return None
         return exact
 
 

@@ -54,6 +54,7 @@ def scene_bytes(
         parts=list(drawn.parts),
         gapes=drawn.gape is not None,
         lips=list(drawn.lips),
+        beside=list(drawn.beside),
         body=session.bodies,
         made=session.cuts,
         depth=depth,
@@ -78,4 +79,5 @@ def scene_bytes(
     text += b" " * (-len(text) % 4)
     places = [drawn.places] if drawn.gape is None else [drawn.places, drawn.gape]
     arrays = [*(np.asarray(one, "<f4") for one in places), drawn.triangles.astype("<u4")]
+    arrays += [] if drawn.organ is None else [drawn.organ.astype("<u4")]
     return struct.pack("<I", len(text)) + text + b"".join(one.tobytes() for one in arrays)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.errors import DataError
-from palpate.meshes.display_surfaces import region_faces
+from palpate.meshes.display_surfaces import inner_faces
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.tissue.tissue import Tissue
 
@@ -75,7 +75,7 @@ def target_of(task: Task, tissue: Tissue) -> int | None:
     """The label of the region that is sought; None if none is. Raises `DataError` if it is not there."""
     if task.kind == "touch":
         return None
-    mesh, inner = tissue.mesh, list(region_faces(tissue.mesh))
+    mesh, inner = tissue.mesh, list(inner_faces(tissue.mesh))
     if not inner:
         raise DataError(f"task {task.kind}: the tissue is all one region, so there is no lump in it; mesh one with it")
     if not task.target:

@@ -29,7 +29,10 @@ def session_of(tissue: Tissue, radius: float | None = None) -> Session:
     ):
         if found:
             raise MaterialError(f"export: the engine of the page does not have {what}, or serve it: palpate touch")
-    return Session(ComplianceModel(tissue), radius=radius, sweeps=1)
+    model = ComplianceModel(tissue)
+    if model.gaps is not None:
+        raise MaterialError("export: the engine of the page does not have organs that touch; serve it: palpate touch")
+    return Session(model, radius=radius, sweeps=1)
 
 
 def organ_data(session: Session, title: str, task: str = "") -> bytes:

@@ -106,7 +106,7 @@ def read_tissue(path: str | Path) -> Tissue:
             f"{path}: tissue is kept as .vtu; make it so: palpate fit {quote(str(path))} --young 5 -o tissue.vtu"
         )
     stored = read_stored(path)
-    mesh = None if is_cut(stored) else repaired(path, stored)
+    mesh = None if is_cut(stored) else repaired(path, stored, organs=True)
     fields = {name: values[0] for name, values in stored.cell_data.items()}
     missing = [n for n in ("young", "poisson") if n not in fields] + ["fixed"] * ("fixed" not in stored.point_data)
     if missing or _TEXT not in stored.field_data:

@@ -17,6 +17,8 @@ const PLAIN_RGBA = [143, 51, 43, 255]; // linear light
 const LIP_RGBA = [115, 9, 11, 255]; // linear light: fresh tissue on the lips of cuts
 /** Of the regions inside, in their order. */
 export const INNER_COLORS = [0x5a3fc0, 0x0a7f6a, 0xb8860b];
+/** Of organs beside each other, in their order. */
+export const ORGAN_COLORS = [0x9a4a3c, 0xb98a4e, 0x7d4a73, 0xc07a86, 0x8a8a4a, 0xcbbfa6, 0x5f7f8c, 0xa86a3a];
 const BEYOND_RGBA = [255, 0, 110, 255]; // linear light: a pink that the scale does not hold
 
 // Samples of viridis (Smith & van der Walt 2015), from low to high: readable in gray and by the color-blind.
@@ -55,7 +57,7 @@ export class ColorMap {
   /** Writes the colors of all nodes and returns the scale. model: the name of the one that moves them. */
   apply(positions: Float32Array, model: string, out: Uint8Array<ArrayBuffer>): Scale {
     const { mode } = this, found = this.evaluate(positions);
-    if (!found) return fillPlain(out, this.organ.scene.lips);
+    if (!found) return fillPlain(out, this.organ);
     const { values, range } = found, unit = mode === "strain" ? 0.01 : 1; // strains are ratios, but shown in %
     const ends = this.ends[mode] ?? range, limit = mode === "strain" ? (VALID_STRAIN[model] ?? null) : null;
     mapColors(values, unit * ends[0], unit * ends[1], unit * (limit ?? Infinity), out);
@@ -78,12 +80,14 @@ const PLAIN = new Uint32Array(Uint8Array.from(PLAIN_RGBA).buffer)[0];
 const linear = (color: number): number[] => [color >> 16, (color >> 8) & 255, color & 255].map((c) => Math.round(255 * (c / 255) ** 2.2));
 /** Of the lips of cuts: in the organ, then in the regions inside. */
 const LIPS = [LIP_RGBA, ...INNER_COLORS.map((color) => [...linear(color), 255])].map((rgba) => new Uint32Array(Uint8Array.from(rgba).buffer)[0]);
+const ORGANS = ORGAN_COLORS.map((color) => new Uint32Array(Uint8Array.from([...linear(color), 255]).buffer)[0]);
 const BEYOND = new Uint32Array(Uint8Array.from(BEYOND_RGBA).buffer)[0];
 const TABLE = new Uint32Array(VIRIDIS_RGBA.buffer);
 
-function fillPlain(out: Uint8Array<ArrayBuffer>, lips: number[]): null {
+function fillPlain(out: Uint8Array<ArrayBuffer>, { beside, scene: { lips } }: Organ): null {
   const colors = new Uint32Array(out.buffer);
-  colors.fill(PLAIN);
+  if (beside) beside.forEach((organ, i) => (colors[i] = ORGANS[organ % ORGANS.length]));
+  else colors.fill(PLAIN);
   lips.forEach((first, i) => colors.fill(LIPS[i === 0 ? 0 : 1 + ((i - 1) % INNER_COLORS.length)], first));
   return null;
 }

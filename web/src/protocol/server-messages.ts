@@ -272,6 +272,7 @@ export interface Scene {
   parts: Part[];
   gapes: boolean;
   lips: number[];
+  beside: string[];
   body: number;
   made: number;
   depth: number;

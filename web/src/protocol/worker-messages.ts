@@ -2,12 +2,13 @@
 import type { Difference, Frame, Mark, Scalpel, Scene, Selection, ToolCommand } from "./server-messages";
 
 /** The scene's arrays: nodes at rest (mm), where they are drawn then (`open`: cuts gape), triangles, unit normals at rest, and the edges of the outer surface, and
- * of the lips of cuts, as pairs of nodes. */
+ * of the lips of cuts, as pairs of nodes. beside: the organ of each node, where there are several. */
 export interface Organ {
   scene: Scene;
   rest: Float32Array<ArrayBuffer>;
   open: Float32Array<ArrayBuffer>;
   triangles: Uint32Array<ArrayBuffer>;
+  beside: Uint32Array<ArrayBuffer> | null;
   normals: Float32Array<ArrayBuffer>;
   edges: Uint32Array<ArrayBuffer>;
   rims: Uint32Array<ArrayBuffer>;

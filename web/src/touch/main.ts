@@ -116,6 +116,7 @@ function describe(scene: Scene): void {
   const about = [`${scene.elements.toLocaleString("en")} tetrahedra`];
   if (scene.models.length < 2) about.push(`model ${scene.model}`);
   if (scene.made) about.push(scene.made > 1 ? `${scene.made} cuts` : "1 cut");
+  if (scene.beside.length) about.push(scene.beside.join(", "));
   if (inside.length) about.push(`inside: ${inside.join(", ")}`);
   if (scene.replay) about.push("replay");
   write("about", about.join(" · "));

@@ -1,10 +1,11 @@
 """Model `compliance`: linear finite elements by cached Green's functions."""
 
+import warnings
 from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import bsr_array, csr_array, eye_array
+from scipy.sparse import bsr_array, csr_array, eye_array, hstack
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from palpate import _core
@@ -14,10 +15,11 @@ from palpate.meshes.cutting.cut_mesh import CutMesh
 from palpate.meshes.display_surfaces import displayed_nodes
 from palpate.tissue.contact_patches import Contacts
 from palpate.tissue.error_bound import relative
-from palpate.tissue.gap_contact import GapContact
+from palpate.tissue.gap_contact import MOST_GAPS, GapContact
 from palpate.tissue.linearisation_error import MOST_CONTACTS, LinearisationError
 from palpate.tissue.lip_gaps import lip_gaps
 from palpate.tissue.models.tissue_model import TissueModel, nodal_element
+from palpate.tissue.organ_gaps import organ_gaps
 from palpate.tissue.reference.linear_elasticity import FiniteElements
 from palpate.tissue.regional_relaxation import CreepFit, creep_of
 from palpate.tissue.relaxation import Relaxation
@@ -41,8 +43,8 @@ class ComplianceModel(TissueModel):
     says how far that is off. If it has inertia, the loop moves
     it in its lowest modes, and adds what the others give (residual flexibility) with a lag.
 
-    contact: whether the lips of cuts press on each other where they meet, without friction (`GapContact`); they do not in
-    tissue that relaxes or has inertia.
+    contact: whether the lips of cuts, and organs beside each other, press on each other where they meet, without friction
+    (`GapContact`); they do not in tissue that relaxes or has inertia.
 
     Raises `MaterialError` if the stiffness is not positive definite, `DataError` on a memory that is not positive.
     """
@@ -65,15 +67,28 @@ class ComplianceModel(TissueModel):
         self._free[~tissue.held] = np.arange(np.count_nonzero(~tissue.held))
         shown = displayed_nodes(tissue.mesh)
         self.vertices: Int32 = shown[~tissue.held[shown]]
-        if contact and isinstance(tissue.mesh, CutMesh) and not tissue.time_dependent:
-            self.gaps = self._lips(tissue.mesh)
+        if contact and not tissue.time_dependent:
+            self.gaps = self._gaps(tissue)
+        self.linear_elasticity = self.gaps is None
         super().__init__(tissue, self._in_time(tissue, int(memory * 2**20)), {} if contact else {"contact": 0.0})
 
-    def _lips(self, mesh: CutMesh) -> GapContact | None:
-        N = lip_gaps(mesh)[np.repeat(self._free >= 0, 3)]
-        opens = np.sqrt(N.power(2).sum(axis=0)) > NO_GAP
-        N = csr_array(N[:, np.flatnonzero(opens)])
-        return GapContact(self.factors, N, np.zeros(N.shape[1])) if N.shape[1] else None
+    def _gaps(self, tissue: Tissue) -> GapContact | None:
+        """Between the lips of cuts, and between organs; None if nothing can meet."""
+        N, rest = organ_gaps(tissue.mesh)
+        if isinstance(tissue.mesh, CutMesh):
+            lips = lip_gaps(tissue.mesh)
+            N, rest = csr_array(hstack([N, lips])), np.concatenate([rest, np.zeros(lips.shape[1])])
+        N = N[np.repeat(~tissue.held, 3)]
+        opens = np.flatnonzero(np.sqrt(N.power(2).sum(axis=0)) > NO_GAP)
+        if len(opens) == 0:
+            return None
+        if len(opens) > MOST_GAPS:
+            opens = np.sort(opens[np.argsort(rest[opens], kind="stable")[:MOST_GAPS]])
+            warnings.warn(
+                f"contact: surfaces more than {rest[opens].max():.2g} mm apart at rest do not meet in this model",
+                stacklevel=3,
+            )
+        return GapContact(self.factors, csr_array(N[:, opens]), np.maximum(rest[opens], 0))
 
     def _finite_elements(self, tissue: Tissue) -> FiniteElements:
         return FiniteElements(tissue, nodal_element(tissue))

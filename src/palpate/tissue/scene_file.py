@@ -1,0 +1,149 @@
+"""A scene: several organs that touch, described in a YAML file."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate.bounded_read import read_text
+from palpate.errors import DataError, PalpateError
+from palpate.meshes.tet_mesh import TetMesh
+from palpate.meshes.tetrahedralize import tetrahedralize
+from palpate.scans.bounded_yaml import yaml_in
+from palpate.tissue.boundary_conditions import resting_on
+from palpate.tissue.io import read_tissue
+from palpate.tissue.joined_tissues import join_tissues
+from palpate.tissue.named_tissues import named_materials, poisson_of, young_of
+from palpate.tissue.tissue import Tissue
+from palpate.volumes.io import read_labels
+from palpate.volumes.volume import Labels
+
+KIND, VERSION = "palpate scene", 1
+KEYS = ("labels", "organs", "bones")
+ORGAN_KEYS = ("young", "tissue", "poisson", "edge", "towards", "depth", "keep")
+EDGE, TOWARDS, DEPTH = 6.0, (0.0, 1.0, 0.0), 0.2  # mm; of a patient who lies on the back; of the organ's extent
+
+
+def read_scene(path: str | Path) -> Tissue:
+    """Read several organs that touch each other, as one tissue.
+
+    The file lists tissues, or organs of a label map, which are meshed:
+
+    .. code-block:: yaml
+
+        palpate scene: 1
+        labels: labels.nii.gz
+        organs:
+          liver: {tissue: liver, edge: 9}
+          stomach: {young: 5, edge: 5, towards: [0, 1, 0], depth: 0.3}
+          extra.vtu:
+        bones: [vertebrae_L1]
+
+    Of an organ of the label map: `young` in kPa or a named `tissue`, `poisson` (0.45), the `edge` of its elements (6 mm), the
+    way `towards` what holds it ([0, 1, 0], the back) and the `depth` of what is held there, as a part of its extent (0.2);
+    `keep` as for `tetrahedralize`. Files are relative to the scene's.
+
+    Parameters
+    ----------
+    path : str or Path
+        A YAML file.
+
+    Returns
+    -------
+    Tissue
+        What `join_tissues` makes of them.
+
+    Raises
+    ------
+    FileError
+        If a file is missing or cannot be read.
+    DataError
+        If a key is unknown or missing, or a value is not what it may be.
+    MeshError, MaterialError
+        As `tetrahedralize`, `Tissue` and `join_tissues` do.
+
+    Examples
+    --------
+    >>> pp.write_tissue("one.vtu", tissue)
+    >>> moved = pp.TetMesh(mesh.nodes + (90, 0, 0), mesh.tets, mesh.region, mesh.names)
+    >>> pp.write_tissue("two.vtu", tissue.replace(mesh=moved))
+    >>> _ = Path("scene.yaml").write_text("palpate scene: 1\\norgans: [one.vtu, two.vtu]")
+    >>> len(pp.read_scene("scene.yaml").mesh.nodes) == 2 * len(mesh.nodes)
+    True
+    """
+    path = Path(path)
+    content = yaml_in(path, read_text(path), "write one as pp.read_scene says")
+    try:
+        organs, bones = _checked(content)
+        labels = read_labels(path.parent / content["labels"]) if content.get("labels") else None
+        tissues = [_tissue(path.parent, labels, name, given or {}) for name, given in organs.items()]
+        rigid = [_bone(labels, name, given or {}) for name, given in bones.items()]
+        return join_tissues(tissues, rigid)
+    except PalpateError as problem:
+        raise type(problem)(f"{path}: {problem}") from None
+
+
+def _checked(content: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Organs and bones by name, each with what is said of it. Raises `DataError`."""
+    if not isinstance(content, dict) or content.get(KIND) != VERSION:
+        raise DataError(f"expected `{KIND}: {VERSION}` in it; write it as pp.read_scene says")
+    if unknown := sorted(set(map(str, content)) - {KIND, *KEYS}):
+        raise DataError(f"{unknown[0]}: no such key; there are {', '.join(KEYS)}")
+    if not isinstance(content.get("labels", ""), str):
+        raise DataError("labels: expected the name of a file")
+    found = []
+    for kind in ("organs", "bones"):
+        given = content.get(kind) or {}
+        if isinstance(given, list) and all(isinstance(name, str) for name in given):
+            given = dict.fromkeys(given)
+        if not isinstance(given, dict):
+            raise DataError(f"{kind}: expected names, or names with what is said of each")
+        found.append({str(name): said for name, said in given.items()})
+        for name, said in found[-1].items():
+            if not isinstance(said, dict | None):
+                raise DataError(f"{name}: expected {{young: 5, edge: 6}} or the like, got {str(said)[:40]!r}")
+            if unknown := sorted(set(map(str, said or {})) - set(ORGAN_KEYS)):
+                raise DataError(f"{name}: {unknown[0]}: no such key; there are {', '.join(ORGAN_KEYS)}")
+    return found[0], found[1]
+
+
+def _tissue(folder: Path, labels: Labels | None, name: str, given: dict[str, Any]) -> Tissue:
+    if name.endswith(".vtu"):
+        if given:
+            raise DataError(f"{name}: is a tissue, of which nothing else can be said; leave out {next(iter(given))}")
+        return read_tissue(folder / name)
+    if ("young" in given) == ("tissue" in given):
+        raise DataError(f"{name}: give its stiffness: young: 5 (kPa), or a named tissue: liver")
+    mesh = _meshed(labels, name, given)
+    materials = named_materials(mesh, given.get("tissue"))
+    young = _number(name, given, "young", 0.0, 1e6) if "young" in given else None
+    poisson = _number(name, given, "poisson", 0.45, 0.4999) if "poisson" in given else None
+    towards = np.asarray(given.get("towards", TOWARDS), dtype=object)
+    if towards.shape != (3,) or not all(isinstance(x, int | float) for x in towards):
+        raise DataError(f"{name}: towards: expected [x, y, z], such as [0, 1, 0]")
+    way = towards.astype(float)
+    extent = float(np.ptp(mesh.nodes @ way) / max(np.linalg.norm(way), 1e-12))
+    fixed = resting_on(mesh, way, _number(name, given, "depth", DEPTH, 1.0) * extent)
+    return Tissue(
+        mesh, young_of(mesh, young, materials), poisson_of(mesh, poisson, materials), fixed, materials=materials
+    )
+
+
+def _bone(labels: Labels | None, name: str, given: dict[str, Any]) -> TetMesh:
+    if unknown := sorted(set(given) - {"edge", "keep"}):
+        raise DataError(f"{name}: {unknown[0]}: a bone is rigid and held; it has edge and keep alone")
+    return _meshed(labels, name, given)
+
+
+def _meshed(labels: Labels | None, name: str, given: dict[str, Any]) -> TetMesh:
+    if labels is None:
+        raise DataError(f"{name}: no tissue's file (.vtu), and no label map is named; give labels: labels.nii.gz")
+    edge = _number(name, given, "edge", EDGE, 1e3)
+    return tetrahedralize(labels, name, edge, keep=given.get("keep", "largest"), closed_at_border=True)
+
+
+def _number(name: str, given: dict[str, Any], key: str, otherwise: float, most: float = np.inf) -> float:
+    value = given.get(key, otherwise)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= most:
+        raise DataError(f"{name}: {key}: {str(value)[:40]!r}; expected a number from 0 to {most:g}")
+    return float(value)
