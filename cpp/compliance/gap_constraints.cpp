@@ -81,10 +81,12 @@ void GapSolver::solve(const double* stiffness, const double* displacement, int n
         bool changed = false;
         for (int k = 0; k < gaps.count; k++) {
             const int i = sweep % 2 == 0 ? k : gaps.count - 1 - k;
-            if (p[i] == 0 && gap[i] >= 0) continue;
+            const double give = gaps.give[i];
+            if (give == 0 && p[i] == 0 && gap[i] >= 0) continue;
             const float* m = row(i, n);
             if (!(m[i] > least_pivot * gaps.between[size_t(i) * stride + i])) continue;
-            const double next = std::max(0.0, p[i] - double(gap[i]) / double(m[i]));
+            double next = p[i] - (double(gap[i]) + give * p[i]) / (double(m[i]) + give);
+            if (give == 0) next = std::max(0.0, next);
             const double step = next - p[i];
             if (step == 0) continue;
             add_scaled(m, float(step), stride, gap.data());

@@ -11,12 +11,13 @@ namespace palpate {
 // >= 0, and one of the two is 0. A gap is a weighted mean over a part of the surface. Let D be the displacement of the
 // tools' patches under unit forces p, S the stiffness of their contacts, d their displacements. The tools' forces on
 // the tissue are f = S (d - D p), and gap = rest + D'f + W p with W = N'K^-1 N: a linear complementarity problem in p,
-// whose matrix W - D'S D is positive semidefinite.
+// whose matrix W - D'S D is positive semidefinite. A spring across a gap obeys p = -N'u / give instead, of any sign.
 struct GapConstraints {
     static constexpr int most = 1024;
     int count = 0;
     int stride = 0;               // of rows: `count` rounded up to a cache line
     std::vector<double> rest;     // (count) mm
+    std::vector<double> give;     // (count) mm/N of a spring; 0: surfaces that may meet
     AlignedBuffer between;        // (count, stride) mm/N: W
     AlignedBuffer response;       // (vertices, 3, stride) mm/N: K^-1 N
     std::vector<int> first, node; // constraint i: free nodes node[first[i]] to node[first[i + 1] - 1]

@@ -159,6 +159,7 @@ from .studies.head.study import head_study as head_study
 from .studies.realtime.study import realtime_study as realtime_study
 from .studies.tomosynthesis.study import tomosynthesis_study as tomosynthesis_study
 from .tissue.adaptive_mesh import adaptive_mesh as adaptive_mesh
+from .tissue.attachment import Attachment as Attachment
 from .tissue.boundary_conditions import fixed_beyond as fixed_beyond
 from .tissue.boundary_conditions import fixed_near as fixed_near
 from .tissue.boundary_conditions import resting_on as resting_on

@@ -8,6 +8,7 @@ import palpate as pp
 from palpate.errors import DataError, FileError, MaterialError, MeshError
 from palpate.meshes.display_surfaces import displayed_surface
 from palpate.meshes.separate_organs import organs
+from palpate.tissue.contact_patches import patch
 from palpate.tissue.gap_contact import complementarity
 from palpate.tissue.organ_gaps import organ_gaps
 from palpate.tissue.reference.linear_elasticity import FiniteElements
@@ -262,6 +263,7 @@ def test_a_scene_of_a_label_map(tmp_path):
         ("palpate scene: 1\norgans: {a.vtu: {young: 5}}", DataError, "is a tissue, of which nothing else"),
         ("palpate scene: 1\nlabels: [1]", DataError, "labels: expected the name of a file"),
         ("palpate scene: 1", DataError, "0 given, and 0 bones"),
+        ("palpate scene: 1\nattachments: 3", DataError, "attachments: expected a list"),
     ],
 )
 def test_a_scene_that_cannot_be_is_refused(tmp_path, text, error, complaint):
@@ -269,6 +271,103 @@ def test_a_scene_that_cannot_be_is_refused(tmp_path, text, error, complaint):
     with pytest.raises(error, match=complaint) as caught:
         pp.read_scene(tmp_path / "scene.yaml")
     assert "\n" not in str(caught.value)
+
+
+@pytest.fixture(scope="module")
+def attached():
+    """Two blocks 12 mm apart, with a spring between the sides that face each other."""
+    left = held_at(slab((5, 5, 6), (30, 40, 40)), 0)
+    right = held_at(slab((4, 6, 5), (30, 40, 40), (42, 0, 0)), 0)
+    spring = pp.Attachment((30, 20, 30), (42, 20, 32), stiffness=0.05, radius=7.0)
+    return pp.join_tissues([left, right], attachments=[spring])
+
+
+def test_an_attachment_pulls_as_its_closed_form(attached):
+    """Two tools hold the very patches of a spring: besides the organs they feel k times the way apart."""
+    spring = attached.attachments[0]
+    points, ways = [spring.first, spring.second], np.array([(-2.0, 0.5, 0.3), (1.0, -0.4, 0.6)])
+    with_it = pp.model(attached, "compliance").push(points, ways, spring.radius).force
+    without = pp.model(attached.replace(attachments=()), "compliance").push(points, ways, spring.radius).force
+    pull = spring.stiffness * (ways[1] - ways[0])
+    assert np.allclose(with_it - without, [pull, -pull], rtol=1e-7)
+
+
+def test_attached_organs_against_springs_in_the_stiffness(attached):
+    """Against a factorisation of the stiffness with the spring in it."""
+    spring = attached.attachments[0]
+    way = np.zeros(len(attached.mesh.nodes))
+    for place, sign in ((spring.first, -1.0), (spring.second, 1.0)):
+        found = patch(attached, place, spring.radius)
+        way[found.nodes] += sign * found.weights
+    B = np.kron(way[:, None], np.eye(3))
+    K = FiniteElements(attached).K.toarray() + spring.stiffness * B @ B.T
+    free = np.flatnonzero(np.repeat(~attached.held, 3))
+    push = (0.0, 20.0, 34.0), (-3.0, 1.0, -0.5), RADIUS
+    found = patch(attached, push[0], RADIUS)
+    W = np.zeros((len(attached.mesh.nodes), 1))
+    W[found.nodes, 0] = found.weights
+    load = np.kron(W, np.eye(3))[free]
+    C = load.T @ np.linalg.solve(K[np.ix_(free, free)], load)
+    expected = -np.linalg.solve(C, push[1])
+    model = pp.model(attached, "compliance")
+    answer = model.push(*push)
+    assert np.allclose(answer.force, expected, rtol=1e-8)
+    alone = pp.model(attached.replace(attachments=()), "compliance").push(*push)
+    assert np.linalg.norm(answer.force - alone.force) > 0.01 * np.linalg.norm(alone.force)
+    pulled = (B.T @ answer.displacement.ravel()) * spring.stiffness
+    load = (FiniteElements(attached).K @ answer.displacement.ravel()).reshape(-1, 3)
+    right = (organs(attached.mesh) == 1) & ~attached.held
+    assert np.allclose(load[right].sum(axis=0), -pulled, atol=1e-9), (
+        "the pull on the other organ is k times the way apart"
+    )
+    session = pp.Session(model, radius=RADIUS)
+    at = tuple(np.array(attached.surface.closest(np.array(push[0])).point).tolist())
+    felt = session.step([pp.Command(True, at, push[1])] * 800)[-1]
+    assert np.allclose(felt, model.push(at, push[1], RADIUS).force, rtol=1e-3, atol=1e-6)
+    assert session.frame().work > 0
+
+
+def test_attachments_are_kept_in_files(tmp_path, attached):
+    pp.write_tissue(tmp_path / "attached.vtu", attached)
+    assert pp.read_tissue(tmp_path / "attached.vtu").attachments == attached.attachments
+    for name, z in (("left", 0), ("right", 0)):
+        pp.write_tissue(
+            tmp_path / f"{name}.vtu", held_at(slab((3, 3, 3), (30, 40, 40), (0 if name == "left" else 42, 0, 0)), z)
+        )
+    (tmp_path / "scene.yaml").write_text(
+        "palpate scene: 1\norgans: [left.vtu, right.vtu]\n"
+        "attachments:\n  - {first: [30, 20, 30], second: [42, 20, 32], stiffness: 0.05}\n"
+    )
+    assert pp.read_scene(tmp_path / "scene.yaml").attachments == (pp.Attachment((30, 20, 30), (42, 20, 32), 0.05),)
+
+
+@pytest.mark.parametrize("name", ["blocks", "multigrid", "springs", "neo-hookean"])
+def test_other_models_refuse_attachments(attached, name):
+    with pytest.raises(MaterialError, match="only the model `compliance`"):
+        pp.model(attached, name)
+    with pytest.raises(MaterialError, match="only the model `compliance`"):
+        pp.finite_elements(attached)
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        ({"stiffness": 0}, "stiffness: 0 N/mm, expected more than 0"),
+        ({"stiffness": float("nan")}, "stiffness: nan"),
+        ({"radius": -1}, "radius: -1 mm"),
+        ({"first": (0, 0, float("inf"))}, "first"),
+        ({"second": (0, 0)}, "second"),
+    ],
+)
+def test_an_attachment_that_cannot_be(change, complaint):
+    with pytest.raises(MaterialError, match=complaint):
+        pp.Attachment(**{"first": (0, 0, 0), "second": (1, 0, 0), "stiffness": 1.0, **change})
+
+
+def test_an_attachment_off_the_surface_is_refused(attached):
+    away = attached.replace(attachments=[pp.Attachment((30, 20, 30), (90, 20, 200), 0.1)])
+    with pytest.raises(MaterialError, match=r"attachment 1: point .* off the surface"):
+        pp.model(away, "compliance")
 
 
 def test_an_export_says_that_it_does_not_follow(tmp_path, beside):

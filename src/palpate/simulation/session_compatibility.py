@@ -89,6 +89,8 @@ def _hash(tissue: Tissue, law: SpringLaw | None) -> str:
         hash_.update(repr(tissue.inertia).encode())
     if tissue.stiffening.any():  # version 0.1 had none
         hash_.update(b"stiffening" + tissue.stiffening.tobytes())
+    if tissue.attachments:
+        hash_.update(repr(tissue.attachments).encode())
     return hash_.hexdigest()[:32]
 
 

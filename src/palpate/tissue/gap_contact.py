@@ -26,16 +26,17 @@ class GapContact:
     forces of the tools are C⁻¹ (d − D p), and the gaps rest + DᵀC⁻¹d + (NᵀK⁻¹N − DᵀC⁻¹D) p: a linear complementarity
     problem.
 
-    N: (3n, g) by free nodes, rest: (g,) mm. Raises `DataError` for more than `MOST_GAPS` gaps.
+    N: (3n, g) by free nodes, rest: (g,) mm. give: (g,) mm/N of springs across gaps, whose force is −Nᵀu over it, of any
+    sign; 0: surfaces that may meet. Raises `DataError` for more than `MOST_GAPS` gaps.
     """
 
-    def __init__(self, factors: Factors, N: csr_array, rest: Float64) -> None:
+    def __init__(self, factors: Factors, N: csr_array, rest: Float64, give: Float64) -> None:
         if N.shape[1] > MOST_GAPS:
             raise DataError(
                 f"contact: {N.shape[1]} gaps between surfaces, at most {MOST_GAPS}; take larger elements, or make the "
                 f"model with contact=False"
             )
-        self.N, self.rest, self._factors = csc_array(N), rest, factors
+        self.N, self.rest, self.give, self._factors = csc_array(N), rest, give, factors
         self.nodes: Int32 = np.unique(self.N.indices // 3).astype(np.int32)
 
     def native(self, vertices: Int32) -> "_core.compliance.GapConstraints":
@@ -47,6 +48,7 @@ class GapContact:
         gap, node = np.nonzero(np.abs(on.reshape(-1, 3, on.shape[1])).sum(axis=1).T)
         return _core.compliance.GapConstraints(
             self.rest,
+            self.give,
             np.ascontiguousarray((self.W + self.W.T) / 2),
             np.ascontiguousarray(moved[np.searchsorted(wanted, vertices)]),
             np.searchsorted(gap, np.arange(on.shape[1] + 1)).astype(np.int32),
@@ -69,12 +71,12 @@ class GapContact:
         D = np.asarray(self.N.T @ moved).T  # (3m, g)
         d = displacement.ravel()
         stiff = np.linalg.solve(C, D)
-        p = complementarity(self.W - D.T @ stiff, self.rest + stiff.T @ d)
+        p = complementarity(self.W - D.T @ stiff, self.rest + stiff.T @ d, self.give)
         force = tools(displacement - (D @ p).reshape(-1, 3))
         if np.allclose(force.ravel(), np.linalg.solve(C, d - D @ p), rtol=1e-9, atol=0):
             return force, p
         for _ in range(MOST_TURNS):
-            p = complementarity(self.W, self.rest + D.T @ force.ravel())
+            p = complementarity(self.W, self.rest + D.T @ force.ravel(), self.give)
             before, force = force, tools(displacement - (D @ p).reshape(-1, 3))
             if np.abs(force - before).max() <= SETTLED * np.abs(force).max():
                 return force, p
@@ -83,10 +85,27 @@ class GapContact:
         )
 
 
-def complementarity(M: Float64, q: Float64) -> Float64:
-    """The p ≥ 0 with q + M p ≥ 0 and p·(q + M p) = 0, (g,): the least of ½ pᵀM p + qᵀp. M: positive semidefinite."""
+def complementarity(M: Float64, q: Float64, give: Float64 | None = None) -> Float64:
+    """The p ≥ 0 with q + M p ≥ 0 and p·(q + M p) = 0, (g,): the least of ½ pᵀM p + qᵀp. M: positive semidefinite.
+
+    Where give is not 0, p has any sign, and q + M p + give p = 0.
+    """
+    if give is not None and give.any():
+        return _with_springs(M, q, give)
     if (q >= 0).all():
         return np.zeros(len(q))
     # Gaps may depend on each other. Regularised (Tikhonov), the forces are the least of those that solve the problem.
     root = np.linalg.cholesky((M + M.T) / 2 + REGULAR * np.trace(M) / len(M) * np.eye(len(M))).T
     return np.asarray(nnls(root, -solve_triangular(root, q, trans="T"), maxiter=100 * len(q))[0])
+
+
+def _with_springs(M: Float64, q: Float64, give: Float64) -> Float64:
+    """The springs' forces are eliminated."""
+    S, U = np.flatnonzero(give), np.flatnonzero(give == 0)
+    own = M[np.ix_(S, S)] + np.diag(give[S])
+    by_others, alone = np.linalg.solve(own, M[np.ix_(S, U)]), np.linalg.solve(own, q[S])
+    p = np.zeros(len(q))
+    if len(U):
+        p[U] = complementarity(M[np.ix_(U, U)] - M[np.ix_(U, S)] @ by_others, q[U] - M[np.ix_(U, S)] @ alone)
+    p[S] = -alone - by_others @ p[U]
+    return p

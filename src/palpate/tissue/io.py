@@ -14,6 +14,7 @@ from palpate.bounded_read import parse_json
 from palpate.errors import DataError, FileError, MaterialError
 from palpate.meshes.cutting.cut_mesh import CutMesh
 from palpate.meshes.io import is_cut, read_stored, repaired, write_mesh
+from palpate.tissue.attachment import Attachment
 from palpate.tissue.cut_io import grid_fields, plain_blades, stored_cut_mesh, tet_fields, text_of
 from palpate.tissue.relaxation import Relaxation
 from palpate.tissue.spring_fit_report import FitReport
@@ -58,6 +59,7 @@ def write_tissue(path: str | Path, tissue: Tissue) -> None:
         "materials": {str(region): name for region, name in tissue.materials.items()},
         "relaxation": _plain_relaxation(tissue.relaxation),
         "inertia": None if tissue.inertia is None else asdict(tissue.inertia),
+        "attachments": [asdict(one) for one in tissue.attachments],
     }
     constants = {"young": tissue.young, "poisson": tissue.poisson}
     if tissue.stiffening.any():
@@ -134,6 +136,7 @@ def read_tissue(path: str | Path) -> Tissue:
             relaxation=relaxation,
             inertia=inertia,
             stiffening=fields.get("stiffening", 0.0),
+            attachments=[Attachment(**one) for one in text.get("attachments", [])],
         )
     except (MaterialError, DataError) as problem:
         raise type(problem)(f"{path}: {problem}") from None

@@ -8,6 +8,7 @@ from palpate.arrays import Float64, Int32
 from palpate.errors import DataError, MeshError
 from palpate.meshes.cutting.cut_mesh import CutMesh
 from palpate.meshes.tet_mesh import TetMesh
+from palpate.tissue.attachment import Attachment
 from palpate.tissue.gap_contact import complementarity
 from palpate.tissue.organ_gaps import deepest_overlap, organ_gaps
 from palpate.tissue.reference.linear_elasticity import FiniteElements
@@ -19,7 +20,9 @@ MOST_ROUNDS = 8
 DEEPEST = 1.0  # edges: organs that overlap by more were not made of one label map
 
 
-def join_tissues(tissues: Sequence[Tissue], bones: Sequence[TetMesh] = ()) -> Tissue:
+def join_tissues(
+    tissues: Sequence[Tissue], bones: Sequence[TetMesh] = (), attachments: Sequence[Attachment] = ()
+) -> Tissue:
     """Return several organs as one tissue, in which they touch each other.
 
     Each keeps its stiffness and its supports. With the model `compliance` they press on each other where they meet, without
@@ -32,6 +35,8 @@ def join_tissues(tissues: Sequence[Tissue], bones: Sequence[TetMesh] = ()) -> Ti
         The organs, in one patient space. Their `element` is the same.
     bones : sequence of TetMesh, optional
         What is rigid and does not move.
+    attachments : sequence of Attachment, optional
+        What attaches one to another, besides what the tissues have.
 
     Returns
     -------
@@ -79,6 +84,7 @@ def join_tissues(tissues: Sequence[Tissue], bones: Sequence[TetMesh] = ()) -> Ti
         np.concatenate([nodes + first for nodes, first in zip(held, start, strict=True)]),
         element=tissues[0].element,
         stiffening=of_all("stiffening", 0.0),
+        attachments=[*(one for tissue in tissues for one in tissue.attachments), *attachments],
     )
     return _without_overlap(joined)
 

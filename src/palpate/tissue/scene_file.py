@@ -10,6 +10,7 @@ from palpate.errors import DataError, PalpateError
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tetrahedralize import tetrahedralize
 from palpate.scans.bounded_yaml import yaml_in
+from palpate.tissue.attachment import Attachment
 from palpate.tissue.boundary_conditions import resting_on
 from palpate.tissue.io import read_tissue
 from palpate.tissue.joined_tissues import join_tissues
@@ -19,7 +20,8 @@ from palpate.volumes.io import read_labels
 from palpate.volumes.volume import Labels
 
 KIND, VERSION = "palpate scene", 1
-KEYS = ("labels", "organs", "bones")
+KEYS = ("labels", "organs", "bones", "attachments")
+SPRING_KEYS = ("first", "second", "stiffness", "radius")
 ORGAN_KEYS = ("young", "tissue", "poisson", "edge", "towards", "depth", "keep")
 EDGE, TOWARDS, DEPTH = 6.0, (0.0, 1.0, 0.0), 0.2  # mm; of a patient who lies on the back; of the organ's extent
 
@@ -38,10 +40,12 @@ def read_scene(path: str | Path) -> Tissue:
           stomach: {young: 5, edge: 5, towards: [0, 1, 0], depth: 0.3}
           extra.vtu:
         bones: [vertebrae_L1]
+        attachments:
+          - {first: [10, -240, 330], second: [20, -235, 335], stiffness: 0.2}
 
     Of an organ of the label map: `young` in kPa or a named `tissue`, `poisson` (0.45), the `edge` of its elements (6 mm), the
     way `towards` what holds it ([0, 1, 0], the back) and the `depth` of what is held there, as a part of its extent (0.2);
-    `keep` as for `tetrahedralize`. Files are relative to the scene's.
+    `keep` as for `tetrahedralize`. An attachment has the arguments of `Attachment`. Files are relative to the scene's.
 
     Parameters
     ----------
@@ -78,7 +82,7 @@ def read_scene(path: str | Path) -> Tissue:
         labels = read_labels(path.parent / content["labels"]) if content.get("labels") else None
         tissues = [_tissue(path.parent, labels, name, given or {}) for name, given in organs.items()]
         rigid = [_bone(labels, name, given or {}) for name, given in bones.items()]
-        return join_tissues(tissues, rigid)
+        return join_tissues(tissues, rigid, [_attachment(one) for one in content.get("attachments") or []])
     except PalpateError as problem:
         raise type(problem)(f"{path}: {problem}") from None
 
@@ -89,6 +93,8 @@ def _checked(content: Any) -> tuple[dict[str, Any], dict[str, Any]]:
         raise DataError(f"expected `{KIND}: {VERSION}` in it; write it as pp.read_scene says")
     if unknown := sorted(set(map(str, content)) - {KIND, *KEYS}):
         raise DataError(f"{unknown[0]}: no such key; there are {', '.join(KEYS)}")
+    if not isinstance(content.get("attachments") or [], list):
+        raise DataError("attachments: expected a list")
     if not isinstance(content.get("labels", ""), str):
         raise DataError("labels: expected the name of a file")
     found = []
@@ -105,6 +111,15 @@ def _checked(content: Any) -> tuple[dict[str, Any], dict[str, Any]]:
             if unknown := sorted(set(map(str, said or {})) - set(ORGAN_KEYS)):
                 raise DataError(f"{name}: {unknown[0]}: no such key; there are {', '.join(ORGAN_KEYS)}")
     return found[0], found[1]
+
+
+def _attachment(given: Any) -> Attachment:
+    if not isinstance(given, dict) or not {"first", "second", "stiffness"} <= set(given) <= set(SPRING_KEYS):
+        raise DataError(f"attachments: {str(given)[:60]}: expected first, second, stiffness, and radius if you like")
+    try:
+        return Attachment(**given)
+    except (TypeError, ValueError):
+        raise DataError(f"attachments: {str(given)[:60]}: expected numbers, and places [x, y, z]") from None
 
 
 def _tissue(folder: Path, labels: Labels | None, name: str, given: dict[str, Any]) -> Tissue:

@@ -1,6 +1,6 @@
 """Tissue: a mesh, its elastic constants, and its fixed nodes."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
@@ -13,6 +13,7 @@ from palpate.arrays import ArrayLike, Bool, Float64, Int32, float64
 from palpate.errors import MaterialError
 from palpate.meshes.cutting.cut_mesh import CutMesh, touched_surface
 from palpate.meshes.tet_mesh import TetMesh
+from palpate.tissue.attachment import Attachment
 from palpate.tissue.boundary_conditions import rigid_rank
 from palpate.tissue.regional_relaxation import at_rate, by_region
 from palpate.tissue.relaxation import Relaxation
@@ -110,6 +111,8 @@ class Tissue:
         Exponent b of the shear energy at finite strain (Demiray's law), no unit, 0 to 100: one number, one for each
         tetrahedron, or by region number or name. 0 is neo-Hookean. Linear elasticity, the limit of small strain, does not
         depend on it.
+    attachments : sequence of Attachment, optional
+        Springs between places of the surface. The model `compliance` alone takes a tissue that has some.
 
     Raises
     ------
@@ -135,6 +138,7 @@ class Tissue:
     relaxation: Relaxation | dict[int, Relaxation] | None
     inertia: Inertia | None
     stiffening: Float64
+    attachments: tuple[Attachment, ...]
 
     def __init__(
         self,
@@ -150,6 +154,7 @@ class Tissue:
         relaxation: Relaxation | Mapping[int, Relaxation] | Mapping[int | str, Relaxation] | None = None,
         inertia: Inertia | None = None,
         stiffening: Constant = 0.0,
+        attachments: Sequence[Attachment] = (),
     ) -> None:
         modulus = constant_per_tet("young", young, mesh)
         ratio = constant_per_tet("poisson", poisson, mesh)
@@ -181,6 +186,7 @@ class Tissue:
         object.__setattr__(self, "materials", dict(materials or {}))
         object.__setattr__(self, "relaxation", _relaxation_by_region(relaxation, mesh))
         object.__setattr__(self, "inertia", inertia)
+        object.__setattr__(self, "attachments", tuple(attachments))
         _refuse_negative_ratios(self)
         if inertia is not None and self.relaxation is not None and not self.relaxes_alike:
             raise MaterialError(

@@ -13,6 +13,7 @@ from palpate.arrays import Float64, Int32
 from palpate.errors import DataError, MaterialError
 from palpate.meshes.cutting.cut_mesh import CutMesh
 from palpate.meshes.display_surfaces import displayed_nodes
+from palpate.tissue.attachment_gaps import attachment_gaps
 from palpate.tissue.contact_patches import Contacts
 from palpate.tissue.error_bound import relative
 from palpate.tissue.gap_contact import MOST_GAPS, GapContact
@@ -51,6 +52,7 @@ class ComplianceModel(TissueModel):
 
     native: "_core.compliance.ComplianceModel"
     linear_elasticity = True
+    attaches = True
     slides = True
     time_dependent = True
     creep: CreepFit | None = None  # of a tissue whose parts relax differently
@@ -67,18 +69,24 @@ class ComplianceModel(TissueModel):
         self._free[~tissue.held] = np.arange(np.count_nonzero(~tissue.held))
         shown = displayed_nodes(tissue.mesh)
         self.vertices: Int32 = shown[~tissue.held[shown]]
+        if tissue.attachments and (tissue.time_dependent or not contact):
+            raise MaterialError("attachments: hold elastic tissue whose surfaces may meet (contact=True)")
         if contact and not tissue.time_dependent:
             self.gaps = self._gaps(tissue)
         self.linear_elasticity = self.gaps is None
         super().__init__(tissue, self._in_time(tissue, int(memory * 2**20)), {} if contact else {"contact": 0.0})
 
     def _gaps(self, tissue: Tissue) -> GapContact | None:
-        """Between the lips of cuts, and between organs; None if nothing can meet."""
+        """Between the lips of cuts, between organs, and across attachments; None if there are none."""
         N, rest = organ_gaps(tissue.mesh)
+        parts = [(N, np.maximum(rest, 0), np.zeros(len(rest)))]
         if isinstance(tissue.mesh, CutMesh):
             lips = lip_gaps(tissue.mesh)
-            N, rest = csr_array(hstack([N, lips])), np.concatenate([rest, np.zeros(lips.shape[1])])
-        N = N[np.repeat(~tissue.held, 3)]
+            parts.append((lips, np.zeros(lips.shape[1]), np.zeros(lips.shape[1])))
+        springs, give = attachment_gaps(tissue)
+        parts.append((springs, np.zeros(len(give)), give))
+        N = csr_array(hstack([part for part, _, _ in parts]))[np.repeat(~tissue.held, 3)]
+        rest, give = (np.concatenate([part[k] for part in parts]) for k in (1, 2))
         opens = np.flatnonzero(np.sqrt(N.power(2).sum(axis=0)) > NO_GAP)
         if len(opens) == 0:
             return None
@@ -88,7 +96,7 @@ class ComplianceModel(TissueModel):
                 f"contact: surfaces more than {rest[opens].max():.2g} mm apart at rest do not meet in this model",
                 stacklevel=3,
             )
-        return GapContact(self.factors, csr_array(N[:, opens]), np.maximum(rest[opens], 0))
+        return GapContact(self.factors, csr_array(N[:, opens]), rest[opens], give[opens])
 
     def _finite_elements(self, tissue: Tissue) -> FiniteElements:
         return FiniteElements(tissue, nodal_element(tissue))

@@ -23,6 +23,7 @@ class TissueModel(ABC):
     """
 
     slides = False  # whether contacts of finite friction can be answered
+    attaches = False  # whether it knows of attachments
     time_dependent = False  # whether its ticks follow the tissue's relaxation and inertia; `push` is for the long term
     linear_elasticity = (
         False  # whether it is: finite elements of the tissue's own element, whose error can be estimated
@@ -31,6 +32,8 @@ class TissueModel(ABC):
     def __init__(
         self, tissue: Tissue, native: "_core.tissue.TissueModel", settings: dict[str, float] | None = None
     ) -> None:
+        if tissue.attachments and not self.attaches:
+            raise MaterialError("attachments: only the model `compliance` takes a tissue that has some; leave them out")
         self.tissue = tissue
         self.native = native
         self.settings = settings or {}

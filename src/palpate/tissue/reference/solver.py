@@ -27,7 +27,7 @@ def finite_elements(tissue: Tissue, element: str | None = None) -> FiniteElement
     Raises
     ------
     MaterialError
-        If the element is unknown, or ν = 0.5 with an element other than "mixed".
+        If the element is unknown, or ν = 0.5 with an element other than "mixed"; or if the tissue has attachments.
 
     Examples
     --------
@@ -38,7 +38,13 @@ def finite_elements(tissue: Tissue, element: str | None = None) -> FiniteElement
     chosen = tissue.element if element is None else element
     if chosen not in ELEMENTS:
         raise MaterialError(f"element: {chosen!r} is not built; choose one of {', '.join(ELEMENTS)}")
+    _refuse_attachments(tissue)
     return MixedElements(tissue) if chosen == "mixed" else FiniteElements(tissue, chosen)
+
+
+def _refuse_attachments(tissue: Tissue) -> None:
+    if tissue.attachments:
+        raise MaterialError("attachments: only the model `compliance` takes a tissue that has some; leave them out")
 
 
 def finite_strain(tissue: Tissue, element: str | None = None) -> FiniteStrain:
@@ -72,5 +78,6 @@ def finite_strain(tissue: Tissue, element: str | None = None) -> FiniteStrain:
     True
     """
     refuse_cut(tissue.mesh, "finite strain")
+    _refuse_attachments(tissue)
     chosen = tissue.element if element is None else element
     return SmoothedFiniteStrain(tissue) if chosen == "smoothed" else FiniteStrain(tissue, chosen)
