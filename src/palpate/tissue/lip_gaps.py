@@ -8,6 +8,8 @@ from scipy.spatial import cKDTree
 from palpate.arrays import Float64, Int64
 from palpate.meshes.cutting.cut_mesh import CutMesh
 
+KINK = 0.1  # standard deviation of the normals about their mean, from which on a part of a cut counts as two
+KINKS = 2  # rounds of halving: up to three kinks at a node
 SAME = 1e-8  # of the body's size: vertices that are nearer to each other are at one place
 
 
@@ -16,7 +18,8 @@ def lip_gaps(mesh: CutMesh) -> csr_array:
 
     A node of the mesh before, of which the two lips have two copies, has a part of the cut: its weight is the node's own
     shape function, so the means are those of a mortar method. With it the jump of the displacement along the normal is
-    integrated over the faces of the cut (one point a corner). At rest all gaps are 0.
+    integrated over the faces of the cut (one point a corner). Where the blade has turned, a node has a gap on each side of
+    the kink. At rest all gaps are 0.
     """
     skin, places = mesh.skin, mesh.places
     front, back = _opposite(
@@ -40,8 +43,11 @@ def lip_gaps(mesh: CutMesh) -> csr_array:
     if len(point) == 0:
         return csr_array((3 * len(mesh.nodes), 0))
     pair = np.sort(np.stack([first, second], axis=1), axis=1)
-    number, gap = np.unique(pair, axis=0, return_inverse=True)
+    gap = np.unique(pair, axis=0, return_inverse=True)[1].ravel()
     share = weight[vertex[point], i]
+    outwards = np.where(first < second, share, -share)[:, None] * normal[point]  # of the same lip for all of a gap
+    for _ in range(KINKS):
+        gap = np.unique(2 * gap + _beyond_a_kink(gap, outwards), return_inverse=True)[1].ravel()
     size = np.bincount(gap, share * np.linalg.norm(normal[point], axis=1))
     pressed = (share / size[gap])[:, None] * normal[point]  # (p, 3)
     rows, values = [], []
@@ -54,8 +60,24 @@ def lip_gaps(mesh: CutMesh) -> csr_array:
     columns = np.broadcast_to(gap[:, None, None], rows[0].shape)
     at = (np.concatenate([r.ravel() for r in rows]), np.tile(columns.ravel(), 2))
     return csr_array(
-        coo_array((np.concatenate([v.ravel() for v in values]), at), shape=(3 * len(mesh.nodes), len(number)))
+        coo_array((np.concatenate([v.ravel() for v in values]), at), shape=(3 * len(mesh.nodes), int(gap.max()) + 1))
     )
+
+
+def _beyond_a_kink(gap: Int64, normal: Float64) -> Int64:
+    """(p,) 1 for the faces of a gap whose normals, times their areas (p, 3), lie to one side of a kink, 0 to the other."""
+    size = np.linalg.norm(normal, axis=1)
+    count = int(gap.max()) + 1
+    mean = np.stack([np.bincount(gap, normal[:, c], count) for c in range(3)], axis=1)
+    unit = normal / np.maximum(size, 1e-300)[:, None]
+    off = unit - (mean / np.bincount(gap, size, count)[:, None])[gap]
+    spread = np.zeros((count, 3, 3))
+    np.add.at(spread, gap, size[:, None, None] * off[:, :, None] * off[:, None, :])
+    spread /= np.bincount(gap, size, count)[:, None, None]
+    value, vector = np.linalg.eigh(spread)
+    across = np.einsum("pc,pc->p", off, vector[gap, :, 2])
+    beyond = np.logical_and(value[gap, 2] > KINK**2, across > 0)
+    return np.asarray(beyond, dtype=np.int64)
 
 
 def _opposite(triangles: Int64, places: Float64, tolerance: float) -> tuple[Int64, Int64]:

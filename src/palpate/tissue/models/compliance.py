@@ -1,26 +1,22 @@
 """Model `compliance`: linear finite elements by cached Green's functions."""
 
-import warnings
 from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import bsr_array, csr_array, eye_array, hstack
+from scipy.sparse import bsr_array, csr_array, eye_array
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from palpate import _core
 from palpate.arrays import Float64, Int32
 from palpate.errors import DataError, MaterialError
-from palpate.meshes.cutting.cut_mesh import CutMesh
 from palpate.meshes.display_surfaces import displayed_nodes
-from palpate.tissue.attachment_gaps import attachment_gaps
+from palpate.tissue.body_gaps import gap_contact
 from palpate.tissue.contact_patches import Contacts
 from palpate.tissue.error_bound import relative
-from palpate.tissue.gap_contact import MOST_GAPS, GapContact
+from palpate.tissue.gap_contact import GapContact
 from palpate.tissue.linearisation_error import MOST_CONTACTS, LinearisationError
-from palpate.tissue.lip_gaps import lip_gaps
 from palpate.tissue.models.tissue_model import TissueModel, nodal_element
-from palpate.tissue.organ_gaps import organ_gaps
 from palpate.tissue.reference.linear_elasticity import FiniteElements
 from palpate.tissue.regional_relaxation import CreepFit, creep_of
 from palpate.tissue.relaxation import Relaxation
@@ -28,7 +24,6 @@ from palpate.tissue.sparse_factor import Factors
 from palpate.tissue.tissue import Tissue
 from palpate.tissue.vibration import Inertia, lowest_modes, nodal_mass
 
-NO_GAP = 1e-9  # of a force that opens a gap, what stands on free nodes: less of one between held nodes alone
 SCALING = 32  # roundings of an entry when the stiffness is scaled from both sides by triangular 3x3 blocks, at most
 
 
@@ -72,31 +67,9 @@ class ComplianceModel(TissueModel):
         if tissue.attachments and (tissue.time_dependent or not contact):
             raise MaterialError("attachments: hold elastic tissue whose surfaces may meet (contact=True)")
         if contact and not tissue.time_dependent:
-            self.gaps = self._gaps(tissue)
+            self.gaps = gap_contact(tissue, self.factors)
         self.linear_elasticity = self.gaps is None
         super().__init__(tissue, self._in_time(tissue, int(memory * 2**20)), {} if contact else {"contact": 0.0})
-
-    def _gaps(self, tissue: Tissue) -> GapContact | None:
-        """Between the lips of cuts, between organs, and across attachments; None if there are none."""
-        N, rest = organ_gaps(tissue.mesh)
-        parts = [(N, np.maximum(rest, 0), np.zeros(len(rest)))]
-        if isinstance(tissue.mesh, CutMesh):
-            lips = lip_gaps(tissue.mesh)
-            parts.append((lips, np.zeros(lips.shape[1]), np.zeros(lips.shape[1])))
-        springs, give = attachment_gaps(tissue)
-        parts.append((springs, np.zeros(len(give)), give))
-        N = csr_array(hstack([part for part, _, _ in parts]))[np.repeat(~tissue.held, 3)]
-        rest, give = (np.concatenate([part[k] for part in parts]) for k in (1, 2))
-        opens = np.flatnonzero(np.sqrt(N.power(2).sum(axis=0)) > NO_GAP)
-        if len(opens) == 0:
-            return None
-        if len(opens) > MOST_GAPS:
-            opens = np.sort(opens[np.argsort(rest[opens], kind="stable")[:MOST_GAPS]])
-            warnings.warn(
-                f"contact: surfaces more than {rest[opens].max():.2g} mm apart at rest do not meet in this model",
-                stacklevel=3,
-            )
-        return GapContact(self.factors, csr_array(N[:, opens]), rest[opens], give[opens])
 
     def _finite_elements(self, tissue: Tissue) -> FiniteElements:
         return FiniteElements(tissue, nodal_element(tissue))
