@@ -46,6 +46,30 @@ def test_what_takes_too_long_to_make_is_not_made(monkeypatch, tissue):
     assert "compliance takes too long to make for more than 100 nodes" in found.reason
 
 
+def test_what_cannot_be_made_is_told_with_its_reason(monkeypatch, tissue):
+    monkeypatch.setattr(selection, "tick_seconds", lambda model, radius: 1e-4)
+
+    def model(tissue, name):
+        if name == "compliance":
+            raise error
+        return pp.model(tissue, name)
+
+    monkeypatch.setattr(selection, "model", model)
+    for error in (pp.errors.MaterialError("not positive definite"), pp.errors.DataError("too many gaps")):
+        found = selection.starting_model(tissue)
+        assert found.reason.startswith("multigrid (")
+        assert f"compliance: {error}" in found.reason
+
+
+def test_a_model_in_which_organs_go_through_each_other_says_so(monkeypatch, tissue):
+    moved = pp.TetMesh(tissue.mesh.nodes + (81, 0, 0), tissue.mesh.tets, tissue.mesh.region, tissue.mesh.names)
+    both = pp.join_tissues([tissue, tissue.replace(mesh=moved)])
+    monkeypatch.setattr(selection, "MOST_NODES", 100)
+    monkeypatch.setattr(selection, "tick_seconds", lambda model, radius: 1e-4)
+    assert "multigrid lets organs, and lips of cuts, go through each other" in selection.starting_model(both).reason
+    assert "go through" not in selection.starting_model(tissue).reason
+
+
 def test_a_trial_times_every_tick_of_a_real_stroke(tissue):
     """The stroke stays on the surface and is felt; its time is that of the loop's own tally."""
     ticks = list(range(0, 500, 16))

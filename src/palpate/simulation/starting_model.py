@@ -6,10 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.arrays import Float64
-from palpate.errors import MaterialError
+from palpate.errors import DataError, MaterialError
 from palpate.simulation.pointer import Command
 from palpate.simulation.scripted_device import ScriptedDevice
 from palpate.simulation.session import RATE, Session
+from palpate.tissue.body_gaps import may_meet
 from palpate.tissue.error_bound import MOST_NODES
 from palpate.tissue.models.registry import STAND_IN, model
 from palpate.tissue.models.tissue_model import TissueModel
@@ -56,12 +57,14 @@ def starting_model(tissue: Tissue, radius: float | None = None) -> StartingModel
         waits = name == "compliance" and tissue.element == "smoothed" and moving > QUICK
         try:
             one = model(tissue, STAND_IN if waits else name)
-        except MaterialError as problem:
+        except (MaterialError, DataError) as problem:
             notes.append(f"{name}: {problem}")
             continue
         if tissue.time_dependent and not one.time_dependent:
             notes.append(f"{name} does not follow the tissue's relaxation or inertia")
             continue
+        if not one.attaches and may_meet(tissue):
+            notes.append(f"{name} lets organs, and lips of cuts, go through each other")
         ms = 1e3 * tick_seconds(one, radius)
         if ms <= 1e3 / RATE:
             first = f"{name} ({meaning}): {SHARE:.0%} of its ticks take at most {ms:.2g} ms here, in time for {RATE} a second"

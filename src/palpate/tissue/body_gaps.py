@@ -16,6 +16,11 @@ from palpate.tissue.tissue import Tissue
 NO_GAP = 1e-9  # of a force that opens a gap, what stands on free nodes: less of one between held nodes alone
 
 
+def may_meet(tissue: Tissue) -> bool:
+    """Whether surfaces of a tissue may meet: organs beside each other, or lips of cuts."""
+    return isinstance(tissue.mesh, CutMesh) or organ_gaps(tissue.mesh)[0].shape[1] > 0
+
+
 def gap_contact(tissue: Tissue, factors: Factors) -> GapContact | None:
     """The contact of a tissue; None if nothing can meet or pull. factors: of the free nodes' stiffness.
 
