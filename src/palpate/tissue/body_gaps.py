@@ -5,6 +5,7 @@ import warnings
 import numpy as np
 from scipy.sparse import csr_array, hstack
 
+from palpate.arrays import Int32
 from palpate.meshes.cutting.cut_mesh import CutMesh
 from palpate.tissue.attachment_gaps import attachment_gaps
 from palpate.tissue.gap_contact import MOST_GAPS, GapContact
@@ -21,8 +22,8 @@ def may_meet(tissue: Tissue) -> bool:
     return isinstance(tissue.mesh, CutMesh) or organ_gaps(tissue.mesh)[0].shape[1] > 0
 
 
-def gap_contact(tissue: Tissue, factors: Factors) -> GapContact | None:
-    """The contact of a tissue; None if nothing can meet or pull. factors: of the free nodes' stiffness.
+def gap_contact(tissue: Tissue, factors: Factors, vertices: Int32) -> GapContact | None:
+    """The contact of a tissue; None if nothing can meet or pull. factors, vertices: as for `GapContact`.
 
     If there are too many gaps, those that are widest at rest are left out, with a warning. Raises `DataError` if there
     are too many of lips and attachments.
@@ -45,4 +46,4 @@ def gap_contact(tissue: Tissue, factors: Factors) -> GapContact | None:
             f"contact: surfaces more than {rest[opens].max():.2g} mm apart at rest do not meet in this model",
             stacklevel=4,
         )
-    return GapContact(factors, csr_array(N[:, opens]), rest[opens], give[opens])
+    return GapContact(factors, csr_array(N[:, opens]), rest[opens], give[opens], vertices)

@@ -27,37 +27,34 @@ class GapContact:
     problem.
 
     N: (3n, g) by free nodes, rest: (g,) mm. give: (g,) mm/N of springs across gaps, whose force is −Nᵀu over it, of any
-    sign; 0: surfaces that may meet. Raises `DataError` for more than `MOST_GAPS` gaps.
+    sign; 0: surfaces that may meet. vertices: free nodes that are touched or shown. native: all of it for the loop. Raises
+    `DataError` for more than `MOST_GAPS` gaps.
     """
 
-    def __init__(self, factors: Factors, N: csr_array, rest: Float64, give: Float64) -> None:
+    def __init__(self, factors: Factors, N: csr_array, rest: Float64, give: Float64, vertices: Int32) -> None:
         if N.shape[1] > MOST_GAPS:
             raise DataError(
                 f"contact: {N.shape[1]} gaps between surfaces, at most {MOST_GAPS}; take larger elements, or make the "
                 f"model with contact=False"
             )
-        self.N, self.rest, self.give, self._factors = csc_array(N), rest, give, factors
-        self.nodes: Int32 = np.unique(self.N.indices // 3).astype(np.int32)
-
-    def native(self, vertices: Int32) -> "_core.compliance.GapConstraints":
-        """For the loop. vertices: free nodes that are touched or shown."""
-        on = np.ascontiguousarray(self.N[self._unknowns(self.nodes)].toarray())
-        wanted = np.union1d(vertices, self.nodes).astype(np.int32)
-        moved = self._factors.native.partial_solve(self.nodes, on, wanted).reshape(len(wanted), 3, -1)
-        self.W = on.T @ moved[np.searchsorted(wanted, self.nodes)].reshape(on.shape)
-        gap, node = np.nonzero(np.abs(on.reshape(-1, 3, on.shape[1])).sum(axis=1).T)
-        return _core.compliance.GapConstraints(
-            self.rest,
-            self.give,
-            np.ascontiguousarray((self.W + self.W.T) / 2),
+        self.N, self.rest, self.give = csc_array(N), rest, give
+        nodes = np.unique(self.N.indices // 3).astype(np.int32)
+        on = np.ascontiguousarray(self.N[(3 * nodes[:, None] + np.arange(3)).ravel()].toarray())
+        wanted = np.union1d(vertices, nodes).astype(np.int32)
+        moved = factors.native.partial_solve(nodes, on, wanted).reshape(len(wanted), 3, -1)
+        W = on.T @ moved[np.searchsorted(wanted, nodes)].reshape(on.shape)
+        self.W = np.ascontiguousarray((W + W.T) / 2)
+        share = on.reshape(-1, 3, on.shape[1])
+        gap, node = np.nonzero(np.abs(share).sum(axis=1).T)
+        self.native = _core.compliance.GapConstraints(
+            rest,
+            give,
+            self.W,
             np.ascontiguousarray(moved[np.searchsorted(wanted, vertices)]),
             np.searchsorted(gap, np.arange(on.shape[1] + 1)).astype(np.int32),
-            self.nodes[node],
-            np.ascontiguousarray(on.reshape(-1, 3, on.shape[1])[node, :, gap]),
+            nodes[node],
+            np.ascontiguousarray(share[node, :, gap]),
         )
-
-    def _unknowns(self, nodes: Int32) -> Int32:
-        return np.asarray((3 * nodes[:, None] + np.arange(3)).ravel())
 
     def forces(
         self, C: Float64, moved: Float64, displacement: Float64, tools: Callable[[Float64], Float64]

@@ -67,7 +67,7 @@ class ComplianceModel(TissueModel):
         if tissue.attachments and (tissue.time_dependent or not contact):
             raise MaterialError("attachments: hold elastic tissue whose surfaces may meet (contact=True)")
         if contact and not tissue.time_dependent:
-            self.gaps = gap_contact(tissue, self.factors)
+            self.gaps = gap_contact(tissue, self.factors, self._free[self.vertices])
         self.linear_elasticity = self.gaps is None
         super().__init__(tissue, self._in_time(tissue, int(memory * 2**20)), {} if contact else {"contact": 0.0})
 
@@ -80,8 +80,7 @@ class ComplianceModel(TissueModel):
         if tissue.relaxation is None or tissue.relaxes_alike:
             one = tissue.relaxation
             if self.gaps is not None:
-                gaps = self.gaps.native(self._free[self.vertices])
-                return _core.compliance.ComplianceModel(self.factors.native, *body, gaps)
+                return _core.compliance.ComplianceModel(self.factors.native, *body, self.gaps.native)
             table = one.table() if isinstance(one, Relaxation) else np.empty((0, 2))
             in_time = table if tissue.inertia is None else self._modes(tissue, tissue.inertia, table)
             return _core.compliance.ComplianceModel(self.factors.native, *body, in_time)
