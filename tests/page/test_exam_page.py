@@ -77,7 +77,7 @@ def test_an_exam_offers_what_its_lesson_allows(sat, album, viewport, scheme):
         "#linearity-row",
     ):
         assert not touched.page.locator(hidden).is_visible(), hidden
-    for key in "34cwis":
+    for key in "34cwis6":
         touched.page.keyboard.press(key)
     pressed = "[...document.querySelectorAll('#tool [aria-pressed=true], #color-mode [aria-pressed=true]')]"
     assert touched.see(f"{pressed}.map((b) => b.textContent)") == ["Press", "Plain"]

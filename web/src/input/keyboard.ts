@@ -4,14 +4,15 @@ import type { SurfaceCursor } from "./surface-cursor";
 import type { OrganView } from "../rendering/organ-view";
 
 export const HELP: [string, string][] = [
-  ["1 2 3 4 5", "Press, pull, grasp, needle, cut"],
+  ["1 2 3 4 5 6", "Press, pull, grasp, needle, cut, measure"],
   ["Tab to the organ, then arrow keys", "Move the cursor over the surface, or the tool that holds; with Ctrl in small steps"],
   ["Space", "Hold, and let go again; inserts the needle"],
   ["+ −", "Move the slider"],
   ["Shift and arrow keys", "Rotate the view"],
   ["Page Up, Page Down", "Zoom in, out"],
-  ["Z", "Take the last cut back"],
-  ["Enter", "Take a sample with the needle"],
+  ["Z", "Take the last cut back, or the last point measured"],
+  ["K", "Measure a distance, an angle or an area; Space sets a point"],
+  ["Enter", "Take a sample with the needle; close an area"],
   ["F", "Found it"],
   ["N  O", "Needle inwards or along the view; needle out"],
   ["W  I  S", "Wireframe, see inside, slices"],

@@ -58,6 +58,19 @@ export function locate(point: Vector, rest: Float32Array, triangles: Uint32Array
   return best;
 }
 
+/** The node of triangles first..first + count that is nearest to a position. */
+export function nearestNode(position: Vector, positions: Float32Array, triangles: Uint32Array, first: number, count: number): Hit {
+  let nearest = 0, least = Infinity;
+  for (let corner = 3 * first; corner < 3 * (first + count); corner++) {
+    const n = 3 * triangles[corner];
+    const square = (positions[n] - position[0]) ** 2 + (positions[n + 1] - position[1]) ** 2 + (positions[n + 2] - position[2]) ** 2;
+    if (square < least) (least = square), (nearest = corner);
+  }
+  const weights: Vector = [0, 0, 0];
+  weights[nearest % 3] = 1;
+  return { triangle: Math.floor(nearest / 3), weights, distance: 0 };
+}
+
 /** Vectors given at the nodes, interpolated at a hit. */
 export function interpolate(hit: Hit, values: Float32Array, triangles: Uint32Array): Vector {
   const out: Vector = [0, 0, 0];

@@ -9,19 +9,22 @@
 // Grasp: two jaws to the left and right of that point, closed by the selected amount; they move together.
 // Needle: enters under the pixel and stays there; the selected depth inserts it.
 // Cut: a blade goes along the surface where the pixel goes, as deep as selected. The server cuts the tissue behind it.
+// Measure: sets points on the surface as drawn, see `MeasureTool`.
 import type { CommandQueue } from "./command-queue";
-import { add, dot, interpolate, length, limitLength, locate, pick, scale, subtract, unit, type Hit } from "../organ/mesh-geometry";
+import type { MeasureTool } from "./measure-tool";
+import { add, dot, interpolate, length, limitLength, locate, nearestNode, pick, scale, subtract, unit, type Hit } from "../organ/mesh-geometry";
 import { NEEDLE } from "../rendering/tool-meshes";
 import type { Organ } from "../protocol/worker-messages";
 import { CommandKind, CutStep, type Scalpel, type Vector } from "../protocol/server-messages";
 import type { OrganView } from "../rendering/organ-view";
 
-export type ToolKind = "press" | "pull" | "grasp" | "needle" | "cut";
-export const TOOL_KINDS: ToolKind[] = ["press", "pull", "grasp", "needle", "cut"];
+export type ToolKind = "press" | "pull" | "grasp" | "needle" | "cut" | "measure";
+export const TOOL_KINDS: ToolKind[] = ["press", "pull", "grasp", "needle", "cut", "measure"];
 /** The numbers of the tools that a kind commands. */
-export const TOOL_NUMBERS: Record<ToolKind, number[]> = { press: [0], pull: [0], grasp: [0, 1], needle: [NEEDLE], cut: [] };
+export const TOOL_NUMBERS: Record<ToolKind, number[]> = { press: [0], pull: [0], grasp: [0, 1], needle: [NEEDLE], cut: [], measure: [] };
 
 const MAX_REACH = 0.999; // of the longest displacement, since the server gets it rounded
+const MOST_MOVED = 0.02; // of the organ's radius: farther from another organ's surface, a measured point is not one of it
 const MIN_INSERTION = 0.05; // mm: a needle needs a direction
 
 interface Jaw {
@@ -43,7 +46,7 @@ interface Needle {
 export class ToolController {
   kind: ToolKind = "press";
   inward = true; // the needle's direction: normal to the surface, or that of the view
-  readonly amounts: Record<ToolKind, number> = { press: 1, pull: 0, grasp: 1, needle: 0, cut: 1 }; // mm
+  readonly amounts: Record<ToolKind, number> = { press: 1, pull: 0, grasp: 1, needle: 0, cut: 1, measure: 0 }; // mm
   private organ: Organ | null = null;
   private grasp: Grasp | null = null;
   private pressPoint: Hit | null = null; // on the surface at rest
@@ -54,10 +57,15 @@ export class ToolController {
   private gain = 0.85; // of the last grasp: the first value for the next one
   private pixel: [number, number] = [0, 0];
 
-  constructor(private readonly view: OrganView, private readonly commands: CommandQueue, private readonly sendScalpel: (scalpel: Scalpel) => void) {}
+  constructor(private readonly view: OrganView, private readonly commands: CommandQueue, private readonly measureTool: MeasureTool, private readonly sendScalpel: (scalpel: Scalpel) => void) {}
 
   setOrgan(organ: Organ): void {
     this.releaseAll();
+    const before = this.organ, size = this.view.size, surface = organ.scene.parts.find((p) => !p.inside)!;
+    this.measureTool.setOrgan(organ, (hit) => {
+      const found = locate(interpolate(hit, before!.rest, before!.triangles), organ.rest, organ.triangles, surface.first, surface.count);
+      return found.distance < MOST_MOVED * size ? found : null;
+    });
     this.organ = organ;
   }
 
@@ -68,6 +76,7 @@ export class ToolController {
     if (this.pressPoint) this.pressPoint = again(this.pressPoint);
     if (this.blade) this.blade = again(this.blade);
     for (const jaw of this.grasp?.jaws ?? []) jaw.hit = again(jaw.hit);
+    this.measureTool.setOrgan(organ, again);
     this.organ = organ;
   }
 
@@ -115,9 +124,10 @@ export class ToolController {
 
   /** Begins at a pixel; returns whether the organ is there. swap: pulls instead of pressing, and the other way round. */
   begin(x: number, y: number, stamp: number, swap = false): boolean {
-    const hit = this.organ && !this.organ.scene.replay ? this.pick(x, y) : null;
+    const obeyed = this.organ && (this.kind === "measure" || !this.organ.scene.replay), hit = obeyed ? this.pick(x, y) : null;
     if (!hit) return false;
     this.pixel = [x, y];
+    if (this.kind === "measure") return this.measureTool.begin(hit), true;
     const kind = swap && this.kind === "press" ? "pull" : swap && this.kind === "pull" ? "press" : this.kind;
     if (kind === "cut") return this.moveBlade(CutStep.begin);
     if (kind === "press") this.pressPoint = this.pick(x, y, true) ?? hit;
@@ -159,28 +169,14 @@ export class ToolController {
    * the surface ends on one side: its node nearest to that place. */
   private jaws(hit: Hit): Jaw[] {
     const { turntable } = this.view, middle = this.drawnPoint(hit).position;
-    const offset = 1.25 * this.organ!.scene.radius;
+    const { scene } = this.organ!, offset = 1.25 * scene.radius, surface = scene.parts.find((p) => !p.inside)!;
     const jaws = [-1, 1].map((side) => {
       const target = add(middle, scale(turntable.right, side * offset));
       const { eye } = turntable, direction = unit(subtract(target, eye));
-      return this.jaw(this.pickRay(eye, direction, false) ?? this.nearestNode(target));
+      return this.jaw(this.pickRay(eye, direction, false) ?? nearestNode(target, this.view.positions, this.organ!.triangles, surface.first, surface.count));
     });
     const closing = unit(subtract(jaws[1].point, jaws[0].point));
     return [{ ...jaws[0], closing }, { ...jaws[1], closing: scale(closing, -1) }];
-  }
-
-  private nearestNode(position: Vector): Hit {
-    const { triangles, scene } = this.organ!, { positions } = this.view;
-    const surface = scene.parts.find((p) => !p.inside)!;
-    let nearest = 0, least = Infinity;
-    for (let corner = 3 * surface.first; corner < 3 * (surface.first + surface.count); corner++) {
-      const n = 3 * triangles[corner];
-      const square = (positions[n] - position[0]) ** 2 + (positions[n + 1] - position[1]) ** 2 + (positions[n + 2] - position[2]) ** 2;
-      if (square < least) (least = square), (nearest = corner);
-    }
-    const weights: Vector = [0, 0, 0];
-    weights[nearest % 3] = 1;
-    return { triangle: Math.floor(nearest / 3), weights, distance: 0 };
   }
 
   private insertNeedle(hit: Hit): void {
@@ -197,6 +193,7 @@ export class ToolController {
   moveTo(x: number, y: number, stamp: number, pressure = 1): void {
     this.pixel = [x, y];
     this.pressure = pressure;
+    if (this.measureTool.placing) return this.measureTool.moveTo(this.pick(x, y));
     if (this.blade) {
       this.moveBlade(CutStep.move);
       return;
@@ -270,6 +267,7 @@ export class ToolController {
   /** Lets go of everything but the needle, which stays inserted. */
   release(): void {
     this.aiming = false;
+    if (this.measureTool.placing) return this.measureTool.place();
     if (this.blade) {
       this.cutTo(CutStep.end);
       this.blade = null;

@@ -6,6 +6,7 @@ import { embeddedFile, isExported, workerAddress } from "../protocol/embedded-fi
 import { NEEDLE } from "../rendering/tool-meshes";
 import { OrganView } from "../rendering/organ-view";
 import { CommandQueue } from "../tools/command-queue";
+import { MeasureTool } from "../tools/measure-tool";
 import { TOOL_KINDS, TOOL_NUMBERS, ToolController, type ToolKind } from "../tools/tool-controller";
 import { GamepadInput } from "../input/gamepad";
 import { HELP, listenToKeys } from "../input/keyboard";
@@ -18,6 +19,8 @@ import { DepthSlider } from "../ui/depth-slider";
 import { ErrorReadout } from "../ui/error-readout";
 import { ForceReadout, measure } from "../ui/force-readout";
 import { AudioFeedback, SOUND_MODES, type SoundMode } from "../sound/audio-feedback";
+import { showHint, showMessage } from "./hint";
+import { Measuring } from "./measuring";
 import { SideSlices } from "./side-slices";
 import { exposeTestHooks } from "./test-hooks";
 
@@ -28,7 +31,9 @@ const token = isExported ? "" : takeToken();
 const canvas = element<HTMLCanvasElement>("view");
 const view = new OrganView(canvas);
 const commands = new CommandQueue((command) => post({ kind: "command", command }));
-const controller = new ToolController(view, commands, (scalpel) => post({ kind: "scalpel", scalpel }));
+const measureTool: MeasureTool = new MeasureTool(view, () => measuring.changed(), showMessage);
+const measuring = new Measuring(view, measureTool);
+const controller = new ToolController(view, commands, measureTool, (scalpel) => post({ kind: "scalpel", scalpel }));
 const cursor = new SurfaceCursor(canvas, view, controller);
 const depthSlider = new DepthSlider(controller);
 const readout = new ForceReadout(commands);
@@ -70,7 +75,7 @@ worker.onmessage = ({ data }: MessageEvent<FromWorker>) => {
   } else if (data.kind === "difference") {
     errorReadout.setDifference(data.difference);
   } else if (data.kind === "record") {
-    saveText(data.text, "session.json");
+    saveText(data.text, "session.json", "application/json");
   } else if (data.kind === "notice") {
     showMessage(data.text);
   } else if (data.kind === "status") {
@@ -84,6 +89,7 @@ worker.onmessage = ({ data }: MessageEvent<FromWorker>) => {
     scene = data.organ.scene;
     controller.setCutOrgan(data.organ);
     view.show(data.organ);
+    measuring.setOrgan(data.organ);
     cursor.followCut();
     view.toolMeshes.forgetWay();
     describe(scene);
@@ -93,6 +99,7 @@ worker.onmessage = ({ data }: MessageEvent<FromWorker>) => {
     scene = data.organ.scene;
     view.show(data.organ);
     controller.setOrgan(data.organ);
+    measuring.setOrgan(data.organ);
     cursor.clear();
     sound.clear();
     commands.clearPending();
@@ -106,7 +113,8 @@ worker.onmessage = ({ data }: MessageEvent<FromWorker>) => {
 };
 
 /** What the hand can take in this session. */
-const tools = (): ToolKind[] => TOOL_KINDS.filter((kind) => !scene || scene.tools.includes(kind));
+const offers = (scene: Scene, kind: string) => (kind === "measure" ? !scene.exam : scene.tools.includes(kind));
+const tools = (): ToolKind[] => TOOL_KINDS.filter((kind) => !scene || offers(scene, kind));
 /** Colors that this session may show, in the order of their buttons. */
 const colors = (): ColorMode[] => COLOR_MODES.filter((mode) => !scene || scene.views.includes(mode));
 
@@ -125,7 +133,7 @@ function describe(scene: Scene): void {
   organs.setEntries(scene.organs);
   organs.show(scene.organ);
   element("model-and-mesh").hidden = scene.models.length < 2 && scene.organs.length < 2;
-  for (const button of document.querySelectorAll<HTMLElement>("#tool button")) button.hidden = !scene.tools.includes(button.dataset.value!);
+  for (const button of document.querySelectorAll<HTMLElement>("#tool button")) button.hidden = !offers(scene, button.dataset.value!);
   for (const button of document.querySelectorAll<HTMLElement>("#color-mode button")) button.hidden = !scene.views.includes(button.dataset.value!);
   element("shading").parentElement!.hidden = !scene.views.includes("wireframe");
   element("color-mode").parentElement!.hidden = colors().length < 2;
@@ -146,8 +154,10 @@ function renderLoop(now: number): void {
   const frame = pending && takeFrame(pending);
   pending = null;
   cursor.draw();
+  const drawn = !webxr.active && view.draw();
   if (webxr.active) webxr.update();
-  else if (view.draw()) readout.framesDrawn++;
+  if (drawn) readout.framesDrawn++;
+  measuring.draw(drawn, newest !== null && newest.count > 0, now);
   const done = performance.now();
   if (frame) commands.frameDrawn(frame.serial, done);
   sideSlices.draw(now);
@@ -175,24 +185,9 @@ function describeModel({ model, chosen }: Frame): void {
   write("model-note", model === chosen ? reason && `Began with ${reason}.` : `Making ${models[chosen]}; until then ${models[model]}.`);
 }
 
-const HINTS: Record<ToolKind, string> = {
-  press: "Hold on the organ to press, move to stroke; the wheel presses deeper.",
-  pull: "Hold a point of the organ and drag it; the wheel lifts it.",
-  grasp: "Two jaws hold left and right; drag to move them, the wheel closes them.",
-  needle: "Click where the needle enters; the wheel or the slider inserts it.",
-  cut: "Draw over the organ to cut it; the slider is the depth. Pull beside the cut to open it.",
-};
-const MESSAGE_TIME = 3000; // ms
-let messageUntil = 0;
-function showMessage(text: string): void {
-  messageUntil = performance.now() + MESSAGE_TIME;
-  write("hint", text);
-}
 function updateHint(): void {
-  if (performance.now() < messageUntil) return;
-  const refused = newest && TOOL_NUMBERS[controller.kind].some((tool) => newest!.contact[tool] === ContactState.refused);
-  if (refused) write("hint", "The tissue is fixed here: hold it somewhere else.");
-  else write("hint", scene?.replay ? "A recorded session." : `${HINTS[controller.kind]} Drag outside to rotate.`);
+  const refused = newest !== null && TOOL_NUMBERS[controller.kind].some((tool) => newest!.contact[tool] === ContactState.refused);
+  showHint(controller.kind, measureTool.kind, refused, scene?.replay === true);
 }
 
 function releaseAll(): void {
@@ -218,6 +213,8 @@ const chooseTool = selector<ToolKind>("tool", (kind) => {
   controller.kind = kind;
   element("needle-row").hidden = kind !== "needle";
   element("cut-row").hidden = kind !== "cut";
+  element("measure-row").hidden = kind !== "measure";
+  measuring.changed();
   depthSlider.update(true);
   updateHint();
 });
@@ -265,16 +262,17 @@ listenToKeys(canvas, view, cursor, {
   i: () => scene?.views.includes("inside") && translucentToggle.click(),
   s: () => scene?.images && slicesToggle.click(),
   o: () => controller.withdrawNeedle(),
-  z: () => scene?.tools.includes("cut") && controller.undoCut(),
+  z: () => (controller.kind === "measure" ? measureTool.undo() : scene?.tools.includes("cut") && controller.undoCut()),
+  k: () => controller.kind === "measure" && measuring.nextKind(),
   f: markLump,
   r: resetView,
-  Enter: takeSample,
-  Escape: releaseAll,
+  Enter: () => (controller.kind === "measure" ? measureTool.finish() : takeSample()),
+  Escape: () => (measureTool.abandon(), releaseAll()),
   "?": () => help.showModal(),
 }, changeAmount);
 
 const testHooks = exposeTestHooks({
-  view, controller, cursor, commands, sideSlices, readout, sound,
+  view, controller, cursor, commands, measuring, sideSlices, readout, sound,
   frame: () => newest,
   scene: () => scene,
 });

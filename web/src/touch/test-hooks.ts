@@ -1,4 +1,5 @@
 // `window.palpate`: the page's state for tests and benchmarks. Nothing in the page uses it.
+import type { Measuring } from "./measuring";
 import type { SideSlices } from "./side-slices";
 import type { CommandQueue } from "../tools/command-queue";
 import type { SurfaceCursor } from "../input/surface-cursor";
@@ -15,6 +16,7 @@ interface Parts {
   controller: ToolController;
   cursor: SurfaceCursor;
   commands: CommandQueue;
+  measuring: Measuring;
   sideSlices: SideSlices;
   readout: ForceReadout;
   sound: AudioFeedback;
@@ -29,6 +31,10 @@ declare global {
       readonly scene: Scene | null;
       /** Pixel at which a shown node is drawn. */
       nodePixel(node: number): [number, number];
+      /** Whether the figures of all measurements are those of now. */
+      readonly measured: boolean;
+      /** Pixel at which a position (mm) is drawn. */
+      pixel(point: Vector): [number, number];
       /** Pixel at which the held material point is drawn. */
       heldPixel(): [number, number] | null;
       /** Is the organ under this pixel? */
@@ -74,7 +80,11 @@ export function exposeTestHooks(parts: Parts): { recordWork(ms: number): void } 
     get lastSerial() {
       return parts.commands.lastSerial;
     },
+    get measured() {
+      return parts.measuring.upToDate;
+    },
     nodePixel: (node) => view.toPixel([...view.positions.subarray(3 * node, 3 * node + 3)] as Vector),
+    pixel: (point) => view.toPixel(point),
     heldPixel: () => (controller.heldPoint ? view.toPixel(controller.heldPoint) : null),
     hitsOrgan: (x, y) => controller.pick(x, y) !== null,
     cursorPixel: () => parts.cursor.pixel,

@@ -86,9 +86,9 @@ export class SelectList {
 }
 
 /** Lets the browser save a text as a file. */
-export function saveText(text: string, name: string): void {
+export function saveText(text: string, name: string, type: string): void {
   const link = document.createElement("a");
-  link.href = URL.createObjectURL(new Blob([text], { type: "application/json" }));
+  link.href = URL.createObjectURL(new Blob([text], { type }));
   link.download = name;
   link.click();
   setTimeout(() => URL.revokeObjectURL(link.href), 1000);

@@ -4,11 +4,11 @@ import { TOOL_KINDS, type ToolController, type ToolKind } from "../tools/tool-co
 import type { Scene } from "../protocol/server-messages";
 import type { OrganView } from "../rendering/organ-view";
 
-const LABELS: Record<ToolKind, string> = { press: "Press by", pull: "Lift by", grasp: "Pinch by", needle: "Drive to", cut: "Cut to" };
+const LABELS: Record<ToolKind, string> = { press: "Press by", pull: "Lift by", grasp: "Pinch by", needle: "Drive to", cut: "Cut to", measure: "" };
 
 export class DepthSlider {
   private readonly slider = element<HTMLInputElement>("amount");
-  private readonly ranges: Record<ToolKind, [number, number]> = { press: [0, 1], pull: [0, 1], grasp: [0, 1], needle: [0, 1], cut: [0, 1] };
+  private readonly ranges: Record<ToolKind, [number, number]> = { press: [0, 1], pull: [0, 1], grasp: [0, 1], needle: [0, 1], cut: [0, 1], measure: [0, 0] };
   private step = 1; // mm
   private shown: [ToolKind, number] | null = null;
 
@@ -26,6 +26,7 @@ export class DepthSlider {
       grasp: [0, 1.2 * radius],
       needle: [0, Math.min(0.99 * reach, 1.6 * size)],
       cut: [this.step, 2 * size],
+      measure: [0, 0],
     };
     Object.assign(this.ranges, ranges);
     this.step = 0.01 * size;
@@ -60,6 +61,7 @@ export class DepthSlider {
       write("amount-name", LABELS[kind]);
     }
     this.shown = [kind, mm];
+    element("amount-row").hidden = kind === "measure";
     this.slider.value = String(mm);
     const text = `${mm.toFixed(1).replace("-", "−")} mm`;
     this.slider.setAttribute("aria-valuetext", text);

@@ -8,7 +8,7 @@ import { ContactState, TOOLS, type Frame, type Scene } from "../protocol/server-
 import { element, write } from "./controls";
 import { TimePlot } from "./time-plot";
 
-const DEPTH_LABELS: Record<ToolKind, string> = { press: "Depth", pull: "Pulled by", grasp: "Jaw by", needle: "Inside", cut: "Depth" };
+const DEPTH_LABELS: Record<ToolKind, string> = { press: "Depth", pull: "Pulled by", grasp: "Jaw by", needle: "Inside", cut: "Depth", measure: "Depth" };
 const NUMBERS_INTERVAL = 125, PLOTS_INTERVAL = 66, TIMING_INTERVAL = 1000; // ms
 const MIN_DEPTH = 0.5; // mm: no stiffness below
 
