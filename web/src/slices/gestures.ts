@@ -21,7 +21,7 @@ export class Gestures {
       state.changed();
     });
     canvas.addEventListener("contextmenu", (event) => event.preventDefault());
-    canvas.addEventListener("dblclick", maximize);
+    canvas.addEventListener("dblclick", () => state.tool !== "measure" && maximize());
     canvas.addEventListener("pointerdown", (event) => this.press(event));
     canvas.addEventListener("pointermove", (event) => this.move(event));
     canvas.addEventListener("pointerup", (event) => this.lift(event));
@@ -58,12 +58,14 @@ export class Gestures {
     this.fingers.set(event.pointerId, at);
     pane.canvas.setPointerCapture(event.pointerId);
     if (this.fingers.size > 1) {
+      if (state.measurements.placing) state.measurements.undo(); // the first finger's point
       this.dragMode = null; // two fingers pinch
       return;
     }
     this.dragMode = event.button === 2 ? "window" : event.button === 1 || event.shiftKey ? "pan" : state.tool;
     if (this.dragMode === "crosshair") state.moveCrosshair(pane.side, pane.point(at.x, at.y));
     if (this.dragMode === "profile") this.start = pane.point(at.x, at.y);
+    if (this.dragMode === "measure") state.measurements.begin(pane.slicePoint(pane.point(at.x, at.y)), (first) => pane.near(first, at));
     if (event.button === 1) event.preventDefault();
     state.changed();
   }
@@ -78,6 +80,7 @@ export class Gestures {
     if (this.dragMode === "crosshair") state.moveCrosshair(pane.side, pane.point(at.x, at.y));
     else if (this.dragMode === "pan") this.shift(dx, dy);
     else if (this.dragMode === "window") state.adjustWindow(pane.side, 1.005 ** dx, -dy / 300); // right: wider; up: brighter values
+    else if (this.dragMode === "measure") state.measurements.moveTo(pane.slicePoint(pane.point(at.x, at.y)));
     else if (this.dragMode === "profile" && this.start) {
       state.profile = { start: this.start, end: pane.point(at.x, at.y) };
       state.mark = null;
@@ -94,6 +97,7 @@ export class Gestures {
 
   private lift(event: PointerEvent): void {
     this.fingers.delete(event.pointerId);
+    if (this.dragMode === "measure") this.state.measurements.place();
     this.dragMode = this.start = null;
   }
 

@@ -7,6 +7,8 @@ import type { Index } from "./image-source";
 export interface Actions {
   layout(layout: Layout): void;
   tool(tool: Tool): void;
+  measure(): void;
+  measureHere(): void;
   play(): void;
   speed(by: number): void;
   exportPng(): void;
@@ -31,7 +33,9 @@ export const HELP: [string, string, "volume" | "scan" | "both"][] = [
   ["R", "reset everything", "both"],
   ["C  D  H  P", "drag moves the crosshair, changes the window, pans, or draws a profile", "both"],
   ["Enter", "a profile from the crosshair; again: to the crosshair", "both"],
-  ["Escape", "removes the profile", "both"],
+  ["A", "measures: a click, or Enter at the crosshair, sets a point; A again: distance, angle, area", "both"],
+  ["Shift Enter  Z", "closes an area; takes the last point or measurement back", "both"],
+  ["Escape", "removes the profile, and a measurement that lacks points", "both"],
   ["L  X  I  N", "linked, crosshair, inverted, smooth: on or off", "both"],
   ["S", "saves a picture", "both"],
   ["?", "show these keys", "both"],
@@ -87,9 +91,16 @@ export function listenToKeys(state: ViewState, actions: Actions): void {
     d: () => actions.tool("window"),
     h: () => actions.tool("pan"),
     p: () => actions.tool("profile"),
-    Enter: () => state.addProfilePoint([...state.side.crosshair]),
+    a: () => actions.measure(),
+    z: () => state.measurements.undo(),
+    Enter: (far) => {
+      if (state.tool !== "measure") state.addProfilePoint([...state.side.crosshair]);
+      else if (far) state.measurements.finish();
+      else actions.measureHere();
+    },
     Escape: () => {
       state.profile = state.mark = null;
+      state.measurements.abandon();
       state.changed();
     },
     l: () => flip("linked"),

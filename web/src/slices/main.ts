@@ -7,6 +7,7 @@ import { Pane } from "./pane";
 import { element, helpRow, write } from "../ui/controls";
 import { ControlPanel } from "./control-panel";
 import { download, exportPng } from "./export-png";
+import { MeasurePanel } from "./measure-panel";
 import type { PlaneName } from "./planes";
 import { profileCsv, sampleProfile, type Profile } from "./line-profile";
 import { VolumeRendering } from "./volume-rendering";
@@ -17,7 +18,7 @@ import { formatMm, formatNumber } from "./number-format";
 
 const token = takeToken();
 const stage = element("slices");
-let state: ViewState, cine: Cine, controls: ControlPanel;
+let state: ViewState, cine: Cine, controls: ControlPanel, measuring: MeasurePanel;
 let panes: Pane[] = [];
 let renderings: VolumeRendering[] = [];
 let needsRedraw = true;
@@ -43,9 +44,10 @@ async function open(): Promise<void> {
   const { images }: Album = await answer.json();
   const source: ImageSource[] = [];
   for (const [i, image] of images.entries()) source.push(await fetchSource(image, i, 0));
-  state = new ViewState(images.map((image, i) => initialSide(image, source[i])), () => (needsRedraw = true));
+  state = new ViewState(images.map((image, i) => initialSide(image, source[i])), () => (needsRedraw = true), (why) => measuring.tell(why));
   for (const side of state.sides) side.crosshair = [...state.sides[0].crosshair];
   cine = new Cine(state);
+  measuring = new MeasurePanel(state, () => `${fileName()}-measurements.csv`);
   controls = new ControlPanel(state, cine, setLayout, (name) => void selectStack(name).catch(showError));
   wire();
   describe(images);
@@ -59,6 +61,8 @@ function wire(): void {
   listenToKeys(state, {
     layout: setLayout,
     tool: (tool) => ((state.tool = tool), state.changed()),
+    measure: () => measuring.next(),
+    measureHere: () => measuring.addCrosshair(panes),
     play: () => void (state.scan && cine.toggle()),
     speed: (by) => cine.faster(by),
     exportPng: () => void savePng().catch(showError),
@@ -174,6 +178,7 @@ function drawAll(): void {
   }
   for (const rendering of renderings) rendering.draw();
   controls.update(panes);
+  measuring.update();
 }
 
 function renderLoop(now: number): void {

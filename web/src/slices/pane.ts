@@ -3,7 +3,10 @@ import type { Vector } from "../protocol/server-messages";
 import { extract, orientationLabels, PLANES, slab, title, type Plane, type PlaneName } from "./planes";
 import type { Side, ViewState } from "./view-state";
 import type { Index } from "./image-source";
+import { CLOSING_DISTANCE } from "../organ/measurement";
+import { drawMeasurements } from "./measurement-marks";
 import { formatMm } from "./number-format";
+import type { SlicePoint } from "./slice-measurements";
 
 const BARS = [0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500]; // mm
 const INK = "#e8eef0", LINE = "#5fd0dc", START = "#ffb26b", NOT_MEASURED = [92, 58, 30];
@@ -66,6 +69,19 @@ export class Pane {
     return source.point(index);
   }
 
+  /** A position in the crosshair's slice as a point to measure from. */
+  slicePoint(at: Vector): SlicePoint {
+    const { down, across, name } = this.plane, { source } = this.side, index = source.index(at);
+    const flat: [number, number] = [index[across] * source.spacing[across], index[down] * source.spacing[down]];
+    return { at, flat, side: this.sideIndex, plane: name, slice: this.state.slice(this.side, name) };
+  }
+
+  /** Is a measured point so near to a place of the pane that a click there means it? */
+  near(point: SlicePoint, place: { x: number; y: number }): boolean {
+    const [x, y] = this.pixel(point.at);
+    return Math.hypot(x - place.x, y - place.y) < CLOSING_DISTANCE;
+  }
+
   /** First and last slice that are shown. */
   get slices(): [number, number] {
     const k = this.state.slice(this.side, this.plane.name);
@@ -94,6 +110,7 @@ export class Pane {
     this.drawImage(context);
     if (this.state.crosshairShown) this.drawCrosshair(context);
     this.drawProfile(context);
+    this.drawMeasurements(context);
     this.drawLabels(context);
   }
 
@@ -169,6 +186,13 @@ export class Pane {
       context.arc(x, y, i ? 3 : 5, 0, 7);
       context.fill();
     });
+  }
+
+  /** Draws those of the slice that is shown. */
+  private drawMeasurements(context: CanvasRenderingContext2D): void {
+    const { state, side, sideIndex, plane } = this, slice = state.slice(side, plane.name);
+    const here = state.measurements.list.filter(({ points: [p] }) => p.side === sideIndex && p.plane === plane.name && p.slice === slice);
+    drawMeasurements(context, here, (point) => this.pixel(point), this.width);
   }
 
   private drawLabels(context: CanvasRenderingContext2D): void {

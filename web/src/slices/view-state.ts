@@ -2,9 +2,10 @@
 import type { Image, Vector, Window } from "../protocol/server-messages";
 import { NAMES, PLANES, type PlaneName, type SlabMode } from "./planes";
 import type { Index, ImageSource } from "./image-source";
+import { SliceMeasurements } from "./slice-measurements";
 
 export type Layout = "all" | PlaneName | "render";
-export type Tool = "crosshair" | "window" | "pan" | "profile";
+export type Tool = "crosshair" | "window" | "pan" | "profile" | "measure";
 
 /** One of the one or two images. center: mm, in the middle of each plane's pane; zoom: 1 fits the pane. */
 export interface Side {
@@ -34,7 +35,12 @@ export class ViewState {
   profile: { start: Vector; end: Vector } | null = null;
   mark: Vector | null = null; // start of a profile without an end
 
-  constructor(readonly sides: Side[], private readonly onChange: () => void) {}
+  readonly measurements: SliceMeasurements;
+
+  /** refuse: tells the user why something is not done. */
+  constructor(readonly sides: Side[], private readonly onChange: () => void, refuse: (why: string) => void = () => {}) {
+    this.measurements = new SliceMeasurements(onChange, refuse);
+  }
 
   changed(): void {
     this.onChange();
@@ -140,6 +146,7 @@ export class ViewState {
     if (this.linked) for (const side of this.sides) side.crosshair = [...this.sides[0].crosshair];
     this.slab = 0;
     this.profile = this.mark = null;
+    this.measurements.clear();
     this.changed();
   }
 }

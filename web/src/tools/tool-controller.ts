@@ -193,7 +193,10 @@ export class ToolController {
   moveTo(x: number, y: number, stamp: number, pressure = 1): void {
     this.pixel = [x, y];
     this.pressure = pressure;
-    if (this.measureTool.placing) return this.measureTool.moveTo(this.pick(x, y));
+    if (this.measureTool.placing) {
+      const hit = this.pick(x, y);
+      return hit ? this.measureTool.moveTo(hit) : undefined;
+    }
     if (this.blade) {
       this.moveBlade(CutStep.move);
       return;

@@ -1,5 +1,6 @@
 // Wires the tool Measure to the panel and to the marks over the picture.
 import { measurementsCsv, quantitiesText, quantityText, type MeasureKind, MEASURE_KINDS } from "../organ/measurement";
+import { progressText } from "../organ/measurement-set";
 import { interpolate } from "../organ/mesh-geometry";
 import { enclosedVolume } from "../organ/surface-area";
 import type { PathPoint } from "../organ/surface-path";
@@ -83,7 +84,7 @@ export class Measuring {
         label: quantities[0] ? `${tool.list[i].name}: ${quantityText(quantities[0])}` : "",
         line: line.map(pixel),
         chord: tool.list[i].kind === "distance",
-        points: tool.list[i].hits.map((hit) => pixel({ at: interpolate(hit, view.positions, organ.triangles), triangle: hit.triangle })),
+        points: tool.list[i].points.map((hit) => pixel({ at: interpolate(hit, view.positions, organ.triangles), triangle: hit.triangle })),
       })),
     );
     this.dirty = moved !== this.moved || now - this.updated < INTERVAL;
@@ -99,11 +100,10 @@ export class Measuring {
     const { tool, view } = this;
     const lines = (now: string, rest: string) => (this.moved ? [`Now: ${now}`, `At rest: ${rest}`] : [`At rest: ${rest}`]);
     this.list.show(
-      tool.list.map(({ name, kind, hits, complete }, i) => {
-        if (complete) return { name, lines: lines(quantitiesText(measured[i].quantities), quantitiesText(this.atRest[i].quantities)) };
-        const set = `${hits.length} point${hits.length > 1 ? "s" : ""}`;
-        return { name, lines: [kind === "area" ? `${set}; close it at the first one` : `${set} of ${kind === "angle" ? 3 : 2}`] };
-      }),
+      tool.list.map((each, i) => ({
+        name: each.name,
+        lines: each.complete ? lines(quantitiesText(measured[i].quantities), quantitiesText(this.atRest[i].quantities)) : [progressText(each)],
+      })),
     );
     const text = (volume: number | null) => (volume === null ? "not a closed surface" : `${(volume / 1000).toPrecision(4)} cm³`);
     this.volumes.show(
