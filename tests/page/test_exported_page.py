@@ -164,6 +164,20 @@ def test_it_is_touched_offline(opened, album):
     opened.until_home()
 
 
+def test_it_is_measured_offline(opened):
+    """Between two nodes of the surface, whose places at rest the test knows."""
+    page, nodes = opened.page, organ(11).mesh.nodes[organ(11).mesh.surface_nodes]
+    ends = [nodes[np.argmin(np.linalg.norm(nodes - point, axis=1))] for point in ((-16, -12, 18), (14, -10, 18))]
+    page.click("#tool >> text=Measure")
+    for end in ends:
+        page.mouse.click(*opened.see(f"palpate.pixel({end.tolist()})"))
+    opened.wait("palpate.measured && document.querySelectorAll('#measurement-list li').length === 1")
+    told = page.inner_text("#measurement-list p").removeprefix("At rest: ")
+    assert float(told.split()[0]) == pytest.approx(np.linalg.norm(ends[1] - ends[0]), rel=0.01)
+    lump = page.inner_text("#volumes li:nth-child(2)")
+    assert lump.startswith("Volume of lump")
+
+
 def test_a_second_has_a_thousand_ticks(opened):
     """Counted over seconds of the page's own clock: none is skipped, none is run twice."""
     look = "[performance.now(), palpate.frame.tick]"
