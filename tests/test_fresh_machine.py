@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-COMMANDS = ("scan", "reconstruct", "view", "segment", "mesh", "fit", "cut", "touch", "demo", "study", "doctor")
+COMMANDS = ("scan", "reconstruct", "view", "segment", "mesh", "fit", "scene", "cut", "touch", "demo", "study", "doctor")
 
 
 def palpate(*arguments):

@@ -179,13 +179,21 @@ def test_it_is_measured_offline(opened):
 
 
 def test_a_second_has_a_thousand_ticks(opened):
-    """Counted over seconds of the page's own clock: none is skipped, none is run twice."""
-    look = "[performance.now(), palpate.frame.tick]"
-    before = opened.see(look)
-    opened.page.wait_for_timeout(3000)
-    after = opened.see(look)
-    ticks, milliseconds = after[1] - before[1], after[0] - before[0]
-    assert ticks == pytest.approx(milliseconds, abs=250)  # a frame may be some time old
+    """Counted over seconds of the page's own clock: none is skipped, none is run twice.
+
+    A machine that is busy with other work may take the processor away for a while; then another time is looked at.
+    """
+    look, frame_age = "[performance.now(), palpate.frame.tick]", 250  # ms
+    for _ in range(6):
+        before = opened.see(look)
+        opened.page.wait_for_timeout(3000)
+        after = opened.see(look)
+        ticks, milliseconds = after[1] - before[1], after[0] - before[0]
+        assert ticks <= milliseconds + frame_age
+        if ticks >= milliseconds - frame_age:
+            break
+    else:
+        pytest.fail(f"{ticks} ticks in {milliseconds:.0f} ms, and no more at any other time")
 
 
 def test_a_saved_session_is_scored(opened, in_node, tmp_path):

@@ -10,7 +10,7 @@ import palpate as pp
 
 def add(app: typer.Typer) -> None:
     """Adds the command to `app`."""
-    app.command("scene", short_help="Joins organs that touch each other into one tissue.")(scene_command)
+    app.command("scene", short_help="Joins organs beside each other into one tissue.")(scene_command)
 
 
 def scene_command(

@@ -65,7 +65,7 @@ export class Measuring {
   }
 
   /** Do the list and the picture tell of now? */
-  get upToDate(): boolean {
+  get isCurrent(): boolean {
     return !this.dirty && this.updated > 0;
   }
 

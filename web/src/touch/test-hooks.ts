@@ -81,7 +81,7 @@ export function exposeTestHooks(parts: Parts): { recordWork(ms: number): void } 
       return parts.commands.lastSerial;
     },
     get measured() {
-      return parts.measuring.upToDate;
+      return parts.measuring.isCurrent;
     },
     nodePixel: (node) => view.toPixel([...view.positions.subarray(3 * node, 3 * node + 3)] as Vector),
     pixel: (point) => view.toPixel(point),
