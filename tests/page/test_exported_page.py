@@ -189,11 +189,10 @@ def test_a_second_has_a_thousand_ticks(opened):
         opened.page.wait_for_timeout(3000)
         after = opened.see(look)
         ticks, milliseconds = after[1] - before[1], after[0] - before[0]
-        assert ticks <= milliseconds + frame_age
-        if ticks >= milliseconds - frame_age:
+        if abs(ticks - milliseconds) <= frame_age:
             break
     else:
-        pytest.fail(f"{ticks} ticks in {milliseconds:.0f} ms, and no more at any other time")
+        pytest.fail(f"{ticks} ticks in {milliseconds:.0f} ms, and no better at any other time")
 
 
 def test_a_saved_session_is_scored(opened, in_node, tmp_path):
