@@ -4,7 +4,6 @@
 namespace palpate {
 namespace {
 
-constexpr int most = ComplianceState::most;
 constexpr int gap_sweeps = 8, first_sweeps = 60; // a tick starts where the last one has come to
 
 } // namespace
@@ -15,6 +14,7 @@ void ComplianceModel::close_gaps(ComplianceState& s, int prescribed, const doubl
     const int n = 3 * prescribed;
     if (s.stale && s.continues) return; // the forces before the cut serve on
     double *in_use = &s.values[ComplianceState::stiffness_at], *offset = &s.values[ComplianceState::offset_at];
+    constexpr int most = ComplianceState::most;
     double exact[most * most], moved[most];
     for (int k = 0; k < n * n; k++) exact[k] = in_use[k] - offset[k];
     for (int a = 0; a < prescribed; a++)
