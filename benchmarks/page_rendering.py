@@ -1,8 +1,9 @@
 """The page in a headless Chromium that draws by software: frames a second, work of its thread, delay from hand to picture.
 
-Two organs: 100,000 triangles streamed 60 times a second (made up: the page's work, no model's), and a small organ under
-the real loop, stroked with real pointer events. The page's own clock ends when it has handed the picture to the browser;
-rasterising goes on in the GPU process, whose time is given apart. A monitor's own delay is not in any of it.
+Two organs, plain, the second as tissue too: 100,000 triangles streamed 60 times a second (made up: the page's work,
+no model's), and a small organ under the real loop, stroked with real pointer events. The page's own clock ends when
+it has handed the picture to the browser; rasterising goes on in the GPU process, whose time is given apart. A
+monitor's own delay is not in any of it.
 """
 
 import bisect
@@ -87,6 +88,7 @@ def lines() -> Iterator[str]:
             yield row(seen)
         with small() as (address, name):
             yield row(measured(chromium, address, name, None))
+            yield row(measured(chromium, address, f"{name}, tissue", None, look="tissue"))
         chromium.close()
     yield f"\nDrawn by {seen.renderer}. Work: decoding, normals and colours are in the worker."
 
@@ -130,12 +132,14 @@ def small() -> Iterator[tuple[str, str]]:
             served.communicate(timeout=30)
 
 
-def measured(chromium: Any, address: str, name: str, sent: Any) -> Seen:
-    """Strokes the organ for some seconds, and then for some more while the browser is traced."""
+def measured(chromium: Any, address: str, name: str, sent: Any, look: str = "plain") -> Seen:
+    """Strokes the organ for some seconds, then for some more while the browser is traced. Effects do not step down."""
     page = chromium.new_context(viewport=WIDE).new_page()
+    page.add_init_script(f"localStorage.setItem('palpate-look', '{look}')")
     page.goto(address)
     while not page.evaluate("Boolean(window.palpate && palpate.frame)"):
         page.wait_for_timeout(100)
+    page.evaluate("palpate.appearance.count = () => {}")
     size = page.evaluate("[document.getElementById('view').clientWidth, document.getElementById('view').clientHeight]")
     x, y = 0.5 * size[0], 0.45 * size[1]
     if sent is None:

@@ -21,10 +21,11 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from palpate.arrays import AnyArray, Float64
-from palpate.server.access_control import page_application
+from palpate.server.access_control import by_token, page_application
 from palpate.server.access_token import access_token
 from palpate.server.loopback_server import running
-from palpate.server.messages import Frame, Mark, Part, Scene, Selection, ToolCommand, decode, encode
+from palpate.server.message_checks import decode
+from palpate.server.messages import Frame, Mark, Part, Scene, Selection, ToolCommand, encode
 from palpate.simulation.pointer import TOOLS
 
 RATE = 60
@@ -216,7 +217,7 @@ def application(organs: list[Stream], token: str) -> Starlette:
         finally:
             sender.cancel()
 
-    app = page_application("index.html", [Route("/scene", scene), WebSocketRoute("/socket", talk)], token)
+    app = page_application("index.html", [Route("/scene", scene), WebSocketRoute("/socket", talk)], by_token(token))
     return app
 
 
@@ -234,5 +235,6 @@ async def send(page: WebSocket, organ: Stream) -> None:
 @contextlib.contextmanager
 def streaming(organs: list[Stream], listener: socket.socket) -> Iterator[str]:
     """Serves made-up organs while the block lasts. Gives the page's address."""
-    with running(application(organs, access_token()), listener) as address:
-        yield address
+    token = access_token()
+    with running(application(organs, token), listener) as address:
+        yield f"{address}?token={token}"

@@ -15,11 +15,14 @@ CHAIN = [
     "reconstruction",
     "meshes",
     "tissue",
+    "differentiable",
     "simulation",
     "haptics",
     "report",
     "server",
+    "rooms",
     "standalone",
+    "display",
     "studies",
     "demos",
     "commands",
@@ -29,7 +32,20 @@ ROOT = Path(palpate.__file__).parent
 REPOSITORY = Path(__file__).parents[1]
 CPP = REPOSITORY / "cpp"
 WEB = REPOSITORY / "web" / "src"
-WEB_FOLDERS = ["protocol", "engine", "organ", "rendering", "tools", "input", "ui", "sound", "slices", "touch"]
+WEB_FOLDERS = [
+    "protocol",
+    "engine",
+    "organ",
+    "rendering",
+    "tools",
+    "endoscopy",
+    "input",
+    "ui",
+    "sound",
+    "slices",
+    "touch",
+    "notebook",
+]
 
 
 def imported(path: Path) -> set[str]:

@@ -23,10 +23,16 @@ const view = await build({
   chunkNames: "view-[hash]",
   external: ["numcodecs/*"], // Niivue's decoders of Zarr files, which the page never opens
 });
+// The viewer without its rendering, for a page that holds everything; and the widget of a notebook.
+const whole = await build({
+  ...how,
+  entryPoints: [{ in: "src/slices/main.ts", out: "view-file" }, { in: "src/notebook/widget.ts", out: "notebook" }],
+  external: ["@niivue/niivue"],
+});
 for (const file of ["index.html", "view.html", "style.css", "touch.css", "view.css"]) await copyFile(file, `dist/${file}`);
 
 // Every package that a bundle contains a part of, and the licence that came with it.
-const inputs = [touch, view].flatMap(({ metafile }) => Object.keys(metafile.inputs));
+const inputs = [touch, view, whole].flatMap(({ metafile }) => Object.keys(metafile.inputs));
 const packages = new Set(inputs.map((path) => /node_modules\/((?:@[^/]+\/)?[^/]+)/.exec(path)?.[1]).filter(Boolean));
 const texts = [];
 for (const name of [...packages].sort()) {

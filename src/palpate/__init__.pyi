@@ -1,11 +1,14 @@
 """The public names of palpate; lazy_loader imports each from its module when it is first used."""
 
 from .demos.registry import run_demo as run_demo
+from .display.touch import touch as touch
+from .display.view import view as view
 from .haptics.discovery import find_devices as find_devices
 from .haptics.force_dimension import ForceDimension as ForceDimension
 from .haptics.haply import Haply as Haply
 from .haptics.open_haptics import OpenHaptics as OpenHaptics
 from .meshes.cutting.blade import Blade as Blade
+from .meshes.hollow_organ import hollow_mesh as hollow_mesh
 from .meshes.io import read_mesh as read_mesh
 from .meshes.io import write_mesh as write_mesh
 from .meshes.mesh_quality import mesh_quality as mesh_quality
@@ -62,6 +65,7 @@ from .reconstruction.self_calibration import shift_panels as shift_panels
 from .reconstruction.self_calibration import view_gain as view_gain
 from .reconstruction.self_calibration import without_displacement as without_displacement
 from .reconstruction.support import support_hull as support_hull
+from .report.answer_plot import plot_answers as plot_answers
 from .report.cut_plot import plot_cut as plot_cut
 from .report.force_error_plot import plot_force_error as plot_force_error
 from .report.indentation_plot import plot_indentation as plot_indentation
@@ -73,6 +77,10 @@ from .report.session_store import add_session as add_session
 from .report.session_store import delete_person as delete_person
 from .report.session_store import export_sessions as export_sessions
 from .report.session_store import read_sessions as read_sessions
+from .rooms.rooms_file import RoomFile as RoomFile
+from .rooms.rooms_file import read_rooms as read_rooms
+from .rooms.serve import invite as invite
+from .rooms.serve import serve as serve
 from .scans.analytic_phantoms import Box as Box
 from .scans.analytic_phantoms import Ellipsoid as Ellipsoid
 from .scans.analytic_phantoms import Intersection as Intersection
@@ -120,9 +128,15 @@ from .scans.trajectories import linear_views as linear_views
 from .scans.trajectories import rotating_views as rotating_views
 from .scans.views import Panel as Panel
 from .scans.views import Views as Views
+from .server.ask_server import ask as ask
 from .server.lesson_server import take_lesson as take_lesson
-from .server.touch import touch as touch
-from .server.view import view as view
+from .simulation.answer_file import Answers as Answers
+from .simulation.answer_file import read_answers as read_answers
+from .simulation.answer_file import start_answers as start_answers
+from .simulation.answer_fit import fit_answers as fit_answers
+from .simulation.answer_fit import ideal_observer as ideal_observer
+from .simulation.forced_choice import ForcedChoice as ForcedChoice
+from .simulation.forced_choice import Trial as Trial
 from .simulation.lesson import Lesson as Lesson
 from .simulation.lesson import lesson_template as lesson_template
 from .simulation.lesson import read_lesson as read_lesson
@@ -160,6 +174,7 @@ from .studies.realtime.study import realtime_study as realtime_study
 from .studies.tomosynthesis.study import tomosynthesis_study as tomosynthesis_study
 from .tissue.adaptive_mesh import adaptive_mesh as adaptive_mesh
 from .tissue.attachment import Attachment as Attachment
+from .tissue.boundary_conditions import fixed_at_openings as fixed_at_openings
 from .tissue.boundary_conditions import fixed_beyond as fixed_beyond
 from .tissue.boundary_conditions import fixed_near as fixed_near
 from .tissue.boundary_conditions import resting_on as resting_on
@@ -194,6 +209,8 @@ from .tissue.tissue_properties import Measured as Measured
 from .tissue.tissue_properties import TissueProperties as TissueProperties
 from .tissue.vibration import Inertia as Inertia
 from .version import __version__ as __version__
+from .volumes.centerline import Centerline as Centerline
+from .volumes.centerline import centerline as centerline
 from .volumes.grid import Grid as Grid
 from .volumes.image_metrics import contrast_to_noise as contrast_to_noise
 from .volumes.image_metrics import nmse as nmse

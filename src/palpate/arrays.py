@@ -14,7 +14,10 @@ if TYPE_CHECKING:
 else:
 
     class ArrayLike:
-        """What `numpy.asarray` takes. `help` shows this short name, not the union behind `numpy.typing.ArrayLike`."""
+        """What `numpy.asarray` takes, and arrays that other libraries export by DLPack from the CPU's memory.
+
+        `help` shows this short name, not the union behind `numpy.typing.ArrayLike`.
+        """
 
 
 Float32 = NDArray[np.float32]
@@ -26,6 +29,42 @@ Bool = NDArray[np.bool_]
 UInt8 = NDArray[np.uint8]
 UInt16 = NDArray[np.uint16]
 AnyArray = NDArray[Any]
+
+
+CPU = 1  # DLPack's number
+DEVICES = {
+    2: "CUDA",
+    3: "CUDA host",
+    4: "OpenCL",
+    7: "Vulkan",
+    8: "Metal",
+    10: "ROCm",
+    13: "CUDA managed",
+    14: "oneAPI",
+}
+
+
+def as_numpy(name: str, values: Any) -> AnyArray:
+    """`values` as a NumPy array, without a copy if it is an array in the CPU's memory; other devices: a `DataError`."""
+    if isinstance(values, np.ndarray) or not hasattr(values, "__dlpack__"):
+        return np.asarray(values)
+    try:
+        kind, number = values.__dlpack_device__()
+    except AttributeError:  # a tracer of JAX has the name alone; what NumPy meets there says what to do
+        return np.asarray(values)
+    if kind != CPU:
+        device = DEVICES.get(int(kind), f"DLPack kind {int(kind)}")
+        raise DataError(
+            f"{name}: the array is on the device {device}:{number}, and palpate computes on the CPU; copy it there first, "
+            f"as with x.cpu() in PyTorch or jax.device_put(x, jax.devices('cpu')[0]) in JAX"
+        )
+    try:
+        return np.from_dlpack(values)
+    except (BufferError, RuntimeError, TypeError, ValueError) as error:
+        raise DataError(
+            f"{name}: {type(values).__name__} does not export its memory ({error}); detach it from its gradient, or convert "
+            f"it to float32"
+        ) from error
 
 
 def float32(name: str, values: ArrayLike, shape: Sequence[int | None] | None = None) -> Float32:
@@ -44,7 +83,7 @@ def float64(name: str, values: ArrayLike, shape: Sequence[int | None] | None = N
 
 
 def _checked(name: str, values: ArrayLike, shape: Sequence[int | None] | None) -> AnyArray:
-    array = np.asarray(values)
+    array = as_numpy(name, values)
     if array.dtype.kind not in "fiub":
         raise DataError(f"{name}: expected real numbers, got dtype {array.dtype}; convert with .astype(float)")
     if shape is not None and (

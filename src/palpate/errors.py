@@ -29,6 +29,10 @@ class PortError(PalpateError, OSError):
     """A network port that is taken."""
 
 
+class ExtraError(PalpateError, ImportError):
+    """A package that palpate needs for this alone, and that is not installed. The message names the extra that has it."""
+
+
 class DeviceError(PalpateError, OSError):
     """A haptic device that is not there, not ready or not well. `fault` is its short name."""
 

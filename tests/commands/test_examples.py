@@ -11,6 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.example_organs import organ
+from support.jax_here import required_jax
 from support.running_server import HERE, ended, interrupted, start
 
 import palpate as pp
@@ -98,6 +100,40 @@ def test_mesh_fit_and_touch(folder):
     assert code == 0, err
     assert "session recorded in session.h5" in out
     assert pp.read_record(folder / "session.h5").length > 0
+
+
+def test_a_hollow_organ(folder):
+    code, out, err = ended("mesh labels.nii.gz --label aorta --wall 2 -o aorta.vtu", folder)
+    assert code == 0, err
+    assert "0 handles" in out
+    mesh = pp.read_mesh(folder / "aorta.vtu")
+    assert mesh.names == {1: "aorta wall"}
+    assert len(mesh.centerline.openings) == 1
+    ended("mesh labels.nii.gz --label aorta --wall 3 --edge 5 -o coarse.vtu", folder)
+    mesh = pp.read_mesh(folder / "coarse.vtu")
+    code, out, err = ended("fit coarse.vtu --young 400 --rest-on 0,1,0 -o tissue.vtu", folder)
+    assert code == 0, err
+    held = pp.read_tissue(folder / "tissue.vtu").held
+    assert held[pp.fixed_at_openings(mesh)].all()
+
+
+def test_ask(tmp_path):
+    folder = tmp_path
+    pp.write_tissue(folder / "tissue.vtu", organ(7))
+    asked = start(f"{example('ask')} --no-browser", folder)
+    assert "Which is stiffer? Answer at  http://127.0.0.1:" in asked.stdout.readline()
+    code, out, err = interrupted(asked, lambda: True)
+    assert code == 0, err
+    assert "0 of 60 trials answered; the same command with --resume goes on" in out
+    assert pp.read_answers(folder / "answers.jsonl").experiment == pp.ForcedChoice()
+    code, _, err = ended(example("ask"), folder)
+    assert code == 2
+    assert "answers.jsonl: is there already" in err
+    for words, wrong in (("--question colour", "question"), ("--levels 1,x", "--levels")):
+        code, _, err = ended(f"ask tissue.vtu -o other.jsonl {words}", folder)
+        assert code == 2
+        assert wrong in err
+        assert not (folder / "other.jsonl").exists()
 
 
 def test_scene(folder):
@@ -233,6 +269,17 @@ def test_the_example_of_an_own_potential_finds_the_ball():
 def test_the_example_of_an_own_likelihood_forgives_outliers():
     plain, ours = example_module("own_likelihood").main()
     assert ours < 0.8 * plain
+
+
+def test_the_example_of_a_denoiser_predicts_left_out_views_better_than_its_input():
+    """Shorter training than a reader's; untrained, the network gives back its input."""
+    required_jax()
+    example = example_module("denoise_with_jax")
+    deviance = example.main(steps=25)
+    assert set(deviance) == {"SIRT", "denoised", "M-MAP"}
+    assert deviance["denoised"] < deviance["SIRT"] - 0.01
+    x = np.full((4, 5, 6), 0.02, np.float32)
+    np.testing.assert_allclose(example.network(example.start(), x), x, rtol=1e-6)
 
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in (ROOT / "examples").glob("own_*.py")))

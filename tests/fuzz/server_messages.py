@@ -28,7 +28,17 @@ from websockets.sync.client import connect
 
 import palpate as pp
 
-LENGTHS = {1: 32, 3: 4, 4: 4, 5: 4, 7: 20}  # bytes of a tool's, a choice's, a mark's, a wish to compare, a scalpel's
+LENGTHS = {
+    1: 32,
+    3: 4,
+    4: 4,
+    5: 4,
+    7: 20,
+    8: 8,
+    12: 12,
+    15: 8,
+}  # of a tool, a selection, a mark, a wish to compare, a scalpel, a choice in an experiment, a player, a teacher's lead
+NOTE = 10
 FRAME = 2
 LARGEST, POLICY, TOO_BIG = 1024, 1008, 1009
 HOSTILE = [math.nan, math.inf, -math.inf, 1e38, -1e38, 1e-40, 0.0, 1e6, -1e5]
@@ -37,6 +47,8 @@ MODELS, ORGANS, REACH_SHARE = 5, 1, 0.5
 
 def good(data, reach):
     """Is this a message? Kind, exact length, numbers in range, finite, and no displacement longer than `reach`."""
+    if isinstance(data, bytes) and data[:1] == bytes([NOTE]):
+        return good_note(data)
     if not isinstance(data, bytes) or not data or LENGTHS.get(data[0]) != len(data):
         return False
     if data[0] == 3:
@@ -48,11 +60,30 @@ def good(data, reach):
     if data[0] == 7:
         depth, *place = struct.unpack_from("<4f", data, 2)
         return data[1] < 4 and all(map(math.isfinite, (depth, *place))) and (depth > 0 or data[1] == 3)
+    if data[0] == 8:
+        return data[1] < 3 and data[2] in (1, 2)
+    if data[0] == 15:
+        return data[1] < 5
+    if data[0] == 12:
+        (value,) = struct.unpack_from("<d", data, 2)
+        low, high = {2: (0.25, 4), 3: (0, 1e15)}.get(data[1], (-math.inf, math.inf))
+        return data[1] < 4 and math.isfinite(value) and low <= value <= high
     tool, kind = data[1], data[2]
     numbers = struct.unpack_from("<6f", data, 7)
     if tool > 3 or kind > 3 or not all(map(math.isfinite, numbers)):
         return False
     return kind == 0 or math.dist(numbers[3:], (0, 0, 0)) <= reach
+
+
+def good_note(data):
+    """A step, an index, a finite place, then up to 800 bytes of UTF-8."""
+    if not 16 < len(data) <= 816 or data[1] > 1 or not all(map(math.isfinite, struct.unpack_from("<3f", data, 3))):
+        return False
+    try:
+        data[16:].decode()
+    except UnicodeDecodeError:
+        return False
+    return True
 
 
 def one(rng, nodes, reach):
@@ -73,6 +104,15 @@ def one(rng, nodes, reach):
         depth = float(rng.choice([5.0, 15.0, 1e38, -1.0, math.nan], p=[0.6, 0.3, 0.02, 0.04, 0.04]))
         where = at if rng.random() < 0.95 else rng.choice(HOSTILE, 3)
         return struct.pack("<BB4fxx", 7, rng.integers(5), depth, *where)
+    if draw < 0.752:
+        text = rng.choice(["hard", "\x00\x1b[31m", "é" * 200, "", "\u202e", "a" * 300]).encode()
+        return struct.pack("<BBB3fx", NOTE, rng.integers(3), rng.integers(4), *at) + text
+    if draw < 0.754:
+        return struct.pack("<BBdxx", 12, rng.integers(5), rng.choice([0.25, 3.0, 1e4, -1.0, math.nan]))
+    if draw < 0.755:
+        return struct.pack("<BBIxx", 15, rng.integers(7), rng.integers(4))
+    if draw < 0.756:
+        return struct.pack("<BBBIx", 8, rng.integers(4), rng.integers(4), rng.integers(9))
     if draw < 0.80:
         return rng.bytes(int(2 ** rng.uniform(0, 10)) - 1)
     if draw < 0.85:
@@ -123,11 +163,16 @@ def resident(process):
     return int(words[words.index("VmRSS:") + 1]) / 1024
 
 
+def next_frame(page):
+    """The next frame that there is to read."""
+    while (data := page.recv(timeout=20))[0] != FRAME:
+        pass  # a difference, for a page that wished to compare, or notes
+    return data
+
+
 def tick(page):
     """Of the next frame that there is to read."""
-    while (data := page.recv(timeout=20))[0] != FRAME:
-        pass  # a difference, for a page that wished to compare
-    return struct.unpack_from("<d", data, 2)[0]
+    return struct.unpack_from("<d", next_frame(page), 2)[0]
 
 
 class Onlooker(threading.Thread):
@@ -157,7 +202,7 @@ def closed(page):
 
 
 def run(count, seed):
-    """How many messages came to what, MB after a fifth and at the end, and what was wrong."""
+    """How many messages came to what, MB after half of them and at the end, and what was wrong."""
     rng, told, wrong = np.random.default_rng(seed), Counter(), []
     mesh = organ(5).mesh
     reach, nodes = REACH_SHARE * float(np.linalg.norm(np.ptp(mesh.nodes, axis=0))), mesh.nodes[mesh.surface_nodes]
@@ -171,7 +216,7 @@ def run(count, seed):
                         data = one(rng, nodes, reach)
                         page.send(data)
                         n += 1
-                        if n == count // 5:
+                        if n == count // 2:
                             early = resident(process)
                         if not good(data, reach):
                             code = closed(page)
@@ -200,7 +245,7 @@ def run(count, seed):
 
 def felt(page):
     """N, of the first tool."""
-    return float(np.linalg.norm(struct.unpack_from("<3f", page.recv(timeout=20), FORCE)))
+    return float(np.linalg.norm(struct.unpack_from("<3f", next_frame(page), FORCE)))
 
 
 FORCE = 1 + 1 + 8 + 8 + 4 + 4 + 8 + 4 + 4 + 4 + 48 + 48
@@ -214,7 +259,7 @@ def main():
     told, (early, late), wrong = run(given.count, given.seed)
     for name, times in sorted(told.items()):
         print(f"{times:7d}  {name}")
-    print(f"memory: {early:.0f} MB after a fifth, {late:.0f} MB at the end")
+    print(f"memory: {early:.0f} MB after half of them, {late:.0f} MB at the end")
     for line in wrong[:20]:
         print(line)
     print(f"{given.count} messages, seed {given.seed}: {len(wrong)} wrong")

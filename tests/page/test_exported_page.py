@@ -169,6 +169,7 @@ def test_it_is_measured_offline(opened):
     page, nodes = opened.page, organ(11).mesh.nodes[organ(11).mesh.surface_nodes]
     ends = [nodes[np.argmin(np.linalg.norm(nodes - point, axis=1))] for point in ((-16, -12, 18), (14, -10, 18))]
     page.click("#tool >> text=Measure")
+    page.wait_for_timeout(500)  # the panel grows, and the organ's picture with it gets smaller
     for end in ends:
         page.mouse.click(*opened.see(f"palpate.pixel({end.tolist()})"))
     opened.wait("palpate.measured && document.querySelectorAll('#measurement-list li').length === 1")

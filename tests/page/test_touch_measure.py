@@ -2,7 +2,6 @@
 
 import csv
 import math
-from contextlib import contextmanager
 from itertools import pairwise
 
 import numpy as np
@@ -12,11 +11,9 @@ from scipy.integrate import dblquad
 from support.brick_meshes import brick
 from support.browser import LAPTOP, PHONE
 from support.example_organs import ellipsoid, organ
-from support.touch_page import Touched
+from support.touch_page import Touched, served_pages
 
 import palpate as pp
-from palpate.server.loopback_server import loopback_socket
-from palpate.server.touch import serving
 
 pytestmark = pytest.mark.browser
 
@@ -88,30 +85,14 @@ def numbers(line):
 @pytest.fixture
 def measured(browser):
     """Gives a page that shows a solid, with the tool chosen by its key."""
-    with contextmanager(_pages)(browser) as opened:
-        yield opened
+    with served_pages(browser, Measured) as opened:
 
+        def open_page(tissue, *how, model="springs", **serve):
+            page = opened(pp.Session(pp.model(tissue, model), radius=8.0, sweeps=4), "Test solid", *how, **serve)
+            page.page.keyboard.press("6")
+            return page
 
-def _pages(browser):
-    closing, pages = [], []
-
-    def open_page(tissue, viewport=LAPTOP, scheme="light", model="springs", **serve):
-        session = pp.Session(pp.model(tissue, model), radius=8.0, sweeps=4)
-        served = serving(session, loopback_socket(None), title="Test solid", **serve)
-        touch = viewport is not LAPTOP
-        context = browser.new_context(viewport=viewport, color_scheme=scheme, has_touch=touch, is_mobile=touch)
-        page = Measured(session, context.new_page())
-        closing.extend([context.close, lambda: served.__exit__(None, None, None)])
-        pages.append(page)
-        page.open(served.__enter__())
-        page.page.keyboard.press("6")
-        return page
-
-    yield open_page
-    for close in closing:
-        close()
-    for page in pages:
-        assert page.problems == []
+        yield open_page
 
 
 def on_ball(*degrees):

@@ -147,7 +147,7 @@ def test_a_record_is_shown_and_obeys_no_hand(browser):
         touched = Touched(session, context.new_page())
         touched.open(address)
         touched.wait("palpate.scene.replay && palpate.frame.contact[0] === 1 && palpate.frame.insertion[3] > 0")
-        touched.settle()
+        touched.wait("palpate.frame.tick > 3000")
         touched.drag(touched.place(), np.array((30, 10)))
         np.testing.assert_allclose(touched.tool()[0], point, atol=1e-4)
         np.testing.assert_allclose(touched.tool()[1], (0, 0, -5), atol=1e-4)

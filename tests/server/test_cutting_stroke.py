@@ -10,7 +10,8 @@ from support.example_organs import organ
 
 import palpate as pp
 from palpate.server.cutting_stroke import MOST_POINTS, Cutting, simplified
-from palpate.server.messages import CutStep, Scalpel, decode, encode
+from palpate.server.message_checks import decode
+from palpate.server.messages import CutStep, Scalpel, encode
 
 
 def distance(point, way):

@@ -13,8 +13,9 @@ from support.example_organs import ellipsoid
 import palpate as pp
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.server.exam import Exam
+from palpate.server.frame_message import frame_bytes
 from palpate.server.lesson_server import exam_session
-from palpate.server.messages import Frame, code, frame_bytes
+from palpate.server.messages import Frame, code
 from palpate.server.scene_message import scene_bytes
 from palpate.simulation.lesson import EXAM_FORCE, EXAM_LENGTH
 from palpate.simulation.lesson_ceiling import pressed

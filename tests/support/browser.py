@@ -35,8 +35,24 @@ def launched():
         (pytest.fail if os.environ.get("PALPATE_REQUIRE_BROWSER") == "1" else pytest.skip)(missing)
     with sync_playwright() as playwright:
         chromium = playwright.chromium.launch(executable_path=found, args=ARGUMENTS)
+        draw_plainly(chromium)
         yield chromium
         chromium.close()
+
+
+def draw_plainly(chromium):
+    """Pages begin with the plain look, which a processor draws in less time; the tests of tissue choose it."""
+    make_context = chromium.new_context
+
+    def new_context(**options):
+        context = make_context(**options)
+        context.add_init_script(
+            "try { localStorage.getItem('palpate-look') ?? localStorage.setItem('palpate-look', 'plain'); } catch {}"
+        )
+        return context
+
+    chromium.new_context = new_context
+    chromium.new_page = lambda **options: new_context(**options).new_page()
 
 
 class Seen:

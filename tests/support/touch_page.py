@@ -1,9 +1,13 @@
 """A page that shows a served session, for the tests of it."""
 
+from contextlib import ExitStack, contextmanager
+
 import numpy as np
 import pytest
 
-from support.browser import PATIENCE, Seen
+from palpate.server.loopback_server import loopback_socket
+from palpate.server.touch import serving
+from support.browser import LAPTOP, PATIENCE, Seen
 
 RECORD_HINTS = """(() => {
     window.hints = [];
@@ -79,3 +83,24 @@ def agrees_with_push(touched, number=0):
     assert np.linalg.norm(expected) > 0.1
     assert np.linalg.norm(force - expected) <= 0.02 * np.linalg.norm(expected)
     touched.read(force)
+
+
+@contextmanager
+def served_pages(browser, kind=Touched):
+    """Gives what opens a page of a served session. At the end all are closed, and none may have had an error."""
+    with ExitStack() as closing:
+        pages = []
+
+        def open_page(session, title, viewport=LAPTOP, scheme="light", script=None, **serve):
+            touch = viewport is not LAPTOP
+            context = browser.new_context(viewport=viewport, color_scheme=scheme, has_touch=touch, is_mobile=touch)
+            if script:
+                context.add_init_script(script)
+            pages.append(kind(session, context.new_page()))
+            address = closing.enter_context(serving(session, loopback_socket(None), title=title, **serve))
+            closing.callback(context.close)
+            pages[-1].open(address)
+            return pages[-1]
+
+        yield open_page
+    assert [page.problems for page in pages if page.problems] == []

@@ -1,13 +1,17 @@
 // The worker of the page: it owns the WebSocket or, in an exported file, the session; keeps only the newest frame, and
 // decodes it when the page asks for one.
+import { openness } from "./organ/ambient-occlusion";
 import { ColorMap, FIRST_ENDS } from "./organ/color-map";
 import { LocalSession } from "./engine/local-session";
 import { TouchEngine } from "./engine/touch-engine";
 import { borderEdges, normalize, normals, packNormals, uniqueEdges } from "./organ/mesh-geometry";
+import { noteMessage, readNotes, readTimeline } from "./protocol/text-messages";
+import { readHands, readPeople, type OtherHand } from "./protocol/room-messages";
 import { buffersOf, type ColorMode, type FromWorker, type NodeArrays, type Organ, type Scale, type ToWorker } from "./protocol/worker-messages";
 import {
   CloseCode, ComparisonState, DIFFERENCE_BYTES, DIFFERENCE_KIND, DISTANCE_STEPS, FRAME_BYTES, decodeDifference, decodeFrame,
-  encodeCompare, encodeMark, encodeScalpel, encodeSelection, encodeToolCommand, type Frame, type Scene,
+  HANDS_KIND, NOTES_KIND, PEOPLE_KIND, POSITION_KIND, TIMELINE_KIND, TRIALSTATUS_KIND, decodePosition, decodeTrialStatus, encodeChoice, encodePlay, encodeCompare, encodeMark,
+  encodeLead, encodeScalpel, encodeSelection, encodeToolCommand, type Frame, type Scene,
 } from "./protocol/server-messages";
 
 const page = self as unknown as {
@@ -17,6 +21,7 @@ const page = self as unknown as {
 
 const FAST_DECODE = 4; // ms
 const FIRST_RETRY = 250, LAST_RETRY = 4000; // ms
+const LOOK_INTERVAL = 50, MOST_SILENCE = 1500, LEAST_SILENCE = 100; // ms
 
 let organ: Organ | null = null;
 let colorMap: ColorMap | null = null;
@@ -32,15 +37,24 @@ let mode: ColorMode = "plain";
 let scale: Scale = null; // of the colors sent last
 const ends = { ...FIRST_ENDS }; // of the scales
 let waiting = false; // the page has asked for a frame
+let hands: OtherHand[] = []; // in a room, of the newest frame
+let heard = 0; // ms, when the server was heard last
+let silence: "none" | "stale" | "lost" = "none";
+let asked: { serial: number; at: number } | null = null; // the command whose answer is being timed
+let roundTrip = { mean: MOST_SILENCE, deviation: 0 }; // ms, smoothed
 let lastSerial = 0; // of the newest command that the last frame obeys
 let decodeTime = 0; // ms, of the last frame
 let pressing = false; // the first tool measures stiffness
 const pool: NodeArrays[] = []; // arrays that the page has returned
 
+/** The server lets nobody in with this address, and says why. */
+class Refused extends Error {}
+
 async function load(address: string, cut = false): Promise<void> {
   sceneAddress = address;
   const answer = await fetch(address);
-  if (!answer.ok) throw new Error(answer.status === 403 ? "refused" : `the server answers ${answer.status}`);
+  if (answer.status === 403) throw new Refused((await answer.text()).replace("refused: ", ""));
+  if (!answer.ok) throw new Error(`the server answers ${answer.status}`);
   show(await answer.arrayBuffer(), cut);
 }
 
@@ -48,7 +62,9 @@ async function load(address: string, cut = false): Promise<void> {
 function followCut(): void {
   if (fetching) return;
   fetching = true;
+  const frame = newest; // a replay that is paused sends no other one
   load(sceneAddress, true)
+    .then(() => (newest ??= frame))
     .catch(() => {})
     .finally(() => (fetching = false));
 }
@@ -69,12 +85,13 @@ function show(data: ArrayBuffer, cut = false): void {
   normals(rest, surface, unitNormals);
   normalize(unitNormals);
   const edges = uniqueEdges(triangles, outer.first, outer.count);
-  organ = { scene, rest, open, triangles, beside, normals: unitNormals, edges, rims: borderEdges(surface, scene.lips[0]) };
+  organ = { scene, rest, open, triangles, beside, normals: unitNormals, edges, rims: borderEdges(surface, scene.lips[0]), openness: openness(rest, surface) };
   colorMap = new ColorMap(organ, surface, ends);
   colorMap.mode = mode;
   normalSums = new Float32Array(rest.length);
   pool.length = 0;
   last = newest = null;
+  hands = [];
   lastAtRest = false;
   page.postMessage({ kind: "organ", organ, cut });
 }
@@ -83,18 +100,67 @@ function connect(address: string): void {
   socket = new WebSocket(address);
   socket.binaryType = "arraybuffer";
   socket.onopen = () => {
+    heard = performance.now();
+    roundTrip = { mean: MOST_SILENCE, deviation: 0 };
+    asked = null;
+    silence = "none";
     page.postMessage({ kind: "status", good: true, text: "" });
     if (mode === "error") requestComparison(true);
   };
   socket.onmessage = (event: MessageEvent<ArrayBuffer | string>) => {
+    hear();
     if (typeof event.data === "string") return page.postMessage({ kind: "notice", text: event.data });
-    if (new DataView(event.data).getUint8(0) === DIFFERENCE_KIND) return takeDifference(event.data);
-    takeFrame(event.data);
+    takeMessage(event.data);
   };
+}
+
+/** The server lets itself be heard. */
+function hear(): void {
+  heard = performance.now();
+  if (silence === "lost") page.postMessage({ kind: "status", good: true, text: "" });
+  silence = "none";
+}
+
+/** In a room frames come all the time. When none has come for three times the way to the server and back, as long as that usually
+ * takes at most, and some more, the force is not that of now, and none is shown. A hand goes on if it was a packet that came late;
+ * after MOST_SILENCE its tools let go. */
+function watchSilence(): void {
+  if (!organ?.scene.room || silence === "lost" || socket?.readyState !== WebSocket.OPEN) return;
+  const since = performance.now() - heard, { mean, deviation } = roundTrip;
+  if (since > MOST_SILENCE) {
+    silence = "lost";
+    page.postMessage({ kind: "status", good: false, text: "The room does not answer. Waiting…" });
+  } else if (silence === "none" && since > 3 * (mean + 4 * deviation) + LEAST_SILENCE) {
+    silence = "stale";
+    page.postMessage({ kind: "stale" });
+  }
+}
+setInterval(watchSilence, LOOK_INTERVAL);
+
+/** Times how long it takes until a frame obeys a command; mean and deviation as of TCP's round trip (RFC 6298). */
+function timeRoundTrip(serial: number): void {
+  if (!asked || serial < asked.serial) return;
+  const took = performance.now() - asked.at;
+  const { mean, deviation } = roundTrip, first = mean === MOST_SILENCE && deviation === 0;
+  roundTrip = first ? { mean: took, deviation: took / 2 } : { mean: mean + (took - mean) / 8, deviation: deviation + (Math.abs(took - mean) - deviation) / 4 };
+  asked = null;
+}
+
+function takeMessage(data: ArrayBuffer): void {
+  const kind = new DataView(data).getUint8(0);
+  if (kind === DIFFERENCE_KIND) takeDifference(data);
+  else if (kind === TRIALSTATUS_KIND) page.postMessage({ kind: "trial", status: decodeTrialStatus(new DataView(data)) });
+  else if (kind === HANDS_KIND) hands = readHands(data);
+  else if (kind === PEOPLE_KIND) page.postMessage({ kind: "people", room: readPeople(data) });
+  else if (kind === NOTES_KIND) page.postMessage({ kind: "notes", notes: readNotes(data) });
+  else if (kind === TIMELINE_KIND) page.postMessage({ kind: "timeline", tracks: readTimeline(data) });
+  else if (kind === POSITION_KIND) page.postMessage({ kind: "position", position: decodePosition(new DataView(data)) });
+  else takeFrame(data);
 }
 
 function takeFrame(data: ArrayBuffer): void {
   newest = data;
+  if (asked) timeRoundTrip(decodeFrame(new DataView(data)).serial);
   if (waiting || supersedes(data)) sendFrame();
 }
 
@@ -104,7 +170,7 @@ async function openFile(data: ArrayBuffer, module: ArrayBuffer): Promise<void> {
   const engine = await TouchEngine.load(module);
   show(data.slice(4, 4 + length));
   engine.make(new Uint8Array(data, 8 + length));
-  local = new LocalSession(engine, takeFrame);
+  local = new LocalSession(engine, takeMessage);
   local.start();
   page.postMessage({ kind: "status", good: true, text: "" });
 }
@@ -150,8 +216,8 @@ async function stayConnected(scene: string, address: string): Promise<void> {
       }
       page.postMessage({ kind: "status", good: false, text: "Connection lost. Trying again…" });
     } catch (problem) {
-      const refused = problem instanceof Error && problem.message === "refused";
-      const text = refused ? "palpate was restarted: open the new address that it printed." : "palpate is not running. Trying again…";
+      const refused = problem instanceof Refused;
+      const text = refused ? `Not let in: ${problem.message}.` : "palpate is not running. Trying again…";
       page.postMessage({ kind: "status", good: false, text });
     }
     newest = null;
@@ -174,7 +240,7 @@ function sendFrame(): void {
   waiting = false;
   lastSerial = frame.serial;
   decodeTime = performance.now() - began;
-  page.postMessage({ kind: "frame", frame, arrays, scale, work: decodeTime }, arrays ? buffersOf(arrays) : []);
+  page.postMessage({ kind: "frame", frame, arrays, hands, scale, work: decodeTime }, arrays ? buffersOf(arrays) : []);
 }
 
 function computeArrays(data: ArrayBuffer, { count, step, model }: Frame): NodeArrays {
@@ -231,9 +297,15 @@ page.onmessage = ({ data }) => {
   } else if (data.kind === "open-file") {
     openFile(data.organ, data.engine).catch((problem: unknown) => page.postMessage({ kind: "status", good: false, text: String(problem) }));
   } else if (data.kind === "save") {
-    if (local) page.postMessage({ kind: "record", text: local.recorded() });
-  } else if (data.kind === "command") send(encodeToolCommand(data.command));
+    if (local) page.postMessage({ kind: "record", text: local.recorded(), file: data.file });
+  } else if (data.kind === "command") {
+    asked ??= { serial: data.command.serial, at: performance.now() };
+    send(encodeToolCommand(data.command));
+  } else if (data.kind === "lead") send(encodeLead(data.lead));
   else if (data.kind === "select") send(encodeSelection(data.selection));
+  else if (data.kind === "choose") send(encodeChoice(data.choice));
   else if (data.kind === "scalpel") send(encodeScalpel(data.scalpel));
+  else if (data.kind === "play") send(encodePlay(data.play));
+  else if (data.kind === "note") send(noteMessage(data.note, data.text));
   else send(encodeMark(data.mark));
 };

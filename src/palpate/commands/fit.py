@@ -43,7 +43,9 @@ def fit_command(
         float | None, typer.Option(help="Poisson's ratio, from 0 to below 0.5. Default: the tissue's, else 0.45.")
     ] = None,
     tissue: Annotated[str | None, typer.Option(help="Constants of a named tissue: kidney. See --list-tissues.")] = None,
-    rest_on: Annotated[str, typer.Option(help="Way to the table that holds it: x,y,z.")] = "0,0,-1",
+    rest_on: Annotated[
+        str, typer.Option(help="Way to the table that holds it: x,y,z. Open ends of a hollow organ are held, too.")
+    ] = "0,0,-1",
     depth: Annotated[
         float | None, typer.Option(help="Nodes so near the table are held, mm. Default: 10 % of the extent.")
     ] = None,
@@ -148,7 +150,8 @@ def fit_command(
     b = _by_region(solid, "--region-stiffening", float, stiffening, region_stiffening)
     if stiffness is not None or quantity is not None:
         E = _from_map(solid, stiffness, quantity, E, nu, kinds)
-    fixed = pp.resting_on(solid, numbers("--rest-on", rest_on), depth)
+    resting = pp.resting_on(solid, numbers("--rest-on", rest_on), depth)
+    fixed = sorted({*resting.tolist(), *pp.fixed_at_openings(solid).tolist()})
     with progress() as say:
         fitted = pp.fit(
             solid,

@@ -32,7 +32,13 @@ def mesh_command(
         ),
     ],
     label: Annotated[str | None, typer.Option(help="The organ, by name or number.", show_default=False)] = None,
-    edge: Annotated[float, typer.Option(help="Mean edge of the tetrahedra, mm.")] = 4.0,
+    edge: Annotated[
+        float | None, typer.Option(help="Mean edge of the tetrahedra, mm. Default: 4; of a wall its thickness.")
+    ] = None,
+    wall: Annotated[
+        float | None,
+        typer.Option(help="The label is a lumen: mesh a wall of so many mm around it.", show_default=False),
+    ] = None,
     inclusion: Annotated[
         list[str] | None, typer.Option(help="A label (or surface) inside it, kept as a region.")
     ] = None,
@@ -91,6 +97,9 @@ def mesh_command(
     An organ with a lump as a region of its own:
     palpate mesh labels.nii.gz --label organ --inclusion lump -o both.vtu
 
+    A hollow organ, to be seen from inside by touch; open where the volume's side cuts it:
+    palpate mesh labels.nii.gz --label aorta --wall 2 -o aorta.vtu
+
     A surface of another program: palpate mesh organ.stl --edge 4 -o organ.vtu
 
     One of two kidneys that have one label:
@@ -118,10 +127,13 @@ def mesh_command(
         pp.write_mesh(output, pp.read_mesh(labels))
         typer.echo(f"wrote {output}")
         return
+    if wall is not None and (inclusion or fine or interior or within or closed_at_border or smooth or keep_voids):
+        raise typer.BadParameter("takes --label and --edge alone", param_hint="--wall")
     finer: dict[int | str, float] = dict(_label_and_number("--fine", text, "length in mm") for text in fine or [])
     ratios: dict[int | str, float] = dict(_label_and_number("--stiffer", text, "ratio") for text in stiffer or [])
+    length = 4.0 if edge is None else edge
     if is_surface(labels):
-        stored = pp.read_surfaces(labels, edge, [Path(name) for name in inclusion or []])
+        stored = pp.read_surfaces(labels, length, [Path(name) for name in inclusion or []])
         label, inclusion = "1", [str(number) for number in sorted(stored.names)[1:]]
     elif label is None:
         raise typer.BadParameter("which of the labels is the organ, by name or number", param_hint="--label")
@@ -142,19 +154,23 @@ def mesh_command(
     made = None
     with warnings.catch_warnings(record=True) as said, progress() as say:
         warnings.simplefilter("always", UserWarning)
-        if within is None:
+        if wall is not None:
+            say(f"meshing the wall of {label}", 0.0)
+            mesh = pp.hollow_mesh(stored, label, wall, edge)
+            say(f"meshing the wall of {label}", 1.0)
+        elif within is None:
             say(f"meshing {label}", 0.0)
-            mesh = pp.tetrahedralize(stored, label, edge, **options)
+            mesh = pp.tetrahedralize(stored, label, length, **options)
             say(f"meshing {label}", 1.0)
         else:
             judged = {"poisson": poisson, "stiffer": ratios, "rest_on": numbers("--rest-on", rest_on)}
             options |= judged | {"most_tets": most_tets, "progress": say}
-            made = pp.adaptive_mesh(stored, label, within / 100, edge, radius, **options)
+            made = pp.adaptive_mesh(stored, label, within / 100, length, radius, **options)
             mesh = made.mesh
     for warning in said:  # once the line of progress is gone
         warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
     pp.write_mesh(output, mesh)
-    typer.echo(str(pp.mesh_quality(mesh, stored)))
+    typer.echo(str(pp.mesh_quality(mesh, stored if wall is None else None)))
     if made is not None:
         typer.echo(option_names(made.text()))
         typer.echo(f"fit and touch it with this radius: --radius {made.error.radius:.3g}")

@@ -30,7 +30,10 @@ def touch_command(
     ] = None,
     browser: Annotated[bool, typer.Option(help="Open the page here, or only print its address.")] = True,
     record: Annotated[Path | None, typer.Option(help="Write the session here when it ends (.h5).")] = None,
-    replay: Annotated[Path | None, typer.Option(help="Look at a recorded session (.h5) instead of touching.")] = None,
+    replay: Annotated[
+        list[Path] | None,
+        typer.Option(help="Look at a recorded session (.h5) instead of touching; twice: at two side by side."),
+    ] = None,
     image: Annotated[list[Path] | None, typer.Option(help="A volume whose slices are shown beside; up to two.")] = None,
     device: Annotated[str | None, typer.Option(help="open-haptics, force-dimension or haply; see: doctor.")] = None,
     tension: Annotated[
@@ -49,18 +52,20 @@ def touch_command(
     below; drag beside it to turn the view. Cut it: choose Cut and draw
     over it. The page is served to this machine only; the printed ssh line
     reaches it from another one. Ctrl-C ends the session.
+
+    Two recorded sessions beside each other, on one timeline:
+    palpate touch tissue.vtu --replay mine.h5 --replay hers.h5
     """
     from palpate.commands.fit import P1_NOTE
     from palpate.commands.score import scored
     from palpate.simulation.training_task import target_of
 
-    recorded = None if replay is None else pp.read_record(replay)
-    names = [path.stem if len({p.stem for p in tissue}) == len(tissue) else str(path) for path in tissue]
-    organs = {name: pp.read_tissue(path) for name, path in zip(names, tissue, strict=True)}
+    replays = dict(zip(stems(replay or []), map(pp.read_record, replay or []), strict=True))
+    organs = {name: pp.read_tissue(path) for name, path in zip(stems(tissue), tissue, strict=True)}
     for path, organ in zip(tissue, organs.values(), strict=True):
         if organ.element == "P1":
             typer.echo(P1_NOTE.format(path))
-    asked, solid = pp.Task(task), organs[names[0]]
+    asked, solid = pp.Task(task), next(iter(organs.values()))
     target_of(asked, solid)  # a task that this tissue cannot set is refused before anyone tries
     pp.touch(
         organs,
@@ -69,7 +74,7 @@ def touch_command(
         port=port,
         open_browser=browser,
         record=record,
-        replay=recorded,
+        replay=replays or None,
         title=tissue[0].stem,
         images=[pp.read_volume(path) for path in image or ()],
         device=device,
@@ -81,3 +86,8 @@ def touch_command(
         typer.echo(scored(pp.read_record(record), solid, asked, record.name).text())
         words = ["palpate", "score", str(record), str(tissue[0]), "--task", task, "-o", "report.html"]
         typer.echo(f"report: {shlex.join(words)}")
+
+
+def stems(paths: list[Path]) -> list[str]:
+    """Names of files without folder and ending; the whole paths if two of these are the same."""
+    return [path.stem if len({p.stem for p in paths}) == len(paths) else str(path) for path in paths]

@@ -7,7 +7,7 @@ import numpy as np
 from palpate.arrays import Float32, Float64, Int32, Int64
 from palpate.meshes.cutting.cut_mesh import CutMesh
 from palpate.meshes.separate_organs import main_regions, organs
-from palpate.meshes.tet_mesh import TetMesh, boundary_faces
+from palpate.meshes.tet_mesh import TetMesh, region_faces, regions_by_size
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +75,7 @@ def _with_organs(drawn: DisplayedSurface, mesh: TetMesh, organ: Int32) -> Displa
 
 def _of_cut(mesh: CutMesh, nodes: Int32) -> DisplayedSurface:
     skin = mesh.skin
-    count, labels = len(skin.tet), _by_size(mesh)
+    count, labels = len(skin.tet), regions_by_size(mesh)
     place = np.array([labels.index(region) for region in mesh.region[skin.tet].tolist()])
     # A vertex on the rim is there twice; those of lips come last, by region.
     twice = skin.triangles + count * np.where(skin.lip[:, None], 1 + place[skin.triangles], 0)
@@ -104,20 +104,4 @@ def displayed_nodes(mesh: TetMesh) -> Int32:
 def inner_faces(mesh: TetMesh) -> dict[int, Int32]:
     """Triangles around each region inside an organ, by label: all but the largest of each organ."""
     main = main_regions(mesh)
-    return {label: _around(mesh, label) for label in _by_size(mesh) if label not in main}
-
-
-def _around(mesh: TetMesh, label: int) -> Int32:
-    return boundary_faces(np.ascontiguousarray(mesh.tets[mesh.region == label]))
-
-
-def region_faces(mesh: TetMesh) -> dict[int, Int32]:
-    """Triangles around each region inside another, by label: all regions but the largest."""
-    return {label: _around(mesh, label) for label in _by_size(mesh)[1:]}
-
-
-def _by_size(mesh: TetMesh) -> list[int]:
-    """Labels of the regions: that of the most tetrahedra, then the others in order."""
-    labels, count = np.unique(mesh.region, return_counts=True)
-    largest = int(labels[np.argmax(count)])
-    return [largest, *(label for label in labels.tolist() if label != largest)]
+    return {label: faces for label, faces in region_faces(mesh).items() if label not in main}

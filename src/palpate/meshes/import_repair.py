@@ -7,6 +7,7 @@ from scipy.spatial import cKDTree
 
 from palpate.arrays import Float64, Int32, Int64, float64
 from palpate.errors import MeshError
+from palpate.meshes.centerline_io import stored_centerline
 from palpate.meshes.stuffing.manifold_repair import parts
 from palpate.meshes.tet_mesh import TetMesh, boundary_faces, check_extent, folds, signed_volumes
 from palpate.meshes.triangle_surface import non_manifold_parts
@@ -42,7 +43,9 @@ def repair_mesh(stored: Any, organs: bool = False) -> tuple[TetMesh, list[str]]:
         notes.append(f"{np.count_nonzero(inverted)} of {len(tets)} tets were inverted: turned")
     _check_flat(nodes, tets, np.abs(volume))
     used, index = np.unique(tets, return_inverse=True)
-    mesh = TetMesh(nodes[used], index.reshape(tets.shape), region, region_names(stored, region))
+    mesh = TetMesh(
+        nodes[used], index.reshape(tets.shape), region, region_names(stored, region), stored_centerline(stored)
+    )
     _check_surface(mesh)
     _check_folds(mesh)
     _notes(mesh, notes, organs)

@@ -14,6 +14,7 @@ from palpate.arrays import AnyArray, ArrayLike
 from palpate.atomic_write import replacing
 from palpate.bounded_read import existing_file
 from palpate.errors import DataError, FileError, MeshError
+from palpate.meshes.centerline_io import centerline_fields
 from palpate.meshes.cutting.cut_mesh import refuse_cut
 from palpate.meshes.gmsh_io import is_gmsh_1, read_gmsh_1, write_gmsh
 from palpate.meshes.import_repair import NAME, repair_mesh
@@ -81,7 +82,7 @@ def write_mesh(
             return
         data = {name: [values] for name, values in {**cells, "region": mesh.region}.items()}
         meshio.Mesh(mesh.nodes, [("tetra", mesh.tets)], points, data).write(temporary, file_format="vtu")
-        _add_names(temporary, mesh.names)
+        _add_names(temporary, mesh)
 
 
 def read_mesh(path: str | Path) -> TetMesh:
@@ -166,13 +167,15 @@ def _fields(kind: str, fields: Mapping[str, ArrayLike] | None, count: int) -> di
     return made
 
 
-def _add_names(path: Path, names: Mapping[int, str]) -> None:
-    """Writes each name into the file as a field of the grid, where VTK's readers look for such things."""
+def _add_names(path: Path, mesh: TetMesh) -> None:
+    """Writes names and centre line into the file as fields of the grid, where VTK's readers look for such things."""
     head = "<UnstructuredGrid>"
     text = path.read_text()
+    fields = {NAME + name: ("Int32", str(value)) for value, name in mesh.names.items()}
     arrays = "".join(
-        f'<DataArray type="Int32" Name={quoteattr(NAME + name)} NumberOfTuples="1" format="ascii">{value}</DataArray>'
-        for value, name in names.items()
+        f'<DataArray type="{kind}" Name={quoteattr(name)} NumberOfTuples="{numbers.count(" ") + 1}" format="ascii">'
+        f"{numbers}</DataArray>"
+        for name, (kind, numbers) in (fields | centerline_fields(mesh.centerline)).items()
     )
     if arrays:
         path.write_text(text.replace(head, f"{head}<FieldData>{arrays}</FieldData>", 1))

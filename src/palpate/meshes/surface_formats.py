@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.arrays import AnyArray, Float64, Int32
-from palpate.meshes.display_surfaces import region_faces
-from palpate.meshes.tet_mesh import TetMesh
+from palpate.meshes.tet_mesh import TetMesh, region_faces
 
 # Of glTF's regions, the organ's first: it is seen through.
 COLORS = ((0.85, 0.45, 0.40, 0.5), (0.95, 0.85, 0.35, 1.0), (0.35, 0.55, 0.85, 1.0), (0.45, 0.75, 0.45, 1.0))

@@ -5,8 +5,9 @@ from functools import cached_property
 
 import numpy as np
 
-from palpate.arrays import ArrayLike, Float64, Int32, Int64, float64
+from palpate.arrays import ArrayLike, Float64, Int32, Int64, as_numpy, float64
 from palpate.errors import MeshError
+from palpate.volumes.centerline import Centerline
 
 FAR = 1e9  # mm; products of three such lengths are still numbers
 FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])  # of a tet, normals outwards
@@ -26,6 +27,8 @@ class TetMesh:
         Label of each tetrahedron.
     names : dict of int to str, optional
         Name of each region.
+    centerline : Centerline, optional
+        Of the lumen inside, if the mesh is the wall of a hollow organ.
 
     Raises
     ------
@@ -43,6 +46,7 @@ class TetMesh:
     tets: Int32
     region: Int32
     names: dict[int, str]
+    centerline: Centerline | None
 
     def __init__(
         self,
@@ -50,10 +54,11 @@ class TetMesh:
         tets: ArrayLike,
         region: ArrayLike | None = None,
         names: dict[int, str] | None = None,
+        centerline: Centerline | None = None,
     ) -> None:
         x = float64("nodes", nodes, (None, 3)).copy()
         check_extent(x)
-        t = np.array(tets)
+        t = np.array(as_numpy("tets", tets))
         if t.ndim != 2 or t.shape[1] != 4 or len(t) == 0 or t.dtype.kind not in "iu":
             raise MeshError(f"tets: expected whole numbers of shape (M, 4) with M > 0, got {t.shape} {t.dtype}")
         if t.min() < 0 or t.max() >= len(x):
@@ -70,7 +75,9 @@ class TetMesh:
         used[t] = True
         if not used.all():
             raise MeshError(f"{np.count_nonzero(~used)} nodes belong to no tet (first: {int(np.argmin(used))})")
-        labels = np.ones(len(t), dtype=np.int32) if region is None else np.array(region, dtype=np.int32)
+        labels = (
+            np.ones(len(t), dtype=np.int32) if region is None else np.array(as_numpy("region", region), dtype=np.int32)
+        )
         if labels.shape != (len(t),):
             raise MeshError(f"region: expected one label a tet, shape ({len(t)},), got {labels.shape}")
         _check_twice(t)
@@ -78,6 +85,7 @@ class TetMesh:
             value.flags.writeable = False
             object.__setattr__(self, name, value)
         object.__setattr__(self, "names", dict(names or {}))
+        object.__setattr__(self, "centerline", centerline)
 
     @cached_property
     def surface(self) -> Int32:
@@ -90,6 +98,11 @@ class TetMesh:
         return np.unique(self.surface).astype(np.int32)
 
     @property
+    def boundary(self) -> tuple[Float64, Int32]:
+        """Vertices (S, 3), mm, and triangles (F, 3) of the surface, also of a mesh that has been cut."""
+        return self.nodes, self.surface
+
+    @property
     def filled(self) -> Float64 | float:
         """Part of each tetrahedron's volume that is there, (M,): 1.0, all of it, but in a mesh that has been cut."""
         return 1.0
@@ -98,6 +111,11 @@ class TetMesh:
     def volumes(self) -> Float64:
         """Volume of each tetrahedron, (M,), mm³."""
         return signed_volumes(self.nodes, self.tets)
+
+    def _repr_html_(self) -> str:
+        from palpate.meshes.mesh_card import mesh_card  # only a notebook asks
+
+        return mesh_card(self, region_faces(self))
 
 
 def check_extent(nodes: Float64) -> None:
@@ -163,3 +181,16 @@ def boundary_faces(tets: Int32) -> Int32:
             f"face {bad.tolist()} is shared by {count.max()} tets, at most 2 can meet there; remove overlapping tets"
         )
     return np.ascontiguousarray(faces[np.sort(first[count == 1])])
+
+
+def region_faces(mesh: TetMesh) -> dict[int, Int32]:
+    """Triangles around each region inside another, by label: all regions but the largest."""
+    others = regions_by_size(mesh)[1:]
+    return {label: boundary_faces(np.ascontiguousarray(mesh.tets[mesh.region == label])) for label in others}
+
+
+def regions_by_size(mesh: TetMesh) -> list[int]:
+    """Labels of the regions: that of the most tetrahedra, then the others in order."""
+    labels, count = np.unique(mesh.region, return_counts=True)
+    largest = int(labels[np.argmax(count)])
+    return [largest, *(label for label in labels.tolist() if label != largest)]

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.sparse.linalg import LinearOperator, cg
 
 from palpate import _core
-from palpate.arrays import ArrayLike, Float32, float32
+from palpate.arrays import ArrayLike, Bool, Float32, float32
 from palpate.errors import DataError
 from palpate.reconstruction.models.likelihood import Likelihood, WeightedLeastSquares
 from palpate.reconstruction.multiresolution import coarser_support, pyramid
@@ -99,28 +99,38 @@ class LaplaceApproximation:
     def standard_deviation(self, weights: ArrayLike) -> float:
         """Return the standard deviation √(gᵀ H⁻¹ g) of Σ g_j f_j, by one solve; voxels at 0 are held there."""
         centre, problem = self.levels[0]
-        A, free = problem.A, centre > 0
+        free = centre > 0
         g = float32("weights", weights, centre.shape) * free
         if not g.any():
             return 0.0
-        W = weighted_squares(problem).weights
+        x = solve_hessian(problem, weighted_squares(problem).weights, free, g)
+        return math.sqrt(float(np.vdot(g.astype(np.float64), x)))
 
-        def hessian(x: Float32) -> Float32:
-            f = np.ascontiguousarray(x.reshape(centre.shape), np.float32)
-            answer = A.T(W * A(f)) + problem.prior_surrogate(f)[0]
-            return np.where(free, answer, f).ravel()
 
-        diagonal = majoriser(A, W)[0] + 2 * problem.prior_surrogate(centre)[1]
-        size = g.size
-        inverse = LinearOperator(
-            (size, size), lambda x: (x.reshape(centre.shape) / np.where(free, diagonal, 1)).ravel()
-        )
-        x, unfinished = cg(
-            LinearOperator((size, size), hessian, dtype=np.float32), g.ravel(), rtol=PRECISE, maxiter=MOST, M=inverse
-        )
-        if unfinished:
-            raise DataError(f"standard deviation: conjugate gradients have not come to an end in {MOST} steps")
-        return math.sqrt(float(np.vdot(g.ravel().astype(np.float64), x)))
+def solve_hessian(problem: Problem, weights: Float32, free: Bool, g: Float32) -> Float32:
+    """x of (Aᵀ W A + β K) x = g among the free voxels, 0 elsewhere, by conjugate gradients; for a quadratic prior alone.
+
+    weights: (views, rows, columns), the diagonal of W. free, g: (z, y, x). Raises `DataError` if they do not come to an end.
+    """
+    A, shape = problem.A, g.shape
+
+    def hessian(x: Float32) -> Float32:
+        f = np.ascontiguousarray(x.reshape(shape), np.float32)
+        answer = A.T(weights * A(f)) + problem.prior_surrogate(f)[0]
+        return np.where(free, answer, f).ravel()
+
+    diagonal = majoriser(A, weights)[0] + 2 * problem.prior_surrogate(np.zeros(shape, np.float32))[1]
+    inverse = LinearOperator((g.size, g.size), lambda x: (x.reshape(shape) / np.where(free, diagonal, 1)).ravel())
+    x, unfinished = cg(
+        LinearOperator((g.size, g.size), hessian, dtype=np.float32),
+        (g * free).ravel(),
+        rtol=PRECISE,
+        maxiter=MOST,
+        M=inverse,
+    )
+    if unfinished:
+        raise DataError(f"the Hessian's solution: conjugate gradients have not come to an end in {MOST} steps")
+    return np.asarray(x.reshape(shape), np.float32)
 
 
 def second_derivative(likelihood: Likelihood, l: Float32) -> Float32:

@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 import numpy as np
 
 from palpate import _core
-from palpate.arrays import ArrayLike, Float32, Float64, float32
+from palpate.arrays import ArrayLike, Float32, Float64, as_numpy, float32
 from palpate.errors import DataError, GeometryError
 from palpate.reconstruction.slicing import ORDER, slicings
 from palpate.scans.views import Views
@@ -42,7 +42,7 @@ class LinearMap(ABC):
 
     def matvec(self, x: ArrayLike) -> Float32:
         """A x of a flat array, as a flat array."""
-        return self(np.reshape(x, self.domain_shape)).ravel()
+        return self(as_numpy("x", x).reshape(self.domain_shape)).ravel()
 
     def rmatvec(self, y: ArrayLike) -> Float32:
         """Aᵀ y of a flat array, as a flat array."""

@@ -12,9 +12,9 @@ from pathlib import Path
 
 from palpate.atomic_write import replacing
 from palpate.errors import DataError, FileError
+from palpate.simulation.forced_choice import CHANNELS
 from palpate.simulation.scoring import Score
 
-CHANNELS = ("screen", "sound", "gamepad", "device")
 _CODE = re.compile(r"[A-Za-z]{0,4}-?[0-9]{1,6}")
 _FORMAT = 1
 _KINDS = {str: "TEXT", int: "INTEGER", float: "REAL"}

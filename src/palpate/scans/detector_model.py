@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from palpate.arrays import ArrayLike
+from palpate.arrays import ArrayLike, as_numpy
 from palpate.errors import DataError
 from palpate.scans.scan import Scan, per_pixel
 from palpate.scans.views import Views
@@ -66,7 +66,7 @@ def integrating_scan(
         raise DataError(f"electronic: expected a standard deviation of 0 or more, found {sigma.min():g}")
     photons = Scan(np.zeros(views.shape, np.float32), incident, views, background, mask)  # checks all but the values
     variance = np.square(sigma / g)
-    shown = np.asarray(values)
+    shown = as_numpy("values", values)
     if shown.shape != views.shape or shown.dtype.kind not in "fiub":
         raise DataError(f"values: expected real numbers of shape {views.shape}, got {shown.dtype} {shown.shape}")
     with np.errstate(invalid="ignore"):  # under the mask anything may lie; Scan refuses what is not finite elsewhere

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.arrays import AnyArray, ArrayLike, Bool, Float32, float32
+from palpate.arrays import AnyArray, ArrayLike, Bool, Float32, as_numpy, float32
 from palpate.errors import DataError
 from palpate.scans.views import Views
 
@@ -61,7 +61,7 @@ class Scan:
         mask: ArrayLike | None = None,
         notes: Mapping[str, str] | None = None,
     ) -> None:
-        measured = np.ones(views.shape, dtype=bool) if mask is None else np.asarray(mask)
+        measured = np.ones(views.shape, dtype=bool) if mask is None else as_numpy("mask", mask)
         if measured.dtype != bool:
             raise DataError(f"mask: expected dtype bool (True = measured), got {measured.dtype}")
         try:
@@ -70,9 +70,9 @@ class Scan:
             raise DataError(f"mask: shape {measured.shape} does not broadcast to {views.shape}") from None
         if not measured.any():
             raise DataError("mask: no pixel is measured; True marks a measured pixel")
-        y = float32("counts", _where_measured(counts, measured), views.shape)
-        b = per_pixel("incident", _where_measured(incident, measured), views.shape)
-        r = per_pixel("background", _where_measured(background, measured), views.shape)
+        y = float32("counts", _where_measured("counts", counts, measured), views.shape)
+        b = per_pixel("incident", _where_measured("incident", incident, measured), views.shape)
+        r = per_pixel("background", _where_measured("background", background, measured), views.shape)
         _raise_at("counts", y, (y < 0) & measured, "negative", "subtract no more than the offset, or mask them")
         _raise_at("background", r, (r < 0) & measured, "negative", "expected counts cannot be below 0")
         _raise_at("incident", b, (b <= 0) & measured, "0 or less", "mask dead pixels")
@@ -100,11 +100,11 @@ class Scan:
         return scan_html(self)
 
 
-def _where_measured(values: ArrayLike, measured: Bool) -> ArrayLike:
+def _where_measured(name: str, values: ArrayLike, measured: Bool) -> ArrayLike:
     """The values with 0 for what is not finite and was not measured."""
-    array = np.asarray(values)
+    array = as_numpy(name, values)
     if array.dtype.kind != "f" or array.shape != measured.shape or np.isfinite(array).all():
-        return values
+        return array
     return np.where(measured | np.isfinite(array), array, 0)
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.arrays import ArrayLike, Bool, Float64
+from palpate.arrays import ArrayLike, Bool, Float64, as_numpy
 from palpate.errors import GeometryError
 
 FAR = 10_000.0  # mm; no X-ray room is longer, but 1,500 mm given in micrometres is
@@ -139,7 +139,7 @@ class Views:
     direction: Float64
 
     def __init__(self, source: ArrayLike, panel: Panel | Sequence[Panel], direction: ArrayLike | None = None) -> None:
-        s = np.array(source, dtype=np.float64)
+        s = np.array(as_numpy("source", source), dtype=np.float64)
         if s.ndim != 2 or s.shape[1] != 3 or len(s) == 0:
             raise GeometryError(f"source: expected shape (views, 3), got {s.shape}")
         panels = (panel,) * len(s) if isinstance(panel, Panel) else tuple(panel)
@@ -162,7 +162,7 @@ class Views:
                 )
         object.__setattr__(self, "source", _frozen(s))
         object.__setattr__(self, "panels", panels)
-        turn = np.eye(3) if direction is None else np.array(direction, dtype=np.float64)
+        turn = np.eye(3) if direction is None else np.array(as_numpy("direction", direction), dtype=np.float64)
         if turn.shape != (3, 3) or not np.allclose(turn.T @ turn, np.eye(3), atol=1e-4) or np.linalg.det(turn) < 0:
             raise GeometryError(f"views direction: expected a 3x3 rotation, got {direction!r}")
         object.__setattr__(self, "direction", _frozen(turn))
@@ -223,7 +223,7 @@ def beam_in_words(views: Views, view: int) -> str:
 
 
 def _numbers(name: str, values: ArrayLike, count: int) -> Float64:
-    array = np.array(values, dtype=np.float64)
+    array = np.array(as_numpy(name, values), dtype=np.float64)
     if array.shape != (count,) or not np.isfinite(array).all():
         raise GeometryError(f"{name}: expected {count} finite numbers, got {values!r}")
     return array

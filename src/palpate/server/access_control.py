@@ -1,9 +1,10 @@
-"""Access control of both pages: loopback only, the origin, a token, and a content security policy."""
+"""Access control of all pages: the host's name, the origin, a token, and a content security policy."""
 
 import re
 import secrets
 from collections.abc import Callable, Sequence
 from contextlib import AbstractAsyncContextManager
+from dataclasses import dataclass
 from pathlib import Path
 
 from starlette.applications import Starlette
@@ -18,7 +19,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from palpate.errors import FileError
 
 STATIC = Path(__file__).parent / "static"
-LOOPBACK = {"localhost", "127.0.0.1", "[::1]"}
+LOOPBACK = frozenset({"localhost", "127.0.0.1", "[::1]"})
 AUTHORITY = r"(\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9._-]+)(:[0-9]{1,5})?"  # host and port
 HOST, ORIGIN = re.compile(AUTHORITY), re.compile(rf"null|[A-Za-z][A-Za-z0-9+.-]*://(?P<authority>{AUTHORITY})")
 HEADERS = {
@@ -41,10 +42,28 @@ def check_page() -> None:
         )
 
 
+@dataclass(frozen=True)
+class Admission:
+    """Who is let in. refused: says of a token why it lets nobody in, or nothing. hosts: names that the server goes by."""
+
+    refused: Callable[[str], str]
+    hosts: frozenset[str] = LOOPBACK
+
+
+def by_token(token: str) -> Admission:
+    """Admission on loopback by one token."""
+
+    def refused(given: str) -> str:
+        right = secrets.compare_digest(given.encode(), token.encode())
+        return "" if right else f"the token is wrong; {WAY_OUT}"
+
+    return Admission(refused)
+
+
 def page_application(
     name: str,
     routes: Sequence[BaseRoute],
-    token: str,
+    admission: Admission,
     lifespan: Callable[[Starlette], AbstractAsyncContextManager[None]] | None = None,
 ) -> Starlette:
     """An application that serves the page `name`, its static files and `routes`. Raises `FileError` if it is missing."""
@@ -58,7 +77,7 @@ def page_application(
         middleware=[Middleware(AccessControl)],
         lifespan=lifespan,
     )
-    app.state.token = token
+    app.state.admission = admission
     return app
 
 
@@ -91,8 +110,10 @@ def refusal(connection: HTTPConnection) -> tuple[int, str] | None:
     host = HOST.fullmatch(hosts[0]) if len(hosts) == 1 else None
     if host is None:
         return 400, "expected one header Host with the name of a host"
-    if host[1].lower() not in LOOPBACK:
-        return 403, f"host {hosts[0]!r} is not a loopback address; {WAY_OUT}"
+    admission: Admission = connection.app.state.admission
+    if host[1].lower() not in admission.hosts:
+        known = "a loopback address" if admission.hosts == LOOPBACK else "a name of this server"
+        return 403, f"host {hosts[0]!r} is not {known}; {WAY_OUT}"
     if origins:
         origin = ORIGIN.fullmatch(origins[0]) if len(origins) == 1 else None
         if origin is None:
@@ -102,6 +123,5 @@ def refusal(connection: HTTPConnection) -> tuple[int, str] | None:
     token, path = connection.query_params.get("token"), connection.scope["path"]
     if token is None and (path == "/" or path.startswith("/static/")):
         return None
-    if not secrets.compare_digest((token or "").encode(), connection.app.state.token.encode()):
-        return 403, f"the token is wrong; {WAY_OUT}"
-    return None
+    why = admission.refused(token or "")
+    return (403, why) if why else None

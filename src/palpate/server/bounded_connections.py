@@ -16,10 +16,15 @@ class BoundedConnection(H11Protocol):
 
     deadline: asyncio.TimerHandle | None = None
 
+    @staticmethod
+    def most() -> int:
+        """How many there may be."""
+        return MOST_CONNECTIONS
+
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Refuses the connection, or starts its clock. WebSockets count too: uvicorn keeps both in `connections`."""
         super().connection_made(transport)
-        if len(self.connections) > MOST_CONNECTIONS:
+        if len(self.connections) > self.most():
             transport.write(REFUSAL)
             transport.close()
         else:

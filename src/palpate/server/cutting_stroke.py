@@ -12,9 +12,7 @@ from palpate.arrays import ArrayLike, Float64
 from palpate.errors import PalpateError
 from palpate.server.messages import CutStep, Scalpel
 from palpate.server.scene_message import reach
-from palpate.simulation.recording import Record
 from palpate.simulation.session import Session
-from palpate.simulation.session_cuts import RecordedCut
 from palpate.tissue.cutting import may_be_cut
 from palpate.tissue.incision import incision
 from palpate.tissue.tissue import Tissue
@@ -72,7 +70,6 @@ class Cutting:
     ) -> None:
         self.lock, self.present, self.changed, self.tell = lock, present, changed, tell
         self.stroke: Stroke | None = None
-        self.replayed = 0  # cuts of a record
 
     def obey(self, page: WebSocket, session: Session, message: Scalpel) -> "asyncio.Task[None] | None":
         """Begins, goes on with or ends a stroke, or takes a cut back; returns the task that was begun for it."""
@@ -115,6 +112,11 @@ class Cutting:
         finally:
             self.stroke = None
 
+    async def undo_all(self, session: Session) -> None:
+        """Takes all cuts of the session back."""
+        while session.cuts and session is self.present():
+            await self._undo(session)
+
     async def _undo(self, session: Session) -> None:
         try:
             await self._change(session, session.undo)
@@ -130,17 +132,6 @@ class Cutting:
                 await asyncio.sleep(RETRY)
             self.changed()
             return True
-
-    def replay(self, session: Session, record: Record, tick: int) -> "asyncio.Task[None] | None":
-        """Begins the next cut of a record once its tick has come."""
-        if self.lock.locked() or self.replayed >= len(record.cuts) or record.cuts[self.replayed].tick > tick:
-            return None
-        one = record.cuts[self.replayed]
-        self.replayed += 1
-        return asyncio.create_task(self._replayed(session, one))
-
-    async def _replayed(self, session: Session, one: RecordedCut) -> None:
-        await self._change(session, partial(session.cut_again, one))
 
 
 def simplified(way: ArrayLike, tolerance: float) -> Float64:

@@ -8,8 +8,6 @@ from palpate.simulation.lesson import Lesson
 from palpate.simulation.pointer import CommandKind, ContactState
 from palpate.simulation.session import RATE
 
-CHANNELS = ("screen", "sound", "gamepad", "device")  # how the force comes to the trainee
-
 
 @dataclass
 class Exam:
@@ -25,6 +23,16 @@ class Exam:
     claims: int = 0
     first: int = -1
     over: bool = False
+
+    @property
+    def tools(self) -> tuple[str, ...]:
+        """What the trainee's hand can take."""
+        return self.lesson.tools
+
+    @property
+    def views(self) -> tuple[str, ...]:
+        """What the page may show."""
+        return self.lesson.views
 
     @property
     def description(self) -> str:

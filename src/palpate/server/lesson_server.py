@@ -7,10 +7,11 @@ from palpate.atomic_write import writable
 from palpate.errors import DataError
 from palpate.haptics.discovery import open_device
 from palpate.server.access_control import check_page
-from palpate.server.exam import CHANNELS, Exam
+from palpate.server.exam import Exam
 from palpate.server.live_session import LiveSession
 from palpate.server.loopback_server import loopback_socket
 from palpate.server.touch import serve_until_closed
+from palpate.simulation.forced_choice import CHANNELS
 from palpate.simulation.lesson import Lesson
 from palpate.simulation.lesson_case import lesson_case
 from palpate.simulation.pointer import Pointer

@@ -4,25 +4,46 @@ import asyncio
 import contextlib
 import logging
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, cast
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from palpate.errors import PalpateError
+from palpate.errors import DataError, PalpateError
 from palpate.server.cutting_stroke import Cutting, first_depth, may_cut
 from palpate.server.exam import Exam
 from palpate.server.force_errors import ForceErrors
+from palpate.server.forced_choice_run import ForcedChoiceRun
+from palpate.server.frame_message import frame_bytes
+from palpate.server.held_tools import HeldTools
 from palpate.server.image_payloads import ImagePayload
-from palpate.server.messages import CloseCode, Mark, Scalpel, Selection, SelectionKind, ToolCommand
+from palpate.server.messages import (
+    Choice,
+    CloseCode,
+    Lead,
+    LeadStep,
+    Mark,
+    Note,
+    NoteStep,
+    Role,
+    Scalpel,
+    Selection,
+    SelectionKind,
+    ToolCommand,
+    encode,
+    notes_bytes,
+)
+from palpate.server.people import Room
 from palpate.server.reference_comparison import ReferenceComparison
 from palpate.server.scene_message import VIEWS, reach, scene_bytes
 from palpate.simulation.lesson import TOOLS as TOOL_KINDS
-from palpate.simulation.pointer import KINDS, TOOLS, Command, CommandKind, Kind, Pointer, bounded_vector
+from palpate.simulation.pointer import KINDS, Command, CommandKind, Kind, Pointer, bounded_vector
+from palpate.simulation.record_player import RecordPlayer
 from palpate.simulation.recording import start_journal
 from palpate.simulation.replay import Replay
-from palpate.simulation.session import Device, Session
+from palpate.simulation.session import RATE, Device, Session
+from palpate.simulation.session_notes import SessionNote
 from palpate.tissue.models.registry import model as build
 from palpate.tissue.models.registry import name_of, names_in_sessions
 from palpate.tissue.models.tissue_model import TissueModel
@@ -36,10 +57,11 @@ class LiveSession:
     """Used on the event loop's thread only. organs: resolutions of one organ by name; the session's is one of them.
 
     reason: why the session begins with its model. successor: the model that it changes to once that is made. newest: the
-    newest frame as a message. pages: the connected pages, each with an event that is set for every new frame. holders: the
-    page that commands each tool. finished: earlier sessions, on other resolutions. choice: organ and model that were chosen
-    last, by index. models: models that were built or are being built. record: where the first session will be written;
-    later ones get numbers. exam: the exam that it is.
+    newest frame as a message. pages: the connected pages, each with an event that is set for every new frame. finished:
+    earlier sessions, on other resolutions. choice: organ and model that were chosen last, by index. models: models that
+    were built or are being built. record: where the first session will be written; later ones get numbers. exam: the exam
+    or the experiment that it is. offset: ticks that earlier sessions of an experiment have shown. beside: a second replay
+    that is shown beside this one. room: the name of the room in which several people share it, or empty.
     """
 
     session: Session
@@ -52,18 +74,24 @@ class LiveSession:
     successor: str = ""
     newest: bytes = b""
     pages: dict[WebSocket, asyncio.Event] = field(default_factory=dict)
-    holders: dict[int, WebSocket] = field(default_factory=dict)
     finished: list[Session] = field(default_factory=list)
     choice: tuple[int, int] = (0, 0)
     changes: "set[asyncio.Task[None]]" = field(default_factory=set)
     changing: asyncio.Lock = field(default_factory=asyncio.Lock)
     models: dict[tuple[int, str], asyncio.Task[TissueModel]] = field(default_factory=dict)
     record: Path | None = None
-    exam: Exam | None = None
+    exam: Exam | ForcedChoiceRun | None = None
+    offset: int = 0
+    beside: "LiveSession | None" = None
+    room: str = ""
 
     def __post_init__(self) -> None:
         if not self.organs:
             self.organs = {self.title: self.session.first.tissue}
+        replayed = isinstance(self.device, Replay)
+        self.player = RecordPlayer(self.session, cast(Replay, self.device).record) if replayed else None
+        self.tools = HeldTools(self.device, bool(self.room)) if isinstance(self.device, Pointer) else None
+        self.people = Room(self.tools) if self.room and self.tools else None
         self.comparison = ReferenceComparison(self.build_model)
         self.cutting = Cutting(self.changing, lambda: self.session, self.describe, self.tell)
         self.force_errors = ForceErrors()
@@ -74,6 +102,7 @@ class LiveSession:
     def describe(self) -> None:
         """Computes what stays constant for a session: the scene, and the longest displacement of a tool, mm."""
         self.reach = reach(self.session)
+        self.described = self.session.bodies
         self.scene = scene_bytes(
             self.session,
             self.title,
@@ -85,10 +114,18 @@ class LiveSession:
             reason=self.reason,
             images=bool(self.images),
             depth=first_depth(self.session),
-            tools=self.exam.lesson.tools if self.exam else (*TOOL_KINDS, *(("cut",) if self.pages_may_cut else ())),
-            views=self.exam.lesson.views if self.exam else VIEWS,
+            tools=self.exam.tools if self.exam else (*TOOL_KINDS, *(("cut",) if self.pages_may_cut else ())),
+            views=self.exam.views if self.exam else VIEWS,
             exam=self.exam is not None,
+            **({} if self.experiment is None else self.experiment.described),
+            recorded=self.record is not None,
+            room=self.room,
         )
+
+    @property
+    def experiment(self) -> ForcedChoiceRun | None:
+        """The forced-choice experiment that it is."""
+        return self.exam if isinstance(self.exam, ForcedChoiceRun) else None
 
     @property
     def pages_may_cut(self) -> bool:
@@ -98,13 +135,14 @@ class LiveSession:
     @property
     def is_replay(self) -> bool:
         """Whether a record is replayed, which pages can only watch."""
-        return isinstance(self.device, Replay)
+        return self.player is not None
 
     @property
     def current(self) -> tuple[int, int]:
         """Indices of the organ and of the model, or of the model that is being blended in."""
         tissues = list(self.organs.values())
-        organ = next(i for i, tissue in enumerate(tissues) if tissue is self.session.first.tissue)
+        # That of an interval of an experiment is none of them.
+        organ = next((i for i, tissue in enumerate(tissues) if tissue is self.session.first.tissue), 0)
         return organ, names_in_sessions().index(name_of(self.session.model))
 
     def open_journal(self, session: Session, before: int) -> None:
@@ -113,36 +151,103 @@ class LiveSession:
             session.journal = start_journal(record_name(self.record, before), session.description())
 
     def command(self, page: WebSocket, message: ToolCommand) -> None:
-        """Commands a tool, unless another page holds it. A page holds a tool from its first command until it lets go."""
-        if self.holders.get(message.tool) not in (None, page) or not isinstance(self.device, Pointer):
+        """Commands a tool, unless another page holds it."""
+        if self.tools is None:
             return
         if self.exam and message.kind != CommandKind.away and not self.exam.allows(message.kind):
             return
-        if message.kind == CommandKind.away:
-            self.release(page, message.tool, message.serial)
+        command = Command()
+        if message.kind != CommandKind.away:
+            kind = cast(Kind, KINDS[message.kind])
+            displacement = bounded_vector("displacement", message.displacement, self.reach)
+            command = Command(True, message.point, displacement, kind)
+        stopped = self.people is not None and self.people.stops(page)
+        if not self.tools.command(page, message.tool, command, message.serial, stopped) and self.people:
+            self.keep(asyncio.create_task(self.tell("All tools are in other hands.", page)))
+
+    def lead(self, page: WebSocket, lead: Lead) -> None:
+        """Does what a teacher asks for in a room."""
+        if self.people is None:
             return
-        kind = cast(Kind, KINDS[message.kind])
-        displacement = bounded_vector("displacement", message.displacement, self.reach)
-        self.holders[message.tool] = page
-        self.device.send(Command(True, message.point, displacement, kind), message.serial, message.tool)
+        if lead.step == LeadStep.reset:
+            self.let_go()
+            self.keep(asyncio.create_task(self.cutting.undo_all(self.session)))
+        else:
+            self.people.lead(page, lead)
+            self.tell_people()
+
+    def tell_people(self) -> None:
+        """Tells every page who is in the room."""
+        if self.people:
+            for page in self.pages:
+                self.keep(asyncio.create_task(self.tell(self.people.told(page), page)))
+
+    def messages(self, page: WebSocket) -> list[bytes]:
+        """The newest frame as a page gets it."""
+        if not self.newest:
+            return []
+        return self.people.messages(page, self.newest) if self.people else [self.newest]
 
     def cut(self, page: WebSocket, message: Scalpel) -> None:
         """Obeys the scalpel of a page."""
         if self.pages_may_cut:
             self.keep(self.cutting.obey(page, self.session, message))
 
-    def replay_cuts(self, tick: int) -> None:
-        """Begins a cut of the record that is replayed, once its tick has come."""
-        if isinstance(self.device, Replay) and self.device.record.cuts:
-            self.keep(self.cutting.replay(self.session, self.device.record, tick))
+    def publish_replay(self) -> None:
+        """Publishes the state that the player is at: after going back or a cut the scene is another one."""
+        if self.player is None:
+            return
+        session = self.player.session
+        if session is not self.session or session.bodies != self.described:
+            self.session = session
+            self.describe()
+        frame = session.frame()
+        shown, model = session.drawn(frame), self.current[1]
+        self.estimate(frame)
+        self.publish(frame_bytes(frame, shown, model, model, self.force_errors, seconds=frame.tick / RATE))
+
+    def estimate(self, frame: Any) -> None:
+        """Begins to estimate the errors of a frame, if it is time to."""
+        for task in (self.comparison.update(self.session, frame), self.force_errors.update(self.session, frame)):
+            if task:
+                task.add_done_callback(report_failure)
+
+    def publish(self, frame: bytes) -> None:
+        """Hands the newest frame to all pages."""
+        self.newest = frame
+        for event in self.pages.values():
+            event.set()
 
     def watch(self, frame: Any) -> None:
-        """Ends an exam whose time is over: all tools let go."""
-        if self.exam and isinstance(self.device, Pointer) and self.exam.ends(frame):
-            self.holders.clear()
-            for tool in range(TOOLS):
-                self.device.send(Command(), None, tool)
+        """Ends an exam whose time is over: all tools let go. Notes what an experiment's person touches."""
+        if isinstance(self.exam, Exam) and isinstance(self.device, Pointer) and self.exam.ends(frame):
+            self.let_go()
             self.keep(asyncio.create_task(self.tell("The time is over.")))
+        if self.experiment and self.experiment.watch(frame, self.session):
+            self.keep(asyncio.create_task(self.report()))
+
+    def let_go(self) -> None:
+        """All tools of all pages let go."""
+        if self.tools:
+            self.tools.let_go()
+
+    def choose(self, choice: Choice) -> None:
+        """Begins to carry out what the person of an experiment chose."""
+        if self.experiment:
+            self.keep(asyncio.create_task(self.experiment.choose(choice, self.swap, self.tell, self.report)))
+
+    async def report(self, only: WebSocket | None = None) -> None:
+        """Tells pages, or one, where the experiment is."""
+        if self.experiment:
+            await self.tell(encode(self.experiment.status), only)
+
+    async def swap(self, after: Session) -> None:
+        """Goes on with another session of the same surface: all tools let go, ticks count on, pages stay."""
+        self.let_go()
+        await asyncio.to_thread(self.session.stop)
+        self.offset += int(self.session.frame().tick - after.frame().tick)
+        self.session = after
+        await asyncio.to_thread(after.start, self.device)
 
     def keep(self, task: "asyncio.Task[None] | None") -> None:
         """Keeps a background task alive until it ends, and prints its error."""
@@ -151,17 +256,14 @@ class LiveSession:
             task.add_done_callback(self.changes.discard)
             task.add_done_callback(report_failure)
 
-    def release(self, page: WebSocket, tool: int, serial: int | None = None) -> None:
-        """Lets go of a tool that this page holds."""
-        if self.holders.get(tool) is page and isinstance(self.device, Pointer):
-            del self.holders[tool]
-            self.device.send(Command(), serial, tool)
-
-    def connect(self, page: WebSocket) -> asyncio.Event:
-        """Adds a page; the event is set for each new frame. The first page starts a replay."""
-        if self.is_replay and not self.session.loop.running and self.session.loop.frame().tick == 0:
-            self.session.start(self.device)
+    def connect(self, page: WebSocket, name: str = "", role: Role = Role.teacher) -> asyncio.Event:
+        """Adds a page; the event is set for each new frame. The first page starts the first trial of an experiment."""
+        if self.experiment and self.experiment.branches is None:
+            self.experiment.begin()
         self.pages[page] = asyncio.Event()
+        if self.people:
+            self.people.enter(page, name, role)
+            self.tell_people()
         return self.pages[page]
 
     def disconnect(self, page: WebSocket) -> None:
@@ -169,17 +271,44 @@ class LiveSession:
         self.pages.pop(page, None)
         self.comparison.request(page, False)
         self.cutting.leave(page)
-        for tool in range(TOOLS):
-            self.release(page, tool)
+        if self.tools:
+            self.tools.leave(page)
+        if self.people:
+            self.people.leave(page)
+            self.tell_people()
 
-    def mark(self, mark: Mark) -> None:
+    def mark(self, page: WebSocket, mark: Mark) -> None:
         """Records that a lump was found or a sample taken."""
         if self.is_replay:
             return
+        tool = mark.tool
+        if self.people and self.tools:
+            held = self.tools.tool(page, mark.tool)
+            if held is None:
+                return
+            tool = held
         if self.exam and (refusal := self.exam.claim()):
             self.keep(asyncio.create_task(self.tell(refusal)))
             return
-        self.session.mark(mark.kind, mark.tool)
+        self.session.mark(mark.kind, tool)
+
+    @property
+    def notes(self) -> tuple[SessionNote, ...]:
+        """The notes of the session, or of the record that is replayed."""
+        return self.player.record.notes if self.player else self.session.events.notes
+
+    def note(self, note: Note, text: str) -> None:
+        """Keeps a note of a page, or removes one, and tells all pages. A replay and an exam take none."""
+        if self.is_replay or self.exam:
+            return
+        if note.step == NoteStep.add:
+            try:
+                self.session.note(text, note.point)
+            except DataError as problem:
+                self.keep(asyncio.create_task(self.tell(str(problem))))
+        elif note.index < len(self.notes) and self.notes[note.index].text == text:
+            self.session.remove_note(note.index)
+        self.keep(asyncio.create_task(self.tell(notes_bytes(self.notes))))
 
     def select(self, selection: Selection) -> None:
         """Notes a choice of model or organ, and begins to carry it out. The last choice wins."""
@@ -216,20 +345,18 @@ class LiveSession:
                     await self.tell(f"{names_in_sessions()[choice[1]]} was not made: {problem}")
                 raise
 
-    async def tell(self, text: str) -> None:
-        """Shows a text in every page."""
-        for page in list(self.pages):
+    async def tell(self, what: str | bytes, only: WebSocket | None = None) -> None:
+        """Sends every page, or one, a message, or a text that it shows."""
+        for page in list(self.pages) if only is None else [only]:
             with contextlib.suppress(WebSocketDisconnect, RuntimeError):  # it has gone
-                await page.send_text(text)
+                await (page.send_text(what) if isinstance(what, str) else page.send_bytes(what))
 
     async def change_organ(self, model: TissueModel) -> None:
         """Changes to a model of another resolution: a new session. All tools let go, and the pages fetch the new scene."""
         after = await asyncio.to_thread(Session, model, tension=self.session.tension)
         self.open_journal(after, len(self.finished) + 1)
-        self.holders.clear()
-        if isinstance(self.device, Pointer):
-            for tool in range(TOOLS):
-                self.device.send(Command(), None, tool)
+        after.events.notes = tuple(replace(note, tick=0) for note in self.session.events.notes)
+        self.let_go()
         await asyncio.to_thread(self.session.stop)
         self.finished.append(self.session)
         self.session, self.newest = after, b""

@@ -1,6 +1,7 @@
-"""A web server on the loopback interface only: its socket, its thread, and its shutdown by Ctrl-C."""
+"""A web server: its socket, on the loopback interface unless said otherwise, its thread, and its shutdown by Ctrl-C."""
 
 import contextlib
+import errno
 import getpass
 import logging
 import os
@@ -12,6 +13,7 @@ import threading
 import time
 import webbrowser
 from collections.abc import Iterator
+from pathlib import Path
 
 import uvicorn
 from starlette.applications import Starlette
@@ -24,8 +26,11 @@ PORT = 8765
 PORTS_TRIED = 20
 
 
-def loopback_socket(port: int | None) -> socket.socket:
-    """A bound socket on loopback: `port`, or the first free one from `PORT` on. Raises `PortError`."""
+def loopback_socket(port: int | None, host: str = HOST) -> socket.socket:
+    """A bound socket on loopback, or on another address of this machine: `port`, or the first free one from `PORT` on.
+
+    Raises `PortError`.
+    """
     if port is not None and not 0 <= port < 65536:
         raise PortError(f"port {port}: expected 1 to 65535; without --port a free one is chosen")
     ports = range(PORT, PORT + PORTS_TRIED) if port is None else [port]
@@ -34,10 +39,12 @@ def loopback_socket(port: int | None) -> socket.socket:
         listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
-            listener.bind((HOST, number))
+            listener.bind((host, number))
             listener.listen(64)
         except OSError as problem:
             listener.close()
+            if problem.errno in (errno.EADDRNOTAVAIL, None):
+                raise PortError(f"host {host}: {problem}; give an address of this machine, or 0.0.0.0") from None
             why = problem.strerror
             continue
         return listener
@@ -73,19 +80,34 @@ def not_a_refusal(record: logging.LogRecord) -> bool:
 
 
 @contextlib.contextmanager
-def running(app: Starlette, listener: socket.socket, message_bytes: int = 1024) -> Iterator[str]:
-    """Runs the server of a `page_application` in a thread during the block. Yields the address of the page."""
+def running(
+    app: Starlette,
+    listener: socket.socket,
+    message_bytes: int = 1024,
+    connection: type[BoundedConnection] = BoundedConnection,
+    certificate: tuple[Path, Path] | None = None,
+    ping: float = 20.0,
+) -> Iterator[str]:
+    """Runs the server of a `page_application` in a thread during the block. Yields its address.
+
+    certificate: files of the certificate and of its key, for TLS. ping: s between pings of a WebSocket, and until one that
+    does not answer is closed.
+    """
     logger = logging.getLogger("uvicorn.error")
     logger.setLevel(logging.ERROR)
     logger.addFilter(not_a_refusal)
     config = uvicorn.Config(
         app,
-        http=BoundedConnection,
+        http=connection,
         log_level="error",
         access_log=False,
         ws_max_size=message_bytes,
         ws_per_message_deflate=False,
+        ws_ping_interval=ping,
+        ws_ping_timeout=ping,
         timeout_graceful_shutdown=1,
+        ssl_certfile=None if certificate is None else str(certificate[0]),
+        ssl_keyfile=None if certificate is None else str(certificate[1]),
     )
     server = uvicorn.Server(config)
     thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, daemon=True)
@@ -97,7 +119,7 @@ def running(app: Starlette, listener: socket.socket, message_bytes: int = 1024) 
             raise PortError(
                 f"port {listener.getsockname()[1]}: the server did not start; choose another port with --port"
             )
-        yield f"http://{HOST}:{listener.getsockname()[1]}/?token={app.state.token}"
+        yield f"http{'s' if certificate else ''}://{HOST}:{listener.getsockname()[1]}/"
     finally:
         server.should_exit = True
         thread.join(5)

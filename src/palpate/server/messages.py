@@ -4,20 +4,18 @@ Binary messages are little-endian: a byte for the kind of message, the fields in
 message from the server is shown to the user.
 """
 
+import json
 import struct
-from dataclasses import dataclass, fields
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, fields
 from enum import IntEnum
 from typing import Annotated, Any, get_args, get_type_hints
 
-import numpy as np
-
-from palpate.arrays import AnyArray, Float32
-from palpate.errors import DataError
+from palpate.arrays import AnyArray, Float64
 from palpate.meshes.display_surfaces import Part
-from palpate.server.force_errors import ForceErrors
-from palpate.simulation.lesson import EXAM_FORCE, EXAM_LENGTH, EXAM_WORK
 from palpate.simulation.pointer import TOOLS, CommandKind, ContactState
-from palpate.simulation.session import LUMP, SAMPLE
+from palpate.simulation.session import LUMP, RATE, SAMPLE
+from palpate.simulation.session_notes import LONGEST_NOTE, MOST_NOTES, SessionNote
 
 # The second argument of each type is its format in Python's struct.
 U8 = Annotated[int, "B"]
@@ -28,6 +26,7 @@ Vector = Annotated[tuple[float, float, float], "3f"]
 
 DISPLACEMENT_STEPS = 32767  # of the 16-bit displacements in a `Frame`
 DISTANCE_STEPS = 65535  # of the 16-bit distances in a `Difference`
+SLOWEST, FASTEST = 0.25, 4.0  # speeds of a replay
 AT_REST = 1e-4  # mm: smaller displacements are not sent
 
 
@@ -47,6 +46,22 @@ class CutStep(IntEnum):
     undo = 3
 
 
+class NoteStep(IntEnum):
+    """What a `Note` does."""
+
+    add = 0
+    remove = 1
+
+
+class PlayStep(IntEnum):
+    """What a `Play` does."""
+
+    pause = 0
+    play = 1
+    speed = 2
+    seek = 3
+
+
 class MarkKind(IntEnum):
     """What a `Mark` says."""
 
@@ -63,12 +78,56 @@ class ComparisonState(IntEnum):
     contacts_overlap = 3
 
 
+class TrialState(IntEnum):
+    """What a forced-choice trial waits for: palpate, the answer, the end of a break, nothing any more."""
+
+    preparing = 0
+    asking = 1
+    pause = 2
+    ended = 3
+
+
+class Feedback(IntEnum):
+    """What is told of the last answer."""
+
+    none = 0
+    right = 1
+    wrong = 2
+
+
+class ChoiceKind(IntEnum):
+    """What a `Choice` does."""
+
+    show = 0
+    answer = 1
+    go_on = 2
+
+
+class Role(IntEnum):
+    """What a person may do in a room: watch, touch, or lead as well."""
+
+    viewer = 0
+    trainee = 1
+    teacher = 2
+
+
+class LeadStep(IntEnum):
+    """What a `Lead` does."""
+
+    freeze = 0
+    resume = 1
+    reset = 2
+    take_over = 3
+    release = 4
+
+
 class CloseCode(IntEnum):
     """Codes with which the server closes a page's WebSocket (RFC 6455; from 4000 on they are the application's)."""
 
     refused = 1008
     too_many_pages = 1013
     scene_changed = 4001
+    room_lost = 4002
 
 
 @dataclass(frozen=True)
@@ -113,6 +172,147 @@ class Scalpel:
     step: U8
     depth: F32
     point: Vector
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Page to server: shows an interval (1 or 2) of a trial, answers with it, or ends a break. kind: a `ChoiceKind`.
+
+    trial: its number from 1 on; what is meant for another one is left undone.
+    """
+
+    kind: U8
+    interval: U8
+    trial: U32
+
+
+@dataclass(frozen=True)
+class TrialStatus:
+    """Server to page: where a forced-choice experiment is. state: a `TrialState`; told: a `Feedback`.
+
+    trial: its number from 1 on, of `trials`. shown: the interval that can be touched. touched: 1 and 2 (bits) for the
+    intervals that were.
+    """
+
+    state: U8
+    trial: U32
+    trials: U32
+    shown: U8
+    touched: U8
+    told: U8
+
+
+@dataclass(frozen=True)
+class Note:
+    """Page to server: a note at `point` (mm, on the surface at rest). step: a `NoteStep`. index: of the one to be removed.
+
+    Then its text in UTF-8: of one that is removed too, so that no other one is.
+    """
+
+    step: U8
+    index: U8
+    point: Vector
+
+
+@dataclass(frozen=True)
+class Notes:
+    """Server to page, when it connects and at each change: then JSON, a list of `NoteText`, all that there are."""
+
+    count: U32
+
+
+@dataclass(frozen=True)
+class Play:
+    """Page to server: plays a replay, pauses it, sets its speed, goes to a tick. step: a `PlayStep`; value: speed or tick."""
+
+    step: U8
+    value: F64
+
+
+@dataclass(frozen=True)
+class Position:
+    """Server to page: where a replay is. there: share of the way to `tick` that is computed; less than 1: not there yet."""
+
+    playing: U8
+    speed: F32
+    tick: F64
+    there: F32
+
+
+@dataclass(frozen=True)
+class Timeline:
+    """Server to page: then JSON, a list of `TimelineTrack`, one for each replay."""
+
+    count: U32
+
+
+@dataclass(frozen=True)
+class TimelineEvent:
+    """An event of a recorded session. kind: touch, release, cut, undo, model, claim, note or limit."""
+
+    tick: int
+    kind: str
+    text: str
+
+
+@dataclass(frozen=True)
+class TimelineTrack:
+    """A recorded session. length: ticks. forces: N, the greatest in each `bin` ticks, as far as they are computed."""
+
+    title: str
+    length: int
+    bin: int
+    events: list[TimelineEvent]
+    forces: list[float]
+
+
+@dataclass(frozen=True)
+class NoteText:
+    """A note: the tick at which it was made, its place on the surface at rest (mm), its text."""
+
+    tick: int
+    point: list[float]
+    text: str
+
+
+@dataclass(frozen=True)
+class Lead:
+    """Page to server: what a teacher does in a room. step: a `LeadStep`; person: whom it is about, else 0.
+
+    freeze: tools of all others stay where they are until resume. reset: cuts are taken back and all tools let go.
+    take_over: the teacher holds the person's tools, release: these let go; the person begins anew.
+    """
+
+    step: U8
+    person: U32
+
+
+@dataclass(frozen=True)
+class People:
+    """Server to page, in a room, at each change: then JSON, a list of `Person`. you: the page's own number."""
+
+    you: U32
+    frozen: U8
+
+
+@dataclass(frozen=True)
+class Person:
+    """Somebody in a room. role: a `Role`."""
+
+    number: int
+    name: str
+    role: int
+
+
+@dataclass(frozen=True)
+class Hands:
+    """Server to page, in a room, before each `Frame`: the tools of all others.
+
+    Then (count, 13) float32, a row a tool: the person's number, a `ContactState`, point (mm), displacement (mm), force (N),
+    insertion (mm) and the tool's number for that person.
+    """
+
+    count: U32
 
 
 @dataclass(frozen=True)
@@ -193,7 +393,11 @@ class Scene:
     or empty. images: whether there are slices to show (an `Album` at /album, its values as `palpate view` serves them).
     lips: numbers of the first node on the lips of cuts, in the organ and in each region inside. body: how often it was cut
     or a cut taken back; made: cuts that are there. depth: mm, of a cut at first. tools, views: what the page may offer; exam:
-    whether it is an exam, in which nothing is shown that tells what is inside.
+    whether it is an exam, in which nothing is shown that tells what is inside. question: of a forced-choice experiment, or
+    empty. channel: how the force comes to the person in it. place: (x, y, z) mm, on the surface above where a lump may
+    be, or empty. recorded: whether a record keeps notes. lumen: of a hollow organ, rows of x, y, z and radius (mm) and branch
+    along its centre line; openings: rows of a point (mm) and the unit vector out of the lumen there. room: the name of the
+    room, in which several people touch the organ, or empty.
     """
 
     title: str
@@ -210,6 +414,12 @@ class Scene:
     tools: list[str]
     views: list[str]
     exam: bool
+    question: str
+    channel: str
+    place: list[float]
+    recorded: bool
+    lumen: list[float]
+    openings: list[float]
     elements: int
     radius: float
     reach: float
@@ -223,6 +433,7 @@ class Scene:
     task: str
     reason: str
     images: bool
+    room: str
 
 
 @dataclass(frozen=True)
@@ -276,17 +487,41 @@ class Album:
     images: list[Image]
 
 
-BINARY: list[type] = [ToolCommand, Frame, Selection, Mark, Compare, Difference, Scalpel]
-FROM_PAGE: list[type] = [ToolCommand, Selection, Mark, Compare, Scalpel]
-JSON: list[type] = [Part, Scene, Window, Stack, Image, Album]
+BINARY: list[type] = [
+    ToolCommand,
+    Frame,
+    Selection,
+    Mark,
+    Compare,
+    Difference,
+    Scalpel,
+    Choice,
+    TrialStatus,
+    Note,
+    Notes,
+    Play,
+    Position,
+    Timeline,
+    Lead,
+    People,
+    Hands,
+]
+FROM_PAGE: list[type] = [ToolCommand, Selection, Mark, Compare, Scalpel, Choice, Note, Play, Lead]
+JSON: list[type] = [Part, NoteText, TimelineEvent, TimelineTrack, Person, Scene, Window, Stack, Image, Album]
 ENUMS: list[type[IntEnum]] = [
-    CommandKind, ContactState, SelectionKind, MarkKind, CutStep, ComparisonState, CloseCode,
+    CommandKind, ContactState, SelectionKind, MarkKind, NoteStep, PlayStep, CutStep, ComparisonState, TrialState, Feedback,
+    ChoiceKind, Role, LeadStep, CloseCode,
 ]  # fmt: skip
 CONSTANTS = {
     "TOOLS": TOOLS,
     "DISTANCE_STEPS": DISTANCE_STEPS,
     "DISPLACEMENT_STEPS": DISPLACEMENT_STEPS,
     "AT_REST": AT_REST,
+    "LONGEST_NOTE": LONGEST_NOTE,
+    "MOST_NOTES": MOST_NOTES,
+    "RATE": RATE,
+    "SLOWEST": SLOWEST,
+    "FASTEST": FASTEST,
 }
 
 
@@ -306,103 +541,23 @@ def encode(message: Any, rest: AnyArray | None = None) -> bytes:
     return struct.pack(code(type(message)), *flat) + (b"" if rest is None else rest.tobytes())
 
 
-def decode(data: bytes) -> ToolCommand | Selection | Mark | Compare | Scalpel:
-    """The message that a page sent. Raises `DataError` if its length, kind or a number in it is wrong."""
-    sent: type = {BINARY.index(one) + 1: one for one in FROM_PAGE}.get(data[0] if data else 0, type(None))
-    if sent is type(None):
-        found = data[0] if data else "none"
-        raise DataError(
-            f"message: kind {found}, expected {[BINARY.index(one) + 1 for one in FROM_PAGE]}; reload the page"
-        )
-    name, wanted = sent.__name__, struct.calcsize(code(sent))
-    if len(data) != wanted:
-        raise DataError(f"{name}: {len(data)} bytes, expected {wanted}; reload the page")
-    _, *values = struct.unpack(code(sent), data)
-    if sent is Selection:
-        if values[0] >= len(SelectionKind):
-            raise DataError(f"Selection: kind {values[0]}, expected less than {len(SelectionKind)}; reload the page")
-        return Selection(*values)
-    if sent is Mark:
-        if values[0] >= len(MarkKind) or values[1] >= TOOLS:
-            raise DataError(
-                f"Mark: kind {values[0]}, tool {values[1]}, expected less than {len(MarkKind)} and {TOOLS}; "
-                f"reload the page"
-            )
-        return Mark(*values)
-    if sent is Compare:
-        if values[0] > 1:
-            raise DataError(f"Compare: {values[0]}, expected 0 or 1; reload the page")
-        return Compare(*values)
-    if sent is Scalpel:
-        step, depth, *place = values
-        if step >= len(CutStep) or not np.isfinite([depth, *place]).all() or not (depth > 0 or step == CutStep.undo):
-            raise DataError(
-                f"Scalpel: step {step}, depth {depth} mm at {place}, expected less than {len(CutStep)}, "
-                f"more than 0, finite numbers; reload the page"
-            )
-        return Scalpel(step, depth, (place[0], place[1], place[2]))
-    tool, kind, serial, *numbers = values
-    if tool >= TOOLS or kind >= len(CommandKind):
-        raise DataError(
-            f"ToolCommand: tool {tool}, kind {kind}, expected less than {TOOLS} and {len(CommandKind)}; reload the page"
-        )
-    if not np.isfinite(numbers).all():
-        raise DataError(f"ToolCommand: {numbers} are not all finite; reload the page")
-    x, y, z, dx, dy, dz = numbers
-    return ToolCommand(tool, kind, serial, (x, y, z), (dx, dy, dz))
-
-
 def flat(vectors: Any) -> tuple[float, ...]:
     """The numbers of several vectors, one vector after the other."""
     return tuple(x for vector in vectors for x in vector)
 
 
-def _in_steps(values: Any, step: float) -> tuple[float, ...]:
-    """Numbers rounded to a step; 0: as they are."""
-    return tuple(values) if step == 0 else tuple((step * np.rint(np.asarray(values) / step)).tolist())
+def notes_bytes(notes: tuple[SessionNote, ...]) -> bytes:
+    """Notes as a message."""
+    told = [asdict(NoteText(note.tick, list(note.point), note.text)) for note in notes]
+    return encode(Notes(len(notes))) + json.dumps(told).encode()
 
 
-def frame_bytes(
-    frame: Any,
-    shown: Float32,
-    model: int = 0,
-    chosen: int = 0,
-    errors: ForceErrors | None = None,
-    exam: bool = False,
-) -> bytes:
-    """A frame of the loop as a message, with the displacements (S, 3) mm of what is drawn. At rest it has no array.
-
-    exam: in the steps of a screen, so that no digit tells more than the trainee can see.
-
-    The step is the largest displacement over 32767: 0.2 µm at 5 mm, less than a pixel, at half the size of float32.
-    """
-    errors = errors or ForceErrors()
-    largest = float(np.abs(shown).max(initial=0))
-    at_rest = largest < (EXAM_LENGTH / 2 if exam else AT_REST)
-    step = 0.0 if at_rest else EXAM_LENGTH if exam else largest / DISPLACEMENT_STEPS
-    length, force, work = (EXAM_LENGTH, EXAM_FORCE, EXAM_WORK) if exam else (0.0, 0.0, 0.0)
-    message = Frame(
-        model=model,
-        tick=float(frame.tick),
-        late=float(frame.late),
-        faults=frame.faults,
-        serial=frame.serial & 0xFFFFFFFF,
-        seconds=frame.seconds,
-        busy=frame.busy,
-        energy=_in_steps([frame.work], work)[0],
-        contact=tuple(frame.contact),
-        point=_in_steps(flat(frame.point), length),
-        displacement=_in_steps(flat(frame.displacement), length),
-        force=_in_steps(flat(frame.force), force),
-        insertion=_in_steps(frame.insertion, length),
-        chosen=chosen,
-        mesh_error=errors.mesh,
-        linearisation=errors.linearisation,
-        least_volume=errors.least_volume,
-        solution_age=frame.solution_age,
-        solution_error=frame.solution_error,
-        body=frame.body,
-        step=step,
-        count=0 if at_rest else len(shown),
-    )
-    return encode(message, None if at_rest else np.rint(shown / step).astype("<i2"))
+def timeline_bytes(tracks: Sequence[tuple[str, int, int, Sequence[Any], Float64]]) -> bytes:
+    """A timeline as a message. tracks: title, length, ticks of a bin, events and forces of each replay."""
+    told = [
+        TimelineTrack(
+            title, length, width, [TimelineEvent(e.tick, e.kind, e.text) for e in events], forces.round(3).tolist()
+        )
+        for title, length, width, events, forces in tracks
+    ]
+    return encode(Timeline(len(told))) + json.dumps([asdict(track) for track in told]).encode()

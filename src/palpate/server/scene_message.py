@@ -7,6 +7,7 @@ from dataclasses import asdict
 
 import numpy as np
 
+from palpate.arrays import Float64
 from palpate.server.messages import Scene
 from palpate.simulation.lesson import TOOLS
 from palpate.simulation.session import RATE, Session
@@ -28,6 +29,15 @@ def front(session: Session) -> float:
     return float(np.arctan2(x, -y)) if sideways else 0.0
 
 
+def lumen(session: Session) -> dict[str, list[float]]:
+    """The centre line and the openings of a hollow organ, in the steps of a screen."""
+    line = session.mesh.centerline
+    if line is None:
+        return {"lumen": [], "openings": []}
+    rows = np.column_stack([line.points, line.radius, line.branch])
+    return {"lumen": rows.round(2).ravel().tolist(), "openings": line.openings.round(6).ravel().tolist()}
+
+
 def scene_bytes(
     session: Session,
     title: str,
@@ -43,8 +53,14 @@ def scene_bytes(
     tools: Sequence[str] = TOOLS,
     views: Sequence[str] = VIEWS,
     exam: bool = False,
+    question: str = "",
+    channel: str = "",
+    place: Float64 | None = None,
+    normal: Float64 | None = None,
+    recorded: bool = False,
+    room: str = "",
 ) -> bytes:
-    """The scene as a message, see `messages.Scene`."""
+    """The scene as a message, see `messages.Scene`. normal: (3,) at the place, which is seen first."""
     drawn = session.displayed
     header = Scene(
         title=title,
@@ -61,19 +77,25 @@ def scene_bytes(
         tools=list(tools),
         views=list(views),
         exam=exam,
+        question=question,
+        channel=channel,
+        place=[] if place is None else np.round(place, 2).tolist(),
+        recorded=recorded,
+        **lumen(session),
         elements=len(session.mesh.tets),
         radius=session.settings.radius,
         reach=reach(session),
         limit=session.settings.limit,
         rate=RATE,
         replay=replay,
-        front=front(session),
+        front=front(session) if normal is None else float(np.arctan2(normal[0], -normal[1])),
         models=list(models),
         organs=list(organs),
         organ=organ,
         task=task,
         reason=reason,
         images=images,
+        room=room,
     )
     text = json.dumps(asdict(header)).encode()
     text += b" " * (-len(text) % 4)

@@ -5,15 +5,31 @@ import contextlib
 from collections.abc import AsyncIterator
 
 from starlette.applications import Starlette
-from starlette.requests import Request
+from starlette.requests import HTTPConnection, Request
 from starlette.responses import Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from palpate.errors import DataError
-from palpate.server.access_control import page_application
+from palpate.server.access_control import by_token, page_application
+from palpate.server.frame_message import frame_bytes
 from palpate.server.live_session import LiveSession, report_failure
-from palpate.server.messages import CloseCode, Compare, Mark, Scalpel, Selection, SelectionKind, decode, frame_bytes
+from palpate.server.message_checks import decode
+from palpate.server.messages import (
+    Choice,
+    CloseCode,
+    Compare,
+    Lead,
+    Mark,
+    Play,
+    Role,
+    Scalpel,
+    Selection,
+    SelectionKind,
+    notes_bytes,
+)
+from palpate.server.people import MOST_PEOPLE
+from palpate.server.playback import Playback
 from palpate.server.view import image_routes
 from palpate.tissue.models.registry import names_in_sessions
 
@@ -27,24 +43,35 @@ MAX_REASON = 120  # characters; the WebSocket protocol allows 123 bytes
 
 def application(live: LiveSession, token: str) -> Starlette:
     """The web application of a running session. Raises `FileError` if the page was not bundled."""
+    lives = [live] if live.beside is None else [live, live.beside]
+    playback = Playback(lives) if live.is_replay else None
 
     @contextlib.asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:
-        publisher = asyncio.create_task(publish_frames(live))
-        publisher.add_done_callback(report_failure)
+        work = [publish_frames(live)] if playback is None else [playback.run(), playback.measure()]
+        tasks = [asyncio.create_task(each) for each in work]
+        for task in tasks:
+            task.add_done_callback(report_failure)
         live.hand_over()
         yield
-        publisher.cancel()
+        for task in tasks:
+            task.cancel()
 
     routes = [Route("/scene", scene), WebSocketRoute("/socket", socket), *image_routes(live.images)]
-    app = page_application("index.html", routes, token, lifespan)
-    app.state.live = live
+    app = page_application("index.html", routes, by_token(token), lifespan)
+    app.state.lives, app.state.playback = lives, playback
     return app
+
+
+def shown_by(request: HTTPConnection) -> LiveSession:
+    """The session that a page asks for: the first one, or the replay beside it."""
+    lives: list[LiveSession] = request.app.state.lives
+    return lives[-1] if request.query_params.get("beside") else lives[0]
 
 
 async def scene(request: Request) -> Response:
     """Nodes at rest and triangles."""
-    live: LiveSession = request.app.state.live
+    live = shown_by(request)
     return Response(live.scene, media_type="application/octet-stream")
 
 
@@ -57,32 +84,41 @@ async def publish_frames(live: LiveSession) -> None:
             continue
         frame = live.session.frame()
         serial, tick = frame.serial, frame.tick + FRAME_TICKS
-        model = live.current[1]
-        chosen = model if live.is_replay else live.choice[1]
         if live.exam is None:
-            for task in (live.comparison.update(live.session, frame), live.force_errors.update(live.session, frame)):
-                if task:
-                    task.add_done_callback(report_failure)
+            live.estimate(frame)
         live.watch(frame)
         shown = live.session.drawn(frame)
-        live.newest = frame_bytes(frame, shown, model, chosen, live.force_errors, live.exam is not None)
-        live.replay_cuts(frame.tick)
-        for event in live.pages.values():
-            event.set()
+        live.publish(
+            frame_bytes(
+                frame, shown, live.current[1], live.choice[1], live.force_errors, live.exam is not None, live.offset
+            )
+        )
         await asyncio.sleep(MIN_FRAME_INTERVAL)
 
 
 async def socket(page: WebSocket) -> None:
     """One page: sends frames and obeys commands until it disconnects."""
-    live: LiveSession = page.app.state.live
+    live = shown_by(page)
+    playback: Playback | None = page.app.state.playback if live is page.app.state.lives[0] else None
     await page.accept()
-    if len(live.pages) >= MOST_PAGES:
-        await page.close(CloseCode.too_many_pages, f"{MOST_PAGES} pages are open already; close one")
+    most = MOST_PEOPLE if live.room else MOST_PAGES
+    if len(live.pages) >= most:
+        await page.close(CloseCode.too_many_pages, f"{most} pages are open already; close one")
         return
-    new_frame = live.connect(page)
+    # The token that let this request in is the gateway's in a room: it says who comes.
+    new_frame = live.connect(page, page.query_params.get("name", ""), role_of(page.query_params.get("role", "")))
+    if live.notes and not live.exam:
+        with contextlib.suppress(WebSocketDisconnect, RuntimeError):
+            await page.send_bytes(notes_bytes(live.notes))
+    if playback:
+        with contextlib.suppress(WebSocketDisconnect, RuntimeError):
+            for greeting in playback.greetings():
+                await page.send_bytes(greeting)
+        playback.wake()
     sender = asyncio.create_task(send_frames(page, live, new_frame))
+    await live.report(page)
     try:
-        await receive_messages(page, live)
+        await receive_messages(page, live, playback)
     except DataError as problem:
         await page.close(CloseCode.refused, str(problem)[:MAX_REASON])
     except (WebSocketDisconnect, KeyError):  # KeyError: a text message
@@ -93,6 +129,11 @@ async def socket(page: WebSocket) -> None:
         live.disconnect(page)
 
 
+def role_of(name: str) -> Role:
+    """The role of that name; the least one if there is none."""
+    return Role[name] if name in Role.__members__ else Role.viewer
+
+
 async def send_frames(page: WebSocket, live: LiveSession, new_frame: asyncio.Event) -> None:
     """Sends the newest frame as soon as the page has taken the one before; frames in between are skipped."""
     last_difference = b""
@@ -100,28 +141,39 @@ async def send_frames(page: WebSocket, live: LiveSession, new_frame: asyncio.Eve
         while True:
             await new_frame.wait()
             new_frame.clear()
-            if live.newest:
-                await page.send_bytes(live.newest)
+            for message in live.messages(page):
+                await page.send_bytes(message)
             if page in live.comparison.pages and live.comparison.newest not in (b"", last_difference):
                 last_difference = live.comparison.newest
                 await page.send_bytes(last_difference)
 
 
-async def receive_messages(page: WebSocket, live: LiveSession) -> None:
+async def receive_messages(page: WebSocket, live: LiveSession, playback: Playback | None) -> None:
     """Obeys the messages of a page. Raises `DataError` for an invalid one."""
     while True:
         message = decode(await page.receive_bytes())
-        if isinstance(message, Selection):
+        if live.people and (refusal := live.people.refusal(page, message)):
+            await live.tell(refusal, page)
+        elif isinstance(message, Selection):
             counts = {SelectionKind.model: len(names_in_sessions()), SelectionKind.organ: len(live.organs)}
             kind = SelectionKind(message.kind)
             if message.index >= counts[kind]:
                 raise DataError(f"Selection: {kind.name} {message.index} of {counts[kind]}; reload the page")
             live.select(message)
         elif isinstance(message, Mark):
-            live.mark(message)
+            live.mark(page, message)
         elif isinstance(message, Compare):
             live.comparison.request(page, message.on == 1 and live.exam is None)
         elif isinstance(message, Scalpel):
             live.cut(page, message)
+        elif isinstance(message, Choice):
+            live.choose(message)
+        elif isinstance(message, Lead):
+            live.lead(page, message)
+        elif isinstance(message, tuple):
+            live.note(*message)
+        elif isinstance(message, Play):
+            if playback:
+                playback.obey(message)
         else:
             live.command(page, message)

@@ -1,4 +1,4 @@
-"""Opens volumes as slices, and scans as projections, in the browser."""
+"""Serves volumes as slices, and scans as projections."""
 
 import contextlib
 import json
@@ -13,72 +13,20 @@ from starlette.routing import Route
 
 from palpate.errors import DataError
 from palpate.scans.scan import Scan
-from palpate.server.access_control import check_page, page_application
+from palpate.server.access_control import by_token, page_application
 from palpate.server.access_token import access_token
-from palpate.server.image_payloads import ImagePayload, scan_payload, volume_payload
-from palpate.server.loopback_server import announce, loopback_socket, running, show, shutdown_requests
+from palpate.server.image_payloads import MAX_VOXELS, ImagePayload, scan_payload, volume_payload
+from palpate.server.loopback_server import running
 from palpate.server.messages import Album
 from palpate.volumes.volume import Volume
 
 CHUNK = 1 << 22  # bytes
 
 
-def view(
-    shown: Volume | Scan,
-    other: Volume | Scan | None = None,
-    *,
-    water: float | None = None,
-    titles: Sequence[str] = ("A", "B"),
-    port: int | None = None,
-    open_browser: bool = True,
-) -> None:
-    """Open a volume or a scan in the browser, or two side by side, and wait for Ctrl-C.
-
-    Parameters
-    ----------
-    shown : Volume or Scan
-        What to show.
-    other : Volume or Scan, optional
-        The second one, of the same kind, linked to the first.
-    water : float, optional
-        Attenuation of water, 1/mm, so that values are also shown in HU.
-    titles : sequence of str, optional
-        Names of the two.
-    port : int, optional
-        Port on loopback. The default is the first free one from 8765 on.
-    open_browser : bool, optional
-        Whether to open the browser.
-
-    Raises
-    ------
-    DataError
-        If a volume stands next to a scan, or `water` is not valid.
-    PortError
-        If the port is taken.
-
-    Examples
-    --------
-    >>> pp.view(volume)  # doctest: +SKIP
-    >>> try:
-    ...     pp.view(volume, scan, open_browser=False)
-    ... except pp.errors.DataError:
-    ...     print("two kinds")
-    two kinds
-    """
-    listener = loopback_socket(port)
-    with contextlib.closing(listener):
-        check_page()
-        payloads = image_payloads([shown] if other is None else [shown, other], titles, water)
-        with shutdown_requests() as ended, serving_images(payloads, listener) as address:
-            announce(address, "look at it", [])
-            show(address, ended, open_browser)
-    print("\npalpate: closed")
-
-
 def image_payloads(
-    images: Sequence[Volume | Scan], titles: Sequence[str], water: float | None = None
+    images: Sequence[Volume | Scan], titles: Sequence[str], water: float | None = None, most: int = MAX_VOXELS
 ) -> list[ImagePayload]:
-    """The images as sent to the page. Raises `DataError`."""
+    """The images as sent to the page, of at most so many voxels. Raises `DataError`."""
     if len({isinstance(image, Scan) for image in images}) > 1:
         raise DataError("view: a scan and a volume cannot be compared; give two scans or two volumes")
     if water is not None and not 0 < water < 1:
@@ -86,7 +34,7 @@ def image_payloads(
             f"water: {water!r} 1/mm, expected an attenuation between 0 and 1; about 0.02 for CT, 0.05 for mammography"
         )
     return [
-        scan_payload(image, title) if isinstance(image, Scan) else volume_payload(image, title, water)
+        scan_payload(image, title, most) if isinstance(image, Scan) else volume_payload(image, title, water, most)
         for image, title in zip(images, titles, strict=False)
     ]
 
@@ -94,13 +42,14 @@ def image_payloads(
 @contextlib.contextmanager
 def serving_images(payloads: Sequence[ImagePayload], listener: socket.socket) -> Iterator[str]:
     """Serves the page for these images in a thread during the block. Yields its address."""
-    with running(application(payloads, access_token()), listener) as address:
-        yield address
+    token = access_token()
+    with running(application(payloads, token), listener) as address:
+        yield f"{address}?token={token}"
 
 
 def application(payloads: Sequence[ImagePayload], token: str) -> Starlette:
     """The application: the page, the list of images, and their values. Raises `FileError` if the page is missing."""
-    return page_application("view.html", image_routes(payloads), token)
+    return page_application("view.html", image_routes(payloads), by_token(token))
 
 
 def image_routes(payloads: Sequence[ImagePayload]) -> list[Route]:

@@ -77,7 +77,11 @@ def lesson_case(lesson: Lesson, organ: Tissue, seed: int) -> Tissue:
     region = np.where(inside, label + 1, mesh.region).astype(np.int32)
     names = {label: mesh.names.get(label, "organ"), label + 1: "lump"}
     return organ.replace(
-        mesh=TetMesh(mesh.nodes, mesh.tets, region, names), young=young, springs=None, report=None, materials={}
+        mesh=TetMesh(mesh.nodes, mesh.tets, region, names, mesh.centerline),
+        young=young,
+        springs=None,
+        report=None,
+        materials={},
     )
 
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from palpate.bounded_read import existing_file, parse_json
 from palpate.errors import FileError
+from palpate.simulation.session_notes import MOST_NOTES, checked_note
 
 FORMAT, VERSION = "palpate page session", 1
 LONGEST = 512 * 2**20  # bytes: a day of a hand that never rests
@@ -17,8 +18,13 @@ def read_page_record(path: str | Path) -> dict[str, Any]:
     path = existing_file(path)
     if path.stat().st_size > LONGEST:
         raise FileError(f"{path}: {path.stat().st_size} bytes, expected {LONGEST} at most; check the name")
+    return parse_page_record(path.read_bytes(), path)
+
+
+def parse_page_record(text: bytes, path: str | Path) -> dict[str, Any]:
+    """The same, of a text; path: what messages call it."""
     try:
-        saved = parse_json(path.read_bytes())
+        saved = parse_json(text)
         found = (saved.get("format"), saved.get("version"))
         if found != (FORMAT, VERSION):
             raise FileError(
@@ -48,6 +54,10 @@ def read_page_record(path: str | Path) -> dict[str, Any]:
             "settings": {str(name): float(value) for name, value in saved["settings"].items()},
             "instructions": str(saved["instructions"]),
             "marks": tuple((int(tick), int(what), int(tool)) for tick, what, tool in saved["marks"]),
+            "notes": tuple(
+                checked_note(int(tick), (float(x), float(y), float(z)), str(text))
+                for tick, x, y, z, text in saved.get("notes", ())[:MOST_NOTES]
+            ),
         }
     except (FileError, MemoryError):
         raise

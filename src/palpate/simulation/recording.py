@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 from palpate.arrays import Float64, Int64, UInt8
 from palpate.errors import DataError, FileError
 from palpate.simulation.event_log import COLUMNS
-from palpate.simulation.page_record import read_page_record
+from palpate.simulation.page_record import parse_page_record, read_page_record
 from palpate.simulation.pointer import KINDS, TOOLS
 from palpate.simulation.session_cuts import CUT_COLUMNS, RecordedCut, cut_columns, cuts_in
 from palpate.simulation.session_journal import SessionJournal, journal_path, read_journal
+from palpate.simulation.session_notes import SessionNote, note_rows, notes_in
 from palpate.volumes.hdf5_guard import check_heap, read_dataset
 from palpate.volumes.hdf5_output import replacing_hdf5
 
@@ -61,6 +62,8 @@ class Record:
         (tick, what, tool) of each claim: 0 a lump under the tool, 1 a sample at the needle's tip.
     cuts : tuple of RecordedCut, optional
         Cuts and what was taken back of them, each with the first tick after it.
+    notes : tuple of SessionNote, optional
+        Texts at points of the tissue, each with the tick at which it was made. They change nothing in a replay.
     lesson : str, optional
         JSON: which lesson and case it was, which tools and views were allowed, and how the force came to the trainee.
 
@@ -90,6 +93,19 @@ class Record:
     marks: tuple[tuple[int, int, int], ...] = ()
     cuts: tuple[RecordedCut, ...] = ()
     lesson: str = ""
+    notes: tuple[SessionNote, ...] = ()
+
+    def _repr_html_(self) -> str:
+        from palpate.volumes.notebook_card import notebook_card  # only a notebook asks
+
+        moved = np.linalg.norm(self.displacements, axis=1).max(initial=0)
+        rows = [
+            ("Length", f"{self.length / 1000:.4g} s at 1000 ticks a second"),
+            ("Commands", f"{len(self.ticks):,} of {len(np.unique(self.tools))} tools, up to {moved:.3g} mm"),
+            ("Model", self.model),
+            ("Marks", f"{len(self.marks)}; cuts: {len(self.cuts)}; changes of the model: {len(self.changes)}"),
+        ]
+        return notebook_card("Recorded session", rows)
 
 
 _CHANGES = np.dtype([("tick", "i8"), ("model", "S32"), ("sweeps", "i8")])
@@ -126,6 +142,8 @@ def write_record(path: str | Path, record: Record) -> None:
             file.create_dataset(name, data=values, **whole).attrs["units"] = units
         file.create_dataset("changes", data=np.array(list(record.changes), dtype=_CHANGES))
         file.create_dataset("marks", data=np.array(record.marks, dtype=np.int64).reshape(-1, 3))
+        if record.notes:  # a reader that knows none of them reads all the rest
+            file.create_dataset("notes", data=note_rows(record.notes))
         for name, values in cut_columns(record.cuts).items() if record.cuts else ():
             file.create_dataset(name, data=values, compression="gzip", fletcher32=True)
         settings = file.create_group("settings")
@@ -164,9 +182,7 @@ def read_record(path: str | Path) -> Record:
     """
     path = Path(path)
     if path.suffix == ".json":
-        saved = Record(**read_page_record(path))
-        _check(path, saved)
-        return saved
+        return _checked(Record(**read_page_record(path)), path)
     journal = journal_path(path)
     if journal.is_file() and (record := _recovered(journal)) is not None:
         warnings.warn(
@@ -201,6 +217,7 @@ def read_record(path: str | Path) -> Record:
                 changes=tuple((int(t), name.decode(), int(n)) for t, name, n in read("changes")),
                 marks=tuple((int(t), int(what), int(tool)) for t, what, tool in read("marks")),
                 cuts=cuts_in({name: read(name) for name in CUT_COLUMNS}) if kind[1] == WITH_CUTS else (),
+                notes=notes_in(read("notes")) if "notes" in file else (),
             )
     except (FileError, MemoryError):
         raise
@@ -251,7 +268,17 @@ def _recovered(journal: Path) -> Record | None:
     return record
 
 
-def _check(path: Path, record: Record) -> None:
+def record_of_page(text: str) -> Record:
+    """The session that a page reports, as JSON. Raises `FileError` if it is damaged."""
+    return _checked(Record(**parse_page_record(text.encode(), "the page")), "the page")
+
+
+def _checked(record: Record, path: str | Path) -> Record:
+    _check(path, record)
+    return record
+
+
+def _check(path: str | Path, record: Record) -> None:
     n, m, again = len(record.ticks), len(record.digest_ticks), "record the session again"
     shapes = {"tools": (n,), "kinds": (n,), "points": (n, 3), "displacements": (n, 3), "digests": (m,)}
     k = record.switches.size
@@ -269,6 +296,7 @@ def _check(path: Path, record: Record) -> None:
         "changes": [c[0] for c in record.changes],
         "marks": [c[0] for c in record.marks],
         "cuts": [c.tick for c in record.cuts],
+        "notes": [note.tick for note in record.notes],
     }
     for name, ticks in rising.items():
         if ticks != sorted(ticks) or (ticks and (ticks[0] < 0 or ticks[-1] > record.length)):

@@ -17,7 +17,6 @@ from palpate.meshes.tet_mesh import TetMesh
 from palpate.simulation.displayed_bodies import DisplayedBodies
 from palpate.simulation.pointer import TOOLS, Command
 from palpate.simulation.recording import Record
-from palpate.simulation.replay import Replay
 from palpate.simulation.scripted_device import Given, ScriptedDevice, new_commands
 from palpate.simulation.session_compatibility import (
     arithmetic,
@@ -31,6 +30,8 @@ from palpate.simulation.session_compatibility import (
 from palpate.simulation.session_cuts import CutKind, CutTissues, RecordedCut
 from palpate.simulation.session_events import SessionEvents
 from palpate.simulation.session_journal import SessionJournal
+from palpate.simulation.session_notes import MOST_NOTES, checked_note
+from palpate.simulation.session_replay import ReplaySteps
 from palpate.tissue.models.registry import model as build
 from palpate.tissue.models.registry import name_of
 from palpate.tissue.models.tissue_model import TissueModel
@@ -154,6 +155,14 @@ class Session:
     def mesh(self) -> TetMesh:
         """Its mesh."""
         return self.tissue.mesh
+
+    def _repr_html_(self) -> str:
+        from palpate.tissue.tissue_card import tissue_card  # only a notebook asks
+
+        s, model = self.settings, name_of(self.model)
+        contact = f"radius {s.radius:.3g} mm, friction {s.friction:g}, at most {s.limit:g} N on a device"
+        cuts = (("Cuts", str(self.cuts)),) if self.cuts else ()
+        return tissue_card(self.tissue, f"Session of model {model}", (("Contact", contact), *cuts))
 
     def __enter__(self) -> Self:
         return self
@@ -362,6 +371,51 @@ class Session:
             raise DataError(f"mark: {what} of tool {tool}, expected 0 or 1 of tool 0 to {TOOLS - 1}")
         self.events.marks.append((int(self.loop.frame().tick), what, tool))
 
+    def note(self, text: str, point: Sequence[float]) -> None:
+        """Keep a note with the record of this session.
+
+        Parameters
+        ----------
+        text : str
+            At most 200 characters. Line breaks become blanks; control characters are taken out.
+        point : sequence of 3 floats
+            Where it is, mm, on the surface at rest.
+
+        Raises
+        ------
+        DataError
+            If the text is empty or too long, the point is not finite, or there are 100 notes.
+
+        Examples
+        --------
+        >>> session = pp.Session(pp.model(tissue, "compliance"), radius=10)
+        >>> session.note("hard here", top)
+        >>> session.record().notes[0].text
+        'hard here'
+        """
+        if len(self.events.notes) >= MOST_NOTES:
+            raise DataError(f"note: there are {MOST_NOTES} already; remove one first")
+        x, y, z = (float(number) for number in point)
+        self.events.notes += (checked_note(int(self.loop.frame().tick), (x, y, z), text),)
+
+    def remove_note(self, index: int) -> None:
+        """Remove a note.
+
+        Parameters
+        ----------
+        index : int
+            Its index in the order in which the notes were made.
+
+        Raises
+        ------
+        DataError
+            If there is no such note.
+        """
+        notes = self.events.notes
+        if not 0 <= index < len(notes):
+            raise DataError(f"note {index}: there are {len(notes)}")
+        self.events.notes = notes[:index] + notes[index + 1 :]
+
     @staticmethod
     def _sweeps(asked: int | None, seconds: float) -> int:
         """As many as fit a tick, if none are asked for."""
@@ -439,22 +493,44 @@ class Session:
             The number of ticks done, and the forces, N.
         """
         self.use_weights_of(record)
-        device = Replay(record).core
-        changes, cuts = list(record.changes), list(record.cuts)
+        steps = ReplaySteps(record)
         while self._ticks < record.length:
-            if changes and changes[0][0] == self._ticks:
-                _, name, sweeps = changes.pop(0)
-                first = name == name_of(self.first) and self.tissue is self.first.tissue
-                self.change(
-                    self.first if first else build(self.tissue, name, **settings_after_change(record, name)), sweeps
-                )
-            if cuts and cuts[0].tick == self._ticks:
-                self.cut_again(cuts.pop(0))
-            stop = min(record.length, self._ticks - self._ticks % every + every)
-            later = [*(at for at, *_ in (*changes, *record.marks)), *(one.tick for one in cuts)]
-            stop = min([stop, *(at for at in later if at > self._ticks)])
-            force = self._advance(device, stop - self._ticks)
+            force = self.replay_step(steps, min(record.length, self._ticks - self._ticks % every + every))
             yield self._ticks, force
+
+    def replay_step(self, steps: ReplaySteps, tick: int) -> Float64:
+        """Replay a record up to a tick, or to where before it a model changed or something was marked.
+
+        Parameters
+        ----------
+        steps : ReplaySteps
+            Where the replay stands.
+        tick : int
+            The tick.
+
+        Returns
+        -------
+        ndarray, (ticks, 4, 3)
+            The forces, N.
+        """
+        if (change := steps.change_at(self._ticks)) is not None:
+            name, sweeps = change
+            uncut = self.tissue is self.first.tissue
+            after = steps.models.get(name) if uncut else None
+            if after is None:
+                first = uncut and name == name_of(self.first)
+                after = self.first if first else build(self.tissue, name, **settings_after_change(steps.record, name))
+            if uncut:
+                steps.models[name] = after
+            self.change(after, sweeps)
+        if (cut := steps.cut_at(self._ticks)) is not None:
+            self.cut_again(cut)
+        return self._advance(steps.device, steps.stop(self._ticks, tick) - self._ticks)
+
+    @property
+    def ticks(self) -> int:
+        """How many ticks it has run without a clock, and in all once it has stopped."""
+        return self._ticks
 
     def _advance(self, commands: Any, ticks: int) -> Float64:
         if self.loop.running:

@@ -6,18 +6,20 @@ from palpate.meshes.cutting.blade import Blade
 from palpate.simulation.event_log import EventLog
 from palpate.simulation.session_cuts import CutKind, RecordedCut
 from palpate.simulation.session_journal import SessionJournal
+from palpate.simulation.session_notes import SessionNote
 
 
 class SessionEvents:
     """The events of a session, out of the loop's bounded queues. journal: takes them as they come, if there is one.
 
     The loop says at which ticks another model or body began; what it was is told to `model` or `cut` before, in the same
-    order. marks: (tick, what, tool) of each claim.
+    order. marks: (tick, what, tool) of each claim. notes: those there are now.
     """
 
     def __init__(self) -> None:
         self.journal: SessionJournal | None = None
         self.marks: list[tuple[int, int, int]] = []
+        self.notes: tuple[SessionNote, ...] = ()
         self._log = EventLog()
         self._asked: list[tuple[str, int] | RecordedCut] = []  # model and sweeps, or a cut whose tick is not known yet
         self._begun: list[int] = []  # first ticks of these
@@ -37,7 +39,7 @@ class SessionEvents:
         self._begun += loop.changes()
         loop.free_retired()
         if self.journal and not loop.dropped():
-            self.journal.append(events, self.changes, self.marks, self.cuts)
+            self.journal.append(events, self.changes, self.marks, self.cuts, self.notes)
 
     @property
     def changes(self) -> tuple[tuple[int, str, int], ...]:
@@ -55,4 +57,5 @@ class SessionEvents:
 
     def columns(self) -> dict[str, Any]:
         """What a `Record` holds of all events so far."""
-        return {**self._log.columns(), "changes": self.changes, "marks": tuple(self.marks), "cuts": self.cuts}
+        told = {"changes": self.changes, "marks": tuple(self.marks), "cuts": self.cuts, "notes": self.notes}
+        return {**self._log.columns(), **told}

@@ -20,6 +20,7 @@ from palpate.bounded_read import existing_file, parse_json
 from palpate.errors import FileError
 from palpate.simulation.event_log import COLUMNS
 from palpate.simulation.session_cuts import RecordedCut, cut_of, plain_cut
+from palpate.simulation.session_notes import SessionNote, checked_note
 
 KIND = "palpate session journal 1"
 SUFFIX = ".journal"
@@ -44,6 +45,7 @@ class SessionJournal:
         self._end = 0  # of the last whole line in the file
         self._waiting = b""
         self._told = [0, 0, 0]  # changes, marks and cuts that are written
+        self._notes: tuple[SessionNote, ...] = ()  # that are written
         self._warned = False
         try:
             self._file = _locked(path)
@@ -60,9 +62,14 @@ class SessionJournal:
             raise FileError(f"{self.path}: cannot be written ({problem.strerror}); choose another place for the record")
 
     def append(
-        self, columns: Sequence[Any], changes: Sequence[Any], marks: Sequence[Any], cuts: Sequence[RecordedCut] = ()
+        self,
+        columns: Sequence[Any],
+        changes: Sequence[Any],
+        marks: Sequence[Any],
+        cuts: Sequence[RecordedCut] = (),
+        notes: tuple[SessionNote, ...] = (),
     ) -> None:
-        """Adds events that came since the last call, all at once. changes, marks, cuts: all of the session."""
+        """Adds events that came since the last call, all at once. changes, marks, cuts, notes: all of the session."""
         packed = {
             name: base64.b64encode(np.asarray(column).tobytes()).decode()
             for name, column in zip(COLUMNS, columns, strict=True)
@@ -71,7 +78,9 @@ class SessionJournal:
         line = {**packed, "changes": changes[self._told[0] :], "marks": marks[self._told[1] :]}
         if len(cuts) > self._told[2]:
             line["cuts"] = [plain_cut(one) for one in cuts[self._told[2] :]]
-        self._told = [len(changes), len(marks), len(cuts)]
+        if notes != self._notes:  # all of them: one may have been removed
+            line["notes"] = [(note.tick, note.point, note.text) for note in notes]
+        self._told, self._notes = [len(changes), len(marks), len(cuts)], notes
         problem = self._write(line)
         if problem and not self._warned:
             self._warned = True
@@ -132,7 +141,9 @@ def read_journal(path: Path) -> dict[str, Any] | None:
     changes = tuple(tuple(change) for piece in pieces for change in piece["changes"] if change[0] < length)
     marks = tuple(tuple(mark) for piece in pieces for mark in piece["marks"] if mark[0] <= length)
     cuts = tuple(cut_of(one) for piece in pieces for one in piece.get("cuts", ()) if one[0] < length)
-    return {**head, **record, "length": length, "changes": changes, "marks": marks, "cuts": cuts}
+    noted: Sequence[Any] = next((piece["notes"] for piece in reversed(pieces) if "notes" in piece), ())
+    notes = tuple(checked_note(tick, tuple(point), text) for tick, point, text in noted if tick <= length)
+    return {**head, **record, "length": length, "changes": changes, "marks": marks, "cuts": cuts, "notes": notes}
 
 
 def _whole_lines(path: Path) -> list[dict[str, Any]]:

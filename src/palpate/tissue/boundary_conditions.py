@@ -6,6 +6,8 @@ from palpate.arrays import ArrayLike, Float64, Int32, float64
 from palpate.errors import MaterialError
 from palpate.meshes.tet_mesh import TetMesh
 
+ON_PLANE = 1e-3  # mm
+
 
 def resting_on(mesh: TetMesh, direction: ArrayLike, depth: float | None = None) -> Int32:
     """Return the surface nodes that lie on a table.
@@ -139,6 +141,30 @@ def fixed_beyond(mesh: TetMesh, point: ArrayLike, normal: ArrayLike) -> Int32:
             f"more nodes that are not on one line are held, and some are not"
         )
     return beyond
+
+
+def fixed_at_openings(mesh: TetMesh) -> Int32:
+    """Return the nodes where the side of the volume cuts the wall of a hollow organ.
+
+    Parameters
+    ----------
+    mesh : TetMesh
+        The wall, as `hollow_mesh` makes it.
+
+    Returns
+    -------
+    ndarray of int
+        Node indices; none if the mesh is not hollow, or its lumen is closed.
+
+    Examples
+    --------
+    >>> len(pp.fixed_at_openings(mesh))
+    0
+    """
+    held = np.zeros(len(mesh.nodes), dtype=bool)
+    for opening in () if mesh.centerline is None else mesh.centerline.openings:
+        held |= np.abs((mesh.nodes - opening[:3]) @ opening[3:]) < ON_PLANE
+    return np.flatnonzero(held).astype(np.int32)
 
 
 def rigid_rank(points: Float64) -> int:

@@ -155,8 +155,9 @@ def contacts(
     """
     if not friction >= 0:
         raise DataError(f"friction: {friction}; give Coulomb's coefficient, 0 or more, or inf (glue)")
-    bare = np.ndim(points) == 1
-    x = np.atleast_2d(float64("points", points, (3,) if bare else (None, 3)))
+    x = float64("points", points)
+    bare = x.ndim == 1
+    x = np.atleast_2d(float64("points", x, (3,) if bare else (None, 3)))
     d = np.atleast_2d(float64("displacements", displacements, (3,) if bare else (len(x), 3)))
     r = float64("radii", radii)
     if r.ndim > 1 or (r.ndim == 1 and len(r) not in (1, len(x))):

@@ -7,6 +7,7 @@ import numpy as np
 
 from palpate.arrays import AnyArray, Float64, Int32
 from palpate.errors import PalpateError
+from palpate.meshes.centerline_io import stored_centerline
 from palpate.meshes.cutting.blade import Blade
 from palpate.meshes.cutting.cut_mesh import CutMesh
 from palpate.meshes.cutting.skin import Skin
@@ -59,6 +60,7 @@ def stored_cut_mesh(stored: Any, blades: Sequence[dict[str, Any]]) -> CutMesh:
             parent=parent,
             skin=_skin(stored, len(tets)),
             blades=[Blade(blade["points"], np.array(blade["triangles"])) for blade in blades],
+            centerline=stored_centerline(stored),
         )
     except PalpateError as problem:
         raise ValueError(str(problem)) from None

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse import coo_array, csgraph
 
 from palpate import _core
-from palpate.arrays import ArrayLike, Bool, Float64, Int32, float64
+from palpate.arrays import ArrayLike, Bool, Float64, Int32, as_numpy, float64
 from palpate.errors import MaterialError
 from palpate.meshes.cutting.cut_mesh import CutMesh, touched_surface
 from palpate.meshes.tet_mesh import TetMesh
@@ -219,6 +219,11 @@ class Tissue:
         kept = {field.name: getattr(self, field.name) for field in fields(self)}
         return Tissue(**{**kept, **changes})
 
+    def _repr_html_(self) -> str:
+        from palpate.tissue.tissue_card import tissue_card  # only a notebook asks
+
+        return tissue_card(self)
+
     @property
     def time_dependent(self) -> bool:
         """Whether it relaxes or has inertia."""
@@ -360,7 +365,7 @@ def _refuse_relaxation(value: Any, what: str) -> Relaxation:
 
 
 def _node_indices(fixed: ArrayLike, count: int) -> Int32:
-    array = np.asarray(fixed)
+    array = as_numpy("fixed", fixed)
     if array.dtype == bool:
         if array.shape != (count,):
             raise MaterialError(f"fixed: a mask needs shape ({count},), got {array.shape}")

@@ -10,6 +10,7 @@ from pydicom import Dataset
 
 from palpate.arrays import AnyArray, Float64
 from palpate.errors import DataError, FileError
+from palpate.volumes import dicom_segmentation
 from palpate.volumes.dicom_io import (
     frame_count,
     functional_group,
@@ -64,6 +65,8 @@ def read(path: Path) -> StoredImage:
         if path.is_dir():
             return _stacked(path, _series(path, None))
         dataset = read_dataset(path)
+        if dicom_segmentation.is_segmentation(dataset):
+            return dicom_segmentation.read(path, dataset)
         _refuse_other_kinds(path, dataset)
         if frame_count(str(path), dataset) > 1 or has_tag(dataset, "PerFrameFunctionalGroupsSequence"):
             return _stacked(path, list(_frames(path, dataset)))

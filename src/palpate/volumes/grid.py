@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.arrays import ArrayLike, Float64
+from palpate.arrays import ArrayLike, Float64, as_numpy
 from palpate.errors import GeometryError
 
 
@@ -48,7 +48,7 @@ class Grid:
         self, shape: ArrayLike, spacing: ArrayLike, origin: ArrayLike = (0, 0, 0), direction: ArrayLike | None = None
     ) -> None:
         def three(name: str, values: ArrayLike) -> Float64:
-            array = np.asarray(values, dtype=np.float64)
+            array = np.asarray(as_numpy(f"grid {name}", values), dtype=np.float64)
             if array.shape != (3,) or not np.isfinite(array).all():
                 raise GeometryError(f"grid {name}: expected 3 finite numbers, got {values!r}")
             return array
@@ -62,7 +62,7 @@ class Grid:
             raise GeometryError(
                 f"grid spacing {d.tolist()} mm makes a box of {(n * d).tolist()} mm; lengths are mm: check the units"
             )
-        turn = np.eye(3) if direction is None else np.array(direction, dtype=np.float64)
+        turn = np.eye(3) if direction is None else np.array(as_numpy("grid direction", direction), dtype=np.float64)
         if turn.shape != (3, 3) or not np.allclose(turn.T @ turn, np.eye(3), atol=1e-4):
             raise GeometryError(f"grid direction: expected a 3x3 rotation, got {direction!r}")
         if np.linalg.det(turn) < 0:

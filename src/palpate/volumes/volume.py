@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.arrays import AnyArray, Float32, Int32, float32
+from palpate.arrays import AnyArray, Float32, Int32, as_numpy, float32
 from palpate.errors import DataError
 from palpate.volumes.grid import Grid
 
@@ -89,7 +89,7 @@ class Labels:
     names: Mapping[int, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        values = np.asarray(self.values)
+        values = as_numpy("labels", self.values)
         if values.shape != self.grid.shape:
             raise DataError(f"labels: expected shape {self.grid.shape} of their grid, got {values.shape}")
         if values.dtype.kind not in "iub" and not (values.dtype.kind == "f" and (values == np.round(values)).all()):
@@ -98,6 +98,11 @@ class Labels:
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> AnyArray:
         return np.array(self.values, dtype=dtype) if copy else np.asarray(self.values, dtype=dtype)
+
+    def _repr_html_(self) -> str:
+        from palpate.volumes.label_card import labels_html  # only a notebook asks
+
+        return labels_html(self, self.names)
 
     def value_of(self, label: int | str) -> int:
         """Return the number of a label.

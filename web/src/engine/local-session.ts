@@ -1,7 +1,8 @@
 // A session in the page itself, in place of a server: it takes and sends the same messages.
 import {
-  AT_REST, DISPLACEMENT_STEPS, FRAME_BYTES, MARK_KIND, TOOLCOMMAND_KIND, TOOLS, decodeMark, decodeToolCommand, encodeFrame, type Frame, type ToolCommand,
+  AT_REST, DISPLACEMENT_STEPS, FRAME_BYTES, MARK_KIND, MOST_NOTES, NOTE_KIND, NoteStep, TOOLCOMMAND_KIND, TOOLS, decodeMark, decodeToolCommand, encodeFrame, type Frame, type ToolCommand,
 } from "../protocol/server-messages";
+import { notesMessage, readNote } from "../protocol/text-messages";
 import { SessionRecord } from "./session-record";
 import type { EngineFrame, TouchEngine } from "./touch-engine";
 
@@ -43,11 +44,20 @@ export class LocalSession {
   /** Takes a message of the page. */
   send(data: ArrayBuffer): void {
     const kind = new DataView(data).getUint8(0);
+    if (kind === NOTE_KIND) return this.note(data);
     if (kind === MARK_KIND) this.record.addMark(this.ticks, decodeMark(new DataView(data)));
     if (kind !== TOOLCOMMAND_KIND) return; // there is nothing to compare with and nothing to select
     const command = decodeToolCommand(new DataView(data));
     this.waiting[command.tool] = command;
     this.serial = command.serial;
+  }
+
+  /** Keeps a note, or removes one, and says which there are. The page has cleaned its text. */
+  private note(data: ArrayBuffer): void {
+    const { note: { step, index, point }, text } = readNote(data), { notes } = this.record;
+    if (step === NoteStep.add && notes.length < MOST_NOTES) notes.push({ tick: this.ticks, point, text });
+    else if (step === NoteStep.remove && notes[index]?.text === text) notes.splice(index, 1);
+    this.post(notesMessage(notes));
   }
 
   /** The session up to now, which `palpate score` reads. */

@@ -1,5 +1,5 @@
 // The record of a session in the page, as JSON that `palpate score` reads: what palpate.simulation.page_record expects.
-import type { Mark, ToolCommand } from "../protocol/server-messages";
+import type { Mark, NoteText, ToolCommand } from "../protocol/server-messages";
 import type { TouchEngine } from "./touch-engine";
 
 const DIGEST_TICKS = 100; // between two digests
@@ -12,6 +12,7 @@ export class SessionRecord {
   private readonly digests: Row[] = []; // ticks, hexadecimal digits
   private readonly switches: Row[] = []; // tick, what it lacked
   private readonly marks: Row[] = []; // tick, what, tool
+  readonly notes: NoteText[] = [];
   private readonly last: string[] = []; // command of each tool
   private missing = 0;
 
@@ -39,6 +40,7 @@ export class SessionRecord {
 
   text(length: number): string {
     const { commands, digests, switches, marks } = this;
-    return JSON.stringify({ format: FORMAT, version: VERSION, ...this.engine.description, length, commands, digests, switches, marks });
+    const notes = this.notes.map(({ tick, point, text }) => [tick, ...point, text]);
+    return JSON.stringify({ format: FORMAT, version: VERSION, ...this.engine.description, length, commands, digests, switches, marks, notes });
   }
 }

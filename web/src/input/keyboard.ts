@@ -4,21 +4,29 @@ import type { SurfaceCursor } from "./surface-cursor";
 import type { OrganView } from "../rendering/organ-view";
 
 export const HELP: [string, string][] = [
-  ["1 2 3 4 5 6", "Press, pull, grasp, needle, cut, measure"],
+  ["1 2 3 4 5 6 7", "Press, pull, grasp, needle, cut, measure, camera"],
   ["Tab to the organ, then arrow keys", "Move the cursor over the surface, or the tool that holds; with Ctrl in small steps"],
   ["Space", "Hold, and let go again; inserts the needle"],
   ["+ −", "Move the slider"],
   ["Shift and arrow keys", "Rotate the view"],
   ["Page Up, Page Down", "Zoom in, out"],
   ["Z", "Take the last cut back, or the last point measured"],
+  ["G  Q", "Inside: fly on along the lumen, and stop; leave"],
   ["K", "Measure a distance, an angle or an area; Space sets a point"],
   ["Enter", "Take a sample with the needle; close an area"],
   ["F", "Found it"],
+  ["X  1 2", "In an experiment: the other interval; the answer"],
   ["N  O", "Needle inwards or along the view; needle out"],
+  ["A", "Drawn as tissue, or plainly"],
   ["W  I  S", "Wireframe, see inside, slices"],
   ["C", "Next color mode"],
   ["M", "Sound: off, events, force as pitch"],
-  ["R", "Reset the view"],
+  ["P", "In a replay: play or pause"],
+  ["J  L  ,  .", "In a replay: a second back, forth; the event before, after"],
+  ["[  ]", "In a replay: slower, faster"],
+  ["T  V", "Save a picture; record a video, and end it"],
+  ["R  0", "Reset the view; the view, the tools and the colors"],
+  ["H", "In a room, as its teacher: stop all hands, and let them go on"],
   ["Escape", "Let go of everything"],
   ["?", "Show these keys"],
 ];
@@ -59,7 +67,7 @@ export function listenToKeys(
   addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
     const target = event.target as HTMLElement;
-    if (document.querySelector("dialog[open]") || target instanceof HTMLSelectElement) return;
+    if (document.querySelector("dialog[open]") || target.matches("select, input:not([type=range])")) return;
     if (steps[event.key]) return changeAmount(steps[event.key]);
     if (event.key === "Enter" && target instanceof HTMLButtonElement) return; // the button's own key
     keys[event.key.length === 1 ? event.key.toLowerCase() : event.key]?.();

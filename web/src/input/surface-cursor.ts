@@ -11,6 +11,7 @@ export class SurfaceCursor {
 
   /** Shows it, at first in the middle of the organ. Returns whether it has a place. */
   show(): boolean {
+    if (this.controller.kind === "camera") return this.hide(), false;
     this.hit ??= this.firstHit();
     this.draw();
     return this.hit !== null;
@@ -47,6 +48,10 @@ export class SurfaceCursor {
 
   /** Moves it by so many pixels. While it holds nothing, it stays on the organ. */
   move(dx: number, dy: number): void {
+    if (this.controller.kind === "camera") { // it turns its head
+      this.view.turntable.rotate(-dx, -dy, this.canvas.clientHeight);
+      return this.view.requestRedraw();
+    }
     if (!this.show() && !this.heldPixel) return;
     const [x, y] = this.pixel!, stamp = performance.now();
     if (this.heldPixel) {

@@ -12,7 +12,7 @@ export class MeasurementSet<Point> {
   kind: MeasureKind = "distance";
   list: Measurement<Point>[] = [];
   placing = false; // the newest point follows the pointer
-  private numbers: Record<MeasureKind, number> = { distance: 0, angle: 0, area: 0 };
+  private numbers: Record<MeasureKind, number> = { distance: 0, angle: 0, area: 0, note: 0 };
 
   /** onChange: called after every change. refuse: tells the user why there is no point. */
   constructor(protected readonly onChange: () => void, protected readonly refuse: (why: string) => void) {}
@@ -89,7 +89,7 @@ export class MeasurementSet<Point> {
   clear(): void {
     this.list = [];
     this.placing = false;
-    this.numbers = { distance: 0, angle: 0, area: 0 };
+    this.numbers = { distance: 0, angle: 0, area: 0, note: 0 };
     this.onChange();
   }
 }

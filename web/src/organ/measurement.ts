@@ -2,11 +2,11 @@
 import { dot, length, subtract } from "./mesh-geometry";
 import type { Vector } from "../protocol/server-messages";
 
-export type MeasureKind = "distance" | "angle" | "area";
+export type MeasureKind = "distance" | "angle" | "area" | "note";
 export const MEASURE_KINDS: MeasureKind[] = ["distance", "angle", "area"];
-export const MEASURE_NAMES: Record<MeasureKind, string> = { distance: "Distance", angle: "Angle", area: "Area" };
+export const MEASURE_NAMES: Record<MeasureKind, string> = { distance: "Distance", angle: "Angle", area: "Area", note: "Note" };
 /** Points after which a measurement is complete; an area is closed by the user. */
-export const COMPLETE: Record<MeasureKind, number> = { distance: 2, angle: 3, area: Infinity };
+export const COMPLETE: Record<MeasureKind, number> = { distance: 2, angle: 3, area: Infinity, note: 1 };
 export const MOST_MEASUREMENTS = 40;
 export const MOST_POINTS = 100; // of an area
 /** Pixels from the first point of an area within which a click closes it. */

@@ -9,3 +9,9 @@ export function takeToken(): string {
   history.replaceState({ token }, "", here);
   return `token=${encodeURIComponent(token)}`;
 }
+
+/** Addresses of the scene and the socket. */
+export function addresses(query: string): [scene: string, socket: string] {
+  const secure = location.protocol === "https:" ? "wss" : "ws";
+  return [`${location.origin}/scene?${query}`, `${secure}://${location.host}/socket?${query}`];
+}

@@ -1,5 +1,7 @@
 // What `palpate export` has put into the page: the worker's code, the engine and the organ, in elements that the browser
-// does not run, or in files that they name. A page that is served has none of them.
+// does not run, or in files that they name. A page of slices holds the list of images and their values instead. A page that
+// is served has none of them.
+import type { Album } from "./server-messages";
 
 const find = (id: string) => document.getElementById(id) as HTMLScriptElement | null;
 
@@ -25,3 +27,12 @@ export async function embeddedFile(): Promise<{ organ: ArrayBuffer; engine: Arra
   const [organ, engine] = await Promise.all([bytes("organ-data"), bytes("engine-module")]);
   return { organ, engine };
 }
+
+/** The images of a page of slices; null if they are served. */
+export function embeddedAlbum(): Album | null {
+  const text = find("album")?.textContent;
+  return text ? JSON.parse(text) : null;
+}
+
+/** The values of one stack of an image. */
+export const embeddedValues = (image: number, stack: number): Promise<ArrayBuffer> => bytes(`values-${image}-${stack}`);

@@ -5,6 +5,11 @@ export const TOOLS = 4;
 export const DISTANCE_STEPS = 65535;
 export const DISPLACEMENT_STEPS = 32767;
 export const AT_REST = 0.0001;
+export const LONGEST_NOTE = 200;
+export const MOST_NOTES = 100;
+export const RATE = 1000;
+export const SLOWEST = 0.25;
+export const FASTEST = 4.0;
 
 /** What a tool is asked to do. */
 export const CommandKind = { away: 0, hold: 1, needle: 2, free: 3 } as const;
@@ -18,14 +23,35 @@ export const SelectionKind = { model: 0, organ: 1 } as const;
 /** What a `Mark` says. */
 export const MarkKind = { lump: 0, sample: 1 } as const;
 
+/** What a `Note` does. */
+export const NoteStep = { add: 0, remove: 1 } as const;
+
+/** What a `Play` does. */
+export const PlayStep = { pause: 0, play: 1, speed: 2, seek: 3 } as const;
+
 /** What a `Scalpel` does. */
 export const CutStep = { begin: 0, move: 1, end: 2, undo: 3 } as const;
 
 /** What a `Difference` holds. */
 export const ComparisonState = { preparing: 0, compared: 1, no_reference: 2, contacts_overlap: 3 } as const;
 
+/** What a forced-choice trial waits for: palpate, the answer, the end of a break, nothing any more. */
+export const TrialState = { preparing: 0, asking: 1, pause: 2, ended: 3 } as const;
+
+/** What is told of the last answer. */
+export const Feedback = { none: 0, right: 1, wrong: 2 } as const;
+
+/** What a `Choice` does. */
+export const ChoiceKind = { show: 0, answer: 1, go_on: 2 } as const;
+
+/** What a person may do in a room: watch, touch, or lead as well. */
+export const Role = { viewer: 0, trainee: 1, teacher: 2 } as const;
+
+/** What a `Lead` does. */
+export const LeadStep = { freeze: 0, resume: 1, reset: 2, take_over: 3, release: 4 } as const;
+
 /** Codes with which the server closes a page's WebSocket (RFC 6455; from 4000 on they are the application's). */
-export const CloseCode = { refused: 1008, too_many_pages: 1013, scene_changed: 4001 } as const;
+export const CloseCode = { refused: 1008, too_many_pages: 1013, scene_changed: 4001, room_lost: 4002 } as const;
 
 /** Page to server: the command of one tool. kind: a `CommandKind`; serial: the number of the command. */
 export interface ToolCommand {
@@ -255,12 +281,267 @@ export function decodeScalpel(view: DataView): Scalpel {
   };
 }
 
+/** Page to server: shows an interval (1 or 2) of a trial, answers with it, or ends a break. kind: a `ChoiceKind`. */
+export interface Choice {
+  kind: number;
+  interval: number;
+  trial: number;
+}
+export const CHOICE_KIND = 8, CHOICE_BYTES = 8;
+export function encodeChoice(message: Choice): ArrayBuffer {
+  const view = new DataView(new ArrayBuffer(CHOICE_BYTES));
+  view.setUint8(0, 8);
+  view.setUint8(1, message.kind);
+  view.setUint8(2, message.interval);
+  view.setUint32(3, message.trial, true);
+  return view.buffer;
+}
+export function decodeChoice(view: DataView): Choice {
+  if (view.getUint8(0) !== 8) throw new Error(`not a Choice: kind ${view.getUint8(0)}`);
+  return {
+    kind: view.getUint8(1),
+    interval: view.getUint8(2),
+    trial: view.getUint32(3, true),
+  };
+}
+
+/** Server to page: where a forced-choice experiment is. state: a `TrialState`; told: a `Feedback`. */
+export interface TrialStatus {
+  state: number;
+  trial: number;
+  trials: number;
+  shown: number;
+  touched: number;
+  told: number;
+}
+export const TRIALSTATUS_KIND = 9, TRIALSTATUS_BYTES = 16;
+export function encodeTrialStatus(message: TrialStatus): ArrayBuffer {
+  const view = new DataView(new ArrayBuffer(TRIALSTATUS_BYTES));
+  view.setUint8(0, 9);
+  view.setUint8(1, message.state);
+  view.setUint32(2, message.trial, true);
+  view.setUint32(6, message.trials, true);
+  view.setUint8(10, message.shown);
+  view.setUint8(11, message.touched);
+  view.setUint8(12, message.told);
+  return view.buffer;
+}
+export function decodeTrialStatus(view: DataView): TrialStatus {
+  if (view.getUint8(0) !== 9) throw new Error(`not a TrialStatus: kind ${view.getUint8(0)}`);
+  return {
+    state: view.getUint8(1),
+    trial: view.getUint32(2, true),
+    trials: view.getUint32(6, true),
+    shown: view.getUint8(10),
+    touched: view.getUint8(11),
+    told: view.getUint8(12),
+  };
+}
+
+/** Page to server: a note at `point` (mm, on the surface at rest). step: a `NoteStep`. index: of the one to be removed. */
+export interface Note {
+  step: number;
+  index: number;
+  point: Vector;
+}
+export const NOTE_KIND = 10, NOTE_BYTES = 16;
+export function encodeNote(message: Note): ArrayBuffer {
+  const view = new DataView(new ArrayBuffer(NOTE_BYTES));
+  view.setUint8(0, 10);
+  view.setUint8(1, message.step);
+  view.setUint8(2, message.index);
+  for (let i = 0; i < 3; i++) view.setFloat32(3 + 4 * i, message.point[i], true);
+  return view.buffer;
+}
+export function decodeNote(view: DataView): Note {
+  if (view.getUint8(0) !== 10) throw new Error(`not a Note: kind ${view.getUint8(0)}`);
+  return {
+    step: view.getUint8(1),
+    index: view.getUint8(2),
+    point: Array.from({ length: 3 }, (_, i) => view.getFloat32(3 + 4 * i, true)) as Vector,
+  };
+}
+
+/** Server to page, when it connects and at each change: then JSON, a list of `NoteText`, all that there are. */
+export interface Notes {
+  count: number;
+}
+export const NOTES_KIND = 11, NOTES_BYTES = 8;
+export function encodeNotes(message: Notes): ArrayBuffer {
+  const view = new DataView(new ArrayBuffer(NOTES_BYTES));
+  view.setUint8(0, 11);
+  view.setUint32(1, message.count, true);
+  return view.buffer;
+}
+export function decodeNotes(view: DataView): Notes {
+  if (view.getUint8(0) !== 11) throw new Error(`not a Notes: kind ${view.getUint8(0)}`);
+  return {
+    count: view.getUint32(1, true),
+  };
+}
+
+/** Page to server: plays a replay, pauses it, sets its speed, goes to a tick. step: a `PlayStep`; value: speed or tick. */
+export interface Play {
+  step: number;
+  value: number;
+}
+export const PLAY_KIND = 12, PLAY_BYTES = 12;
+export function encodePlay(message: Play): ArrayBuffer {
+  const view = new DataView(new ArrayBuffer(PLAY_BYTES));
+  view.setUint8(0, 12);
+  view.setUint8(1, message.step);
+  view.setFloat64(2, message.value, true);
+  return view.buffer;
+}
+export function decodePlay(view: DataView): Play {
+  if (view.getUint8(0) !== 12) throw new Error(`not a Play: kind ${view.getUint8(0)}`);
+  return {
+    step: view.getUint8(1),
+    value: view.getFloat64(2, true),
+  };
+}
+
+/** Server to page: where a replay is. there: share of the way to `tick` that is computed; less than 1: not there yet. */
+export interface Position {
+  playing: number;
+  speed: number;
+  tick: number;
+  there: number;
+}
+export const POSITION_KIND = 13, POSITION_BYTES = 20;
+export function encodePosition(message: Position): ArrayBuffer {
+  const view = new DataView(new ArrayBuffer(POSITION_BYTES));
+  view.setUint8(0, 13);
+  view.setUint8(1, message.playing);
+  view.setFloat32(2, message.speed, true);
+  view.setFloat64(6, message.tick, true);
+  view.setFloat32(14, message.there, true);
+  return view.buffer;
+}
+export function decodePosition(view: DataView): Position {
+  if (view.getUint8(0) !== 13) throw new Error(`not a Position: kind ${view.getUint8(0)}`);
+  return {
+    playing: view.getUint8(1),
+    speed: view.getFloat32(2, true),
+    tick: view.getFloat64(6, true),
+    there: view.getFloat32(14, true),
+  };
+}
+
+/** Server to page: then JSON, a list of `TimelineTrack`, one for each replay. */
+export interface Timeline {
+  count: number;
+}
+export const TIMELINE_KIND = 14, TIMELINE_BYTES = 8;
+export function encodeTimeline(message: Timeline): ArrayBuffer {
+  const view = new DataView(new ArrayBuffer(TIMELINE_BYTES));
+  view.setUint8(0, 14);
+  view.setUint32(1, message.count, true);
+  return view.buffer;
+}
+export function decodeTimeline(view: DataView): Timeline {
+  if (view.getUint8(0) !== 14) throw new Error(`not a Timeline: kind ${view.getUint8(0)}`);
+  return {
+    count: view.getUint32(1, true),
+  };
+}
+
+/** Page to server: what a teacher does in a room. step: a `LeadStep`; person: whom it is about, else 0. */
+export interface Lead {
+  step: number;
+  person: number;
+}
+export const LEAD_KIND = 15, LEAD_BYTES = 8;
+export function encodeLead(message: Lead): ArrayBuffer {
+  const view = new DataView(new ArrayBuffer(LEAD_BYTES));
+  view.setUint8(0, 15);
+  view.setUint8(1, message.step);
+  view.setUint32(2, message.person, true);
+  return view.buffer;
+}
+export function decodeLead(view: DataView): Lead {
+  if (view.getUint8(0) !== 15) throw new Error(`not a Lead: kind ${view.getUint8(0)}`);
+  return {
+    step: view.getUint8(1),
+    person: view.getUint32(2, true),
+  };
+}
+
+/** Server to page, in a room, at each change: then JSON, a list of `Person`. you: the page's own number. */
+export interface People {
+  you: number;
+  frozen: number;
+}
+export const PEOPLE_KIND = 16, PEOPLE_BYTES = 8;
+export function encodePeople(message: People): ArrayBuffer {
+  const view = new DataView(new ArrayBuffer(PEOPLE_BYTES));
+  view.setUint8(0, 16);
+  view.setUint32(1, message.you, true);
+  view.setUint8(5, message.frozen);
+  return view.buffer;
+}
+export function decodePeople(view: DataView): People {
+  if (view.getUint8(0) !== 16) throw new Error(`not a People: kind ${view.getUint8(0)}`);
+  return {
+    you: view.getUint32(1, true),
+    frozen: view.getUint8(5),
+  };
+}
+
+/** Server to page, in a room, before each `Frame`: the tools of all others. */
+export interface Hands {
+  count: number;
+}
+export const HANDS_KIND = 17, HANDS_BYTES = 8;
+export function encodeHands(message: Hands): ArrayBuffer {
+  const view = new DataView(new ArrayBuffer(HANDS_BYTES));
+  view.setUint8(0, 17);
+  view.setUint32(1, message.count, true);
+  return view.buffer;
+}
+export function decodeHands(view: DataView): Hands {
+  if (view.getUint8(0) !== 17) throw new Error(`not a Hands: kind ${view.getUint8(0)}`);
+  return {
+    count: view.getUint32(1, true),
+  };
+}
+
 /** Triangles first to first + count of a `DisplayedSurface` or a scene: the organ, or a region inside it. */
 export interface Part {
   name: string;
   first: number;
   count: number;
   inside: boolean;
+}
+
+/** A note: the tick at which it was made, its place on the surface at rest (mm), its text. */
+export interface NoteText {
+  tick: number;
+  point: number[];
+  text: string;
+}
+
+/** An event of a recorded session. kind: touch, release, cut, undo, model, claim, note or limit. */
+export interface TimelineEvent {
+  tick: number;
+  kind: string;
+  text: string;
+}
+
+/** A recorded session. length: ticks. forces: N, the greatest in each `bin` ticks, as far as they are computed. */
+export interface TimelineTrack {
+  title: string;
+  length: number;
+  bin: number;
+  events: TimelineEvent[];
+  forces: number[];
+}
+
+/** Somebody in a room. role: a `Role`. */
+export interface Person {
+  number: number;
+  name: string;
+  role: number;
 }
 
 /** Server to page, once: a 32-bit length, then JSON of that length, padded with blanks to a multiple of 4 bytes. */
@@ -279,6 +560,12 @@ export interface Scene {
   tools: string[];
   views: string[];
   exam: boolean;
+  question: string;
+  channel: string;
+  place: number[];
+  recorded: boolean;
+  lumen: number[];
+  openings: number[];
   elements: number;
   radius: number;
   reach: number;
@@ -292,6 +579,7 @@ export interface Scene {
   task: string;
   reason: string;
   images: boolean;
+  room: string;
 }
 
 /** A display window: values from low (black) to high (white). hint: how they were chosen. */

@@ -1,8 +1,11 @@
 // Messages between the page and its worker.
-import type { Difference, Frame, Mark, Scalpel, Scene, Selection, ToolCommand } from "./server-messages";
+import type { OtherHand, RoomState } from "./room-messages";
+import type {
+  Choice, Difference, Frame, Lead, Mark, Note, NoteText, Play, Position, Scalpel, Scene, Selection, TimelineTrack, ToolCommand, TrialStatus,
+} from "./server-messages";
 
 /** The scene's arrays: nodes at rest (mm), where they are drawn then (`open`: cuts gape), triangles, unit normals at rest, and the edges of the outer surface, and
- * of the lips of cuts, as pairs of nodes. beside: the organ of each node, where there are several. */
+ * of the lips of cuts, as pairs of nodes. beside: the organ of each node, where there are several. openness: of each node at rest, 0 (buried) to 255. */
 export interface Organ {
   scene: Scene;
   rest: Float32Array<ArrayBuffer>;
@@ -12,6 +15,7 @@ export interface Organ {
   normals: Float32Array<ArrayBuffer>;
   edges: Uint32Array<ArrayBuffer>;
   rims: Uint32Array<ArrayBuffer>;
+  openness: Uint8Array<ArrayBuffer>;
 }
 
 /** Values of every shown node, transferred between page and worker without a copy: positions (mm), normals (x, y, z and
@@ -33,16 +37,22 @@ export type Ends = [low: number, high: number];
  * unknown); null if there is no scale. */
 export type Scale = { ends: Ends; range: Ends; limit: number | null } | null;
 
-/** organ: cut: another one, or the same after a cut. */
+/** organ: cut: another one, or the same after a cut. stale: what was shown last is not of now. */
 export type FromWorker =
   | { kind: "organ"; organ: Organ; cut: boolean }
-  | { kind: "frame"; frame: Frame; arrays: NodeArrays | null; scale: Scale; work: number }
+  | { kind: "frame"; frame: Frame; arrays: NodeArrays | null; hands: OtherHand[]; scale: Scale; work: number }
   | { kind: "difference"; difference: Difference }
+  | { kind: "trial"; status: TrialStatus }
+  | { kind: "notes"; notes: NoteText[] }
+  | { kind: "people"; room: RoomState }
+  | { kind: "timeline"; tracks: TimelineTrack[] }
+  | { kind: "position"; position: Position }
+  | { kind: "stale" }
   | { kind: "notice"; text: string }
   | { kind: "status"; good: boolean; text: string }
-  | { kind: "record"; text: string };
+  | { kind: "record"; text: string; file: boolean };
 
-/** open-file: an exported organ and its engine, instead of a server; save: asks for its record. ends: of the scale of a mode, from now on. next: asks for the next frame; pressing: whether the first tool measures stiffness. return: arrays to use again. */
+/** open-file: an exported organ and its engine, instead of a server; save: asks for its record, to write into a file or not. ends: of the scale of a mode, from now on. next: asks for the next frame; pressing: whether the first tool measures stiffness. return: arrays to use again. */
 export type ToWorker =
   | { kind: "open"; scene: string; socket: string }
   | { kind: "open-file"; organ: ArrayBuffer; engine: ArrayBuffer }
@@ -50,8 +60,12 @@ export type ToWorker =
   | { kind: "select"; selection: Selection }
   | { kind: "mark"; mark: Mark }
   | { kind: "scalpel"; scalpel: Scalpel }
+  | { kind: "choose"; choice: Choice }
+  | { kind: "lead"; lead: Lead }
+  | { kind: "note"; note: Note; text: string }
+  | { kind: "play"; play: Play }
   | { kind: "color"; mode: ColorMode }
   | { kind: "ends"; mode: ColorMode; ends: Ends }
-  | { kind: "save" }
+  | { kind: "save"; file: boolean }
   | { kind: "return"; arrays: NodeArrays }
   | { kind: "next"; arrays: NodeArrays | null; pressing: boolean };

@@ -1,19 +1,28 @@
 // Draws the organ, the regions inside it, and the tools.
 import {
   BufferAttribute, BufferGeometry, DirectionalLight, DoubleSide, DynamicDrawUsage, HemisphereLight, LineBasicMaterial,
-  LineSegments, Mesh, MeshBasicMaterial, MeshPhongMaterial, Scene as Scene3D, WebGLRenderer, type Camera,
+  LineSegments, Mesh, MeshBasicMaterial, MeshPhongMaterial, Scene as Scene3D, Vector3, WebGLRenderer, type Camera,
 } from "three";
-import { TurntableCamera } from "./turntable-camera";
+import { TurntableCamera, type CameraGuest } from "./turntable-camera";
+import { Appearance } from "./appearance";
 import { GouraudMaterial } from "./gouraud-material";
+import { OtherHands } from "./other-hands";
+import { setSurfaceAttributes } from "./surface-attributes";
+import { TissueMaterial } from "./tissue-material";
 import { ToolMeshes } from "./tool-meshes";
 import { INNER_COLORS } from "../organ/color-map";
-import { interpolate, locate, subtract } from "../organ/mesh-geometry";
+import { add, interpolate, length, locate, pick, scale, subtract, toolVector } from "../organ/mesh-geometry";
+import type { OtherHand } from "../protocol/room-messages";
 import type { Organ, NodeArrays } from "../protocol/worker-messages";
 import { ContactState, type Frame, type Vector } from "../protocol/server-messages";
+import { onColorScheme } from "./color-scheme";
 import { isSoftwareRendered } from "./software-rendering";
 
 // Pixel ratio while the picture changes, if the processor draws: half the pixels, and a fifth less delay.
 const MOVING_RATIO = 0.7;
+const DARK = 0x0d0605; // seen from inside, where nothing is lit
+// Where the hand may be, in camera coordinates; the last is before the eye.
+const HANDS = [[0.45, 0.55, 0.7], [0.6, 0.1, 0.75], [-0.45, 0.5, 0.7], [0.1, -0.65, 0.7], [0.2, 0.25, 0.95]].map((hand) => new Vector3(...hand).normalize());
 const REST_TIME = 250; // ms without a change until the picture is drawn at full resolution
 
 export class OrganView {
@@ -21,17 +30,21 @@ export class OrganView {
   readonly renderer: WebGLRenderer;
   readonly root = new Scene3D();
   readonly toolMeshes = new ToolMeshes();
+  readonly otherHands = new OtherHands();
   private readonly geometry = new BufferGeometry();
   private readonly material = Object.assign(new GouraudMaterial(), { polygonOffsetFactor: 1, polygonOffsetUnits: 1 });
+  private readonly tissue = Object.assign(new TissueMaterial(), { polygonOffsetFactor: 1, polygonOffsetUnits: 1 });
   private readonly lines = new LineBasicMaterial({ vertexColors: true });
   private readonly rimLines = new LineBasicMaterial({ color: 0x4a0f0c });
-  private surface = new Mesh(this.geometry, this.material);
+  private surface: Mesh = new Mesh(this.geometry, this.material);
   // Fills the depth buffer only: it hides lines behind the organ, and all but the front layer of a translucent surface.
   private depthOnly = new Mesh(this.geometry, new MeshBasicMaterial({ colorWrite: false, polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 1 }));
   private wire = new LineSegments(new BufferGeometry(), this.lines);
   private rims = new LineSegments(new BufferGeometry(), this.rimLines); // of cuts, which at rest nothing else shows
   private organ: Organ | null = null;
   private inner: Mesh[] = [];
+  private shownLevel = -1; // of the appearance
+  private newest: Frame | null = null;
   private wireframe = false;
   private translucent = false;
   private needsRedraw = true;
@@ -46,37 +59,39 @@ export class OrganView {
   smallestSide = 1; // mm, of its bounding box
   center: Vector = [0, 0, 0];
 
-  constructor(private readonly canvas: HTMLCanvasElement) {
+  /** appearance: tissue or plain; that of another view, or its own. */
+  constructor(private readonly canvas: HTMLCanvasElement, readonly appearance = new Appearance()) {
     this.renderer = new WebGLRenderer({ canvas, antialias: !this.softwareRendered, alpha: !this.softwareRendered });
-    if (this.softwareRendered) this.setBackground();
+    if (this.softwareRendered) {
+      this.setBackground();
+      onColorScheme(() => this.setBackground());
+    }
     const light = new DirectionalLight(0xffffff, 2.3);
     light.position.set(-0.5, 0.8, 1);
     this.turntable.camera.add(light, light.target); // the light moves with the camera
     light.target.position.set(0, 0, -1);
-    this.root.add(this.turntable.camera, new HemisphereLight(0xffffff, 0x8a8fa0, 1.5), this.toolMeshes.group);
+    this.root.add(this.turntable.camera, new HemisphereLight(0xffffff, 0x8a8fa0, 1.5), this.toolMeshes.group, this.otherHands.group);
     new ResizeObserver(() => this.resize()).observe(canvas);
     addEventListener("resize", () => this.measure());
     addEventListener("scroll", () => this.measure(), true);
     this.resize();
   }
 
-  /** Gives an opaque canvas the background color of the page. */
+  /** Gives the canvas the background color of the page; seen from inside it is dark. */
   private setBackground(): void {
-    const dark = matchMedia("(prefers-color-scheme: dark)");
-    const fill = () => {
-      this.renderer.setClearColor(getComputedStyle(this.canvas).getPropertyValue("--ground").trim());
-      this.needsRedraw = true;
-    };
-    fill();
-    dark.addEventListener("change", fill);
+    if (this.material.inside) this.renderer.setClearColor(DARK, 1);
+    else if (this.softwareRendered) this.renderer.setClearColor(getComputedStyle(this.canvas).getPropertyValue("--ground").trim());
+    else this.renderer.setClearColor(0, 0);
+    this.needsRedraw = true;
   }
 
   /** Shows another organ. The camera stays if it is another mesh of the same organ. */
   show(organ: Organ): void {
     const { scene, open, triangles } = organ;
     this.organ = organ;
+    this.newest = null;
     this.hasArrays = false;
-    this.material.polygonOffset = organ.rims.length > 0; // so that the rims are in front
+    this.material.polygonOffset = this.tissue.polygonOffset = organ.rims.length > 0; // so that the rims are in front
     this.root.remove(this.surface, this.wire, this.rims, ...this.inner);
     for (const old of [this.surface, this.wire, this.rims, ...this.inner]) old.geometry.dispose();
     const attribute = (array: Float32Array | Int16Array | Uint8Array, items: number) =>
@@ -87,7 +102,7 @@ export class OrganView {
       geometry.setIndex(new BufferAttribute(index, 1)).setAttribute("position", position).setAttribute("normal", normal).setAttribute("color", color);
     const part = (first: number, count: number) => triangles.slice(3 * first, 3 * (first + count));
     const surface = scene.parts.find((p) => !p.inside)!;
-    this.surface = new Mesh(drawn(this.geometry, part(surface.first, surface.count)), this.material);
+    this.surface = new Mesh(drawn(this.geometry, part(surface.first, surface.count)), this.shownLevel > 0 ? this.tissue : this.material);
     this.wire = new LineSegments(drawn(new BufferGeometry(), organ.edges), this.lines);
     this.rims = new LineSegments(new BufferGeometry().setIndex(new BufferAttribute(organ.rims, 1)).setAttribute("position", position), this.rimLines);
     this.inner = scene.parts.filter((p) => p.inside).map((p, i) => {
@@ -96,8 +111,11 @@ export class OrganView {
     });
     for (const thing of [this.surface, this.depthOnly, this.wire, this.rims, ...this.inner]) thing.frustumCulled = false; // it moves
     this.root.add(this.surface, this.depthOnly, this.wire, this.rims, ...this.inner);
-    this.updateVisibility();
     this.fitCamera(organ.rest, scene.front);
+    setSurfaceAttributes(this.geometry, organ, this.size);
+    this.tissue.setSizes(this.size, scene.radius);
+    this.toolMeshes.contactRadius = scene.radius;
+    this.updateVisibility();
   }
 
   private fitCamera(rest: Float32Array, front: number): void {
@@ -109,7 +127,8 @@ export class OrganView {
     this.center = center;
     this.size = size;
     this.smallestSide = Math.min(...low.map((x, k) => high[k] - x));
-    this.toolMeshes.size = size;
+    if (!this.material.inside) this.toolMeshes.size = size;
+    this.otherHands.size = size;
     if (other) this.turntable.lookAt(center, size, front);
   }
 
@@ -121,13 +140,29 @@ export class OrganView {
     return subtract(interpolate(hit, open, triangles), interpolate(hit, rest, triangles));
   }
 
+  /** A direction from a contact to the hand in which the organ is not in the way. */
+  private approach(contact: Vector): Vector3 {
+    const { triangles, scene } = this.organ!, surface = scene.parts.find((p) => !p.inside)!;
+    const start = 0.08 * this.size, { quaternion } = this.turntable.camera;
+    const clear = (hand: Vector3) => [-0.2, 0, 0.2].every((side) => {
+      const way = hand.clone().add(new Vector3(side * hand.y, -side * hand.x, 0)).normalize().applyQuaternion(quaternion).toArray();
+      return !pick(add(contact, scale(way, start)), way, this.positions, triangles, surface.first, surface.count);
+    });
+    return (HANDS.find(clear) ?? HANDS.at(-1)!).clone().applyQuaternion(quaternion);
+  }
+
   /** Takes a frame and returns the arrays that it replaces. arrays: null if the organ has not moved. */
   update(frame: Frame, arrays: NodeArrays | null): NodeArrays | null {
+    this.newest = frame;
     const idle = frame.contact.every((state) => state === ContactState.idle);
     const still = arrays === null && idle;
     if (!still || !this.wasStill) this.needsRedraw = true;
     this.wasStill = still;
-    this.toolMeshes.update(frame, (point) => this.gapeAt(point));
+    this.toolMeshes.update(frame, (point) => this.gapeAt(point), (contact) => this.approach(contact), this.turntable.camera.quaternion);
+    this.toolMeshes.spheres.forEach((sphere, i) => {
+      const force = frame.contact[i] === ContactState.closed ? length(toolVector(frame.force, i)) : 0;
+      this.tissue.setTool(i, sphere, new Vector3(...toolVector(frame.point, i)), force);
+    });
     if (!arrays) return null;
     this.hasArrays = true;
     const [position, normal, color] = ["position", "normal", "color"].map((name) => this.geometry.getAttribute(name) as BufferAttribute);
@@ -139,6 +174,11 @@ export class OrganView {
     return old;
   }
 
+  /** Takes the tools of the other people in a room. */
+  showHands(hands: OtherHand[]): void {
+    if (this.otherHands.update(hands, (point) => this.gapeAt(point))) this.needsRedraw = true;
+  }
+
   set drawWireframe(wireframe: boolean) {
     this.wireframe = wireframe;
     this.updateVisibility();
@@ -148,14 +188,46 @@ export class OrganView {
     this.updateVisibility();
   }
 
+  /** Draws as tissue, in steps, or plainly. */
+  private updateLook(): void {
+    const level = this.material.inside ? 0 : this.appearance.level;
+    if (level === this.shownLevel) return;
+    this.shownLevel = level;
+    if (level) this.tissue.level = level;
+    this.surface.material = level ? this.tissue : this.material;
+    this.toolMeshes.shaped = level > 0;
+    if (this.newest) this.update(this.newest, null);
+    this.needsRedraw = true;
+  }
+
   private updateVisibility(): void {
     const { wireframe, translucent } = this;
     this.wire.visible = wireframe;
     this.surface.visible = !wireframe;
     this.depthOnly.visible = wireframe !== translucent;
     this.depthOnly.renderOrder = translucent ? 1 : -1; // after the inner regions, before the translucent surface
-    this.material.translucent = translucent;
+    this.material.translucent = this.tissue.translucent = translucent;
     for (const mesh of this.inner) mesh.visible = translucent;
+    this.needsRedraw = true;
+  }
+
+  /** The view from inside: a guest moves the camera, light fades with the distance, tools are drawn for a lumen of so many mm. */
+  enterEndoscope(guest: CameraGuest, size: number): void {
+    this.turntable.setGuest(guest);
+    this.material.inside = size;
+    this.toolMeshes.size = size;
+    this.toolMeshes.hidesEndoscope = true;
+    this.setBackground();
+  }
+  leaveEndoscope(): void {
+    this.turntable.setGuest(null);
+    this.material.inside = 0;
+    this.toolMeshes.size = this.size;
+    this.toolMeshes.hidesEndoscope = false;
+    this.setBackground();
+  }
+  placeCamera(): void {
+    this.turntable.update();
     this.needsRedraw = true;
   }
 
@@ -212,10 +284,12 @@ export class OrganView {
 
   /** Draws if anything has changed and returns whether it did. A headset passes its own camera, and always draws. */
   draw(camera: Camera = this.turntable.camera): boolean {
+    this.updateLook();
     if (!this.hasArrays || (!this.needsRedraw && camera === this.turntable.camera)) return false;
     this.needsRedraw = false;
     if (this.softwareRendered && camera === this.turntable.camera) this.updateSharpness();
-    this.material.followCamera(camera);
+    if (this.shownLevel) this.tissue.followCamera(camera);
+    else this.material.followCamera(camera);
     this.renderer.render(this.root, camera);
     return true;
   }

@@ -1,10 +1,11 @@
 // Draws the tools: a tip and a force arrow for each tool, a needle, a blade with its way, and the ring of the surface cursor.
 import {
   ArrowHelper, BoxGeometry, BufferAttribute, BufferGeometry, CylinderGeometry, Group, Line, LineBasicMaterial, Matrix4, Mesh, MeshBasicMaterial,
-  MeshPhongMaterial, RingGeometry, SphereGeometry, Vector3,
+  MeshPhongMaterial, Quaternion, RingGeometry, SphereGeometry, Vector3, Vector4,
 } from "three";
 import { add, length, scale, toolVector, unit } from "../organ/mesh-geometry";
 import { ContactState, TOOLS, type Frame, type Vector } from "../protocol/server-messages";
+import { ShapedTool, withHiddenPart, type ToolShape } from "./tool-shapes";
 
 const TEAL = 0x0b7480, STEEL = 0xc9d2d8;
 const UP = new Vector3(0, 1, 0), OUT = new Vector3(0, 0, 1);
@@ -14,6 +15,9 @@ const MIN_DISPLACEMENT = 0.01; // mm: no direction below
 /** The number of the tool that is a needle; the others have a round tip. */
 export const NEEDLE = 3;
 
+/** The numbers of the tools with which a camera inside presses the wall. */
+export const ENDOSCOPE_TOOLS = [2, 1];
+
 const WAY = 2000; // points of a blade's way
 
 const tools = <T>(make: () => T): T[] => Array.from({ length: TOOLS }, make);
@@ -21,12 +25,20 @@ const tools = <T>(make: () => T): T[] => Array.from({ length: TOOLS }, make);
 export class ToolMeshes {
   readonly group = new Group();
   size = 1; // mm, radius of the organ
+  hidesEndoscope = false; // what presses the wall is the camera itself
+  shaped = false; // a finger, a probe or a forceps in place of a ball
+  pulls = false; // what holds is a probe
+  contactRadius = 1; // mm
+  /** The sphere that stands for the tip of each tool in its shadow: center and radius, mm; 0: there is none. */
+  readonly spheres = tools(() => new Vector4());
+  private readonly shapes = tools(() => new ShapedTool());
+  private readonly hands: (Vector3 | null)[] = tools(() => null); // since each tool came
   private readonly tips = tools(() => new Mesh(new SphereGeometry(1, 24, 16), new MeshPhongMaterial({ color: TEAL, shininess: 60 })));
   private readonly arrows = tools(() => new ArrowHelper(OUT, new Vector3(), 1, TEAL));
   private readonly shaft = new Mesh(new CylinderGeometry(1, 1, 1, 12), new MeshPhongMaterial({ color: STEEL, shininess: 120 }));
   private readonly point = new Mesh(new CylinderGeometry(1, 0.05, 1, 12), new MeshPhongMaterial({ color: STEEL, shininess: 120 }));
   private readonly hub = new Mesh(new CylinderGeometry(1, 1, 1, 16), new MeshPhongMaterial({ color: TEAL, shininess: 60 }));
-  private readonly edge = new Mesh(new BoxGeometry(1, 1, 1), new MeshPhongMaterial({ color: STEEL, shininess: 120 }));
+  private readonly edge = withHiddenPart(new BoxGeometry(1, 1, 1), STEEL, 120);
   private readonly handle = new Mesh(new CylinderGeometry(1, 1, 1, 16), new MeshPhongMaterial({ color: TEAL, shininess: 60 }));
   private readonly way = new Line(new BufferGeometry(), new LineBasicMaterial({ color: 0x3a0a08 })); // of the blade, not cut yet
   private wayLength = 0;
@@ -43,21 +55,26 @@ export class ToolMeshes {
     this.dot.renderOrder = 9;
     this.way.geometry.setAttribute("position", new BufferAttribute(new Float32Array(3 * WAY), 3));
     this.way.frustumCulled = false;
-    this.group.add(...this.tips, ...this.arrows, this.shaft, this.point, this.hub, this.edge, this.handle, this.way, this.ring);
+    this.group.add(...this.tips, ...this.arrows, this.shaft, this.point, this.hub, this.edge, this.handle, this.way, this.ring, ...this.shapes.map((shape) => shape.group));
     for (const each of this.group.children) each.visible = false;
   }
 
-  /** Moves each tool and its force arrow to the state in the frame. gape: how far the organ has opened at a point, mm. */
-  update(frame: Frame, gape: (point: Vector) => Vector): void {
+  /** Moves each tool and its force arrow to the state in the frame. gape: how far the organ has opened at a point, mm. approach: the direction from a
+   * contact to the hand; camera: the camera's rotation. */
+  update(frame: Frame, gape: (point: Vector) => Vector, approach: (contact: Vector) => Vector3, camera: Quaternion): void {
     let needleVisible = false;
     for (let i = 0; i < TOOLS; i++) {
       const present = frame.contact[i] === ContactState.closed || frame.contact[i] === ContactState.open;
       const displacement = toolVector(frame.displacement, i), force = toolVector(frame.force, i);
       const isNeedle = present && (i === NEEDLE || frame.insertion[i] > 0);
-      this.tips[i].visible = present && !isNeedle;
-      this.arrows[i].visible = present && length(force) > MIN_FORCE;
+      const isCamera = this.hidesEndoscope && ENDOSCOPE_TOOLS.includes(i);
+      const shaped = this.shaped && present && !isNeedle && !isCamera;
+      this.tips[i].visible = present && !isNeedle && !isCamera && !shaped;
+      this.shapes[i].hide();
+      this.spheres[i].w = 0;
+      this.arrows[i].visible = present && !isCamera && length(force) > MIN_FORCE;
       if (!present) {
-        this.axes[i] = null;
+        this.axes[i] = this.hands[i] = null;
         continue;
       }
       const at = toolVector(frame.point, i), contact = add(add(at, gape(at)), displacement); // the displaced contact point
@@ -65,6 +82,10 @@ export class ToolMeshes {
       this.tipPositions[i] = isNeedle ? add(contact, scale(axis, frame.insertion[i])) : contact;
       this.tips[i].position.set(...contact);
       this.tips[i].scale.setScalar(0.035 * this.size);
+      if (shaped) {
+        const hand = (this.hands[i] ??= (i === 1 && this.hands[0]) || approach(contact)); // two jaws are in one hand
+        this.placeShape(i, frame, contact, hand, new Vector3(0, 0, 1).applyQuaternion(camera));
+      }
       if (isNeedle) this.placeNeedle(new Vector3(...this.tipPositions[i]), axis);
       needleVisible ||= isNeedle;
       this.placeArrow(this.arrows[i], new Vector3(...contact), force);
@@ -76,6 +97,22 @@ export class ToolMeshes {
   private needleAxis(tool: number, displacement: Vector, insertion: number): Vector {
     if (insertion === 0 && length(displacement) > MIN_DISPLACEMENT) this.axes[tool] = unit(displacement);
     return this.axes[tool] ?? unit(displacement);
+  }
+
+  /** Places a finger or a probe, or one of two jaws, which meet in the hand. */
+  private placeShape(tool: number, frame: Frame, contact: Vector, hand: Vector3, eye: Vector3): void {
+    const other = 1 - tool, grasps = tool < 2 && frame.contact[other] === ContactState.closed;
+    const shape: ToolShape = grasps ? "jaw" : this.pulls ? "probe" : "finger";
+    const radius = Math.min(this.contactRadius, 0.09 * this.size), tip = new Vector3(...contact), out = hand.clone();
+    if (grasps) {
+      const between = new Vector3(...add(toolVector(frame.point, other), toolVector(frame.displacement, other)));
+      out.multiplyScalar(10 * radius).add(between.sub(tip).multiplyScalar(0.5));
+    }
+    out.normalize();
+    this.shapes[tool].place(shape, tip, out, eye, radius);
+    const tipRadius = shape === "finger" ? radius : 0.5 * radius;
+    tip.addScaledVector(out, tipRadius);
+    this.spheres[tool].set(tip.x, tip.y, tip.z, tipRadius);
   }
 
   private placeArrow(arrow: ArrowHelper, position: Vector3, force: Vector): void {
@@ -104,6 +141,7 @@ export class ToolMeshes {
   moveBlade(point: Vector | null, normal: Vector = [0, 0, 1], depth = 0): void {
     const { edge, handle, way, size } = this;
     edge.visible = handle.visible = point !== null;
+    edge.children[0].visible = this.shaped; // the part in the organ
     if (!point) return;
     const array = way.geometry.getAttribute("position") as BufferAttribute, place = add(point, scale(normal, 0.006 * size));
     const out = new Vector3(...normal), along = new Vector3(1, 0, 0);

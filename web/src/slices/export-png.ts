@@ -23,12 +23,3 @@ export async function exportPng(stage: HTMLElement, renderings: VolumeRendering[
     canvas.toBlob((blob) => (blob ? resolve(blob) : reject(new Error("the browser could not make a PNG file; save a screenshot instead"))), "image/png"),
   );
 }
-
-/** Downloads a file. */
-export function download(blob: Blob, name: string): void {
-  const link = document.createElement("a");
-  link.href = URL.createObjectURL(blob);
-  link.download = name;
-  link.click();
-  setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
-}

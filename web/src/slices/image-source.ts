@@ -73,6 +73,9 @@ export class ImageSource {
   }
 }
 
+/** The values of one stack, of bytes. */
+export const asValues = (bytes: ArrayBuffer, stack: Stack): Values => new KINDS[stack.kind as keyof typeof KINDS](bytes);
+
 /** Fetches one stack of values. onProgress: called with the fraction received. Throws an error with a text for the user. */
 export async function fetchValues(url: string, image: Image, stack: Stack, onProgress: (share: number) => void): Promise<Values> {
   const Kind = KINDS[stack.kind as keyof typeof KINDS];
@@ -89,5 +92,5 @@ export async function fetchValues(url: string, image: Image, stack: Stack, onPro
     onProgress((at += value.length) / bytes.length);
   }
   if (at < bytes.length) throw new Error("the transfer of the values was interrupted; reload the page");
-  return new Kind(bytes.buffer);
+  return asValues(bytes.buffer, stack);
 }

@@ -4,19 +4,23 @@ import { Cine } from "./cine";
 import { Gestures } from "./gestures";
 import { HELP, listenToKeys, MOUSE } from "./keyboard";
 import { Pane } from "./pane";
-import { element, helpRow, write } from "../ui/controls";
+import { element, helpRow, saveBlob, write } from "../ui/controls";
 import { ControlPanel } from "./control-panel";
-import { download, exportPng } from "./export-png";
+import { exportPng } from "./export-png";
 import { MeasurePanel } from "./measure-panel";
 import type { PlaneName } from "./planes";
 import { profileCsv, sampleProfile, type Profile } from "./line-profile";
 import { VolumeRendering } from "./volume-rendering";
 import { initialSide, ViewState, type Layout } from "./view-state";
-import { fetchValues, ImageSource } from "./image-source";
+import { asValues, fetchValues, ImageSource } from "./image-source";
 import { takeToken } from "../protocol/access-token";
+import { embeddedAlbum, embeddedValues } from "../protocol/embedded-file";
+import { NotebookLink } from "../protocol/notebook-link";
+import { setDark } from "../rendering/color-scheme";
 import { formatMm, formatNumber } from "./number-format";
 
-const token = takeToken();
+const album = embeddedAlbum();
+const token = album ? "" : takeToken();
 const stage = element("slices");
 let state: ViewState, cine: Cine, controls: ControlPanel, measuring: MeasurePanel;
 let panes: Pane[] = [];
@@ -34,14 +38,19 @@ const sources = new Map<string, ImageSource>();
 async function fetchSource(image: Image, i: number, s: number): Promise<ImageSource> {
   const stack = image.stacks[s], key = `${i} ${s}`;
   const onProgress = (share: number) => showStatus(`Loading ${image.title}, ${Math.round(100 * share)} %`);
-  if (!sources.has(key)) sources.set(key, new ImageSource(image, stack, await fetchValues(`values/${i}/${s}?${token}`, image, stack, onProgress)));
+  const values = () => album ? embeddedValues(i, s).then((bytes) => asValues(bytes, stack)) : fetchValues(`values/${i}/${s}?${token}`, image, stack, onProgress);
+  if (!sources.has(key)) sources.set(key, new ImageSource(image, stack, await values()));
   return sources.get(key)!;
 }
 
-async function open(): Promise<void> {
+async function fetchAlbum(): Promise<Album> {
   const answer = await fetch(`album?${token}`);
   if (!answer.ok) throw new Error(await answer.text());
-  const { images }: Album = await answer.json();
+  return answer.json();
+}
+
+async function open(): Promise<void> {
+  const { images } = album ?? (await fetchAlbum());
   const source: ImageSource[] = [];
   for (const [i, image] of images.entries()) source.push(await fetchSource(image, i, 0));
   state = new ViewState(images.map((image, i) => initialSide(image, source[i])), () => (needsRedraw = true), (why) => measuring.tell(why));
@@ -50,11 +59,23 @@ async function open(): Promise<void> {
   measuring = new MeasurePanel(state, () => `${fileName()}-measurements.csv`);
   controls = new ControlPanel(state, cine, setLayout, (name) => void selectStack(name).catch(showError));
   wire();
+  if (album) document.querySelector('#layout [data-value="render"]')!.remove();
   describe(images);
   setLayout(state.scan || innerWidth < 760 ? "axial" : "all");
   new ResizeObserver(() => state.changed()).observe(stage);
   showStatus("");
+  notebook.open();
   requestAnimationFrame(renderLoop);
+}
+
+const notebook = new NotebookLink({
+  dark: (dark: boolean) => (setDark(dark), state.changed()),
+  position: (point: Vector) => state.moveCrosshair(state.side, point),
+  window: ([low, high]: [number, number]) => state.window(state.side, low, high),
+});
+function reportToNotebook(now: number): void {
+  const { side } = state, { crosshair: position, low, high, source } = side, value = source.at(source.index(position));
+  notebook.report(now, { position, window: [low, high], _value: Number.isNaN(value) ? null : value });
 }
 
 function wire(): void {
@@ -73,7 +94,7 @@ function wire(): void {
   element("help-open").addEventListener("click", showHelp);
   element("table").addEventListener("click", () => {
     const profile = sampleProfile(state);
-    if (profile) download(new Blob([profileCsv(profile)], { type: "text/csv" }), `${fileName()}-profile.csv`);
+    if (profile) saveBlob(new Blob([profileCsv(profile)], { type: "text/csv" }), `${fileName()}-profile.csv`);
   });
 }
 
@@ -90,19 +111,20 @@ function describe(images: Image[]): void {
   if (images.some((image) => !image.scan && !image.patient)) notes.push(WORLD);
   write("note", [...new Set(notes)].filter(Boolean).join(" "));
   const kind = images[0].scan ? "scan" : "volume";
-  const keys = HELP.filter(([, , shownFor]) => shownFor === "both" || shownFor === kind);
+  const keys = HELP.filter(([key, , shownFor]) => (shownFor === "both" || shownFor === kind) && !(album && key === "4"));
   element("help-keys").replaceChildren(...[...keys, ...MOUSE].map(([key, text]) => helpRow(key, text)));
 }
 
 /** Arranges the panes: a row for each plane, a column for each side. */
 function setLayout(layout: Layout): void {
+  if (layout === "render" && album) return; // an embedded page leaves Niivue out
   state.layout = layout;
   const planes: PlaneName[] = layout === "all" ? state.planes : layout === "render" ? [] : [layout];
   if (layout !== "all" && layout !== "render") state.active = layout;
   panes = planes.flatMap((name) => state.sides.map((_, i) => new Pane(state, i, name)));
   for (const pane of panes) new Gestures(pane, state, () => state.scan || setLayout(state.layout === "all" ? pane.plane.name : "all"));
   const shown: HTMLElement[] = panes.map((pane) => pane.element);
-  if (layout === "render" || (layout === "all" && state.sides.length === 1 && !state.scan)) shown.push(...renderingElements(layout === "render"));
+  if (layout === "render" || (layout === "all" && state.sides.length === 1 && !state.scan && !album)) shown.push(...renderingElements(layout === "render"));
   const columns = state.sides.length > 1 ? 2 : layout === "all" && !state.scan ? 2 : 1;
   stage.dataset.columns = String(columns);
   stage.dataset.rows = String(Math.ceil(shown.length / columns));
@@ -163,7 +185,7 @@ async function savePng(): Promise<void> {
     element("place").textContent,
     "palpate, research software",
   ].join("  ·  ");
-  download(await exportPng(stage, renderings.filter((r) => r.element.isConnected), label), `${fileName()}.png`);
+  saveBlob(await exportPng(stage, renderings.filter((r) => r.element.isConnected), label), `${fileName()}.png`);
 }
 
 function showError(problem: unknown): void {
@@ -184,6 +206,7 @@ function drawAll(): void {
 function renderLoop(now: number): void {
   requestAnimationFrame(renderLoop);
   cine.update(now);
+  reportToNotebook(now);
   if (!needsRedraw) return;
   needsRedraw = false;
   drawAll();

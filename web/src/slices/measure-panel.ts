@@ -1,14 +1,13 @@
 // The measurements in the panel of the viewer.
 import { MEASURE_KINDS, measurementsCsv, type MeasureKind } from "../organ/measurement";
-import { element, radioButtons, write } from "../ui/controls";
+import { element, radioButtons, saveBlob, write } from "../ui/controls";
 import { MeasurementList } from "../ui/measurement-list";
-import { download } from "./export-png";
 import type { Pane } from "./pane";
 import { PLANES, title } from "./planes";
 import { listedLines, sliceQuantities, type SlicePoint } from "./slice-measurements";
 import type { ViewState } from "./view-state";
 
-const HINTS: Record<MeasureKind, string> = {
+const HINTS: Partial<Record<MeasureKind, string>> = {
   distance: "Click two points of a slice.",
   angle: "Click three points of a slice: the angle is at the second.",
   area: "Click around an area, and its first point again to close it.",
@@ -27,7 +26,7 @@ export class MeasurePanel {
     this.showKind = radioButtons<MeasureKind>("measure-kind", (kind) => this.select(kind));
     const save = () => {
       const rows = measurements.list.map((each) => ({ name: each.name, state: this.where(each.points[0]), quantities: sliceQuantities(each) }));
-      download(new Blob([measurementsCsv(rows)], { type: "text/csv" }), fileName());
+      saveBlob(new Blob([measurementsCsv(rows)], { type: "text/csv" }), fileName());
     };
     const actions = { finish: () => measurements.finish(), undo: () => measurements.undo(), clear: () => measurements.clear(), save };
     for (const [name, action] of Object.entries(actions)) element(`measure-${name}`).addEventListener("click", action);
@@ -77,7 +76,7 @@ export class MeasurePanel {
     const { state } = this, { list, kind } = state.measurements;
     element("measure").hidden = state.tool !== "measure" && !list.length;
     if (this.shown !== this.points) this.message = "";
-    write("measure-message", this.message || HINTS[kind]);
+    write("measure-message", this.message || (HINTS[kind] ?? ""));
     element("measure-finish").hidden = kind !== "area";
     this.showKind(kind);
     this.list.show(list.map((each) => ({ name: each.name, lines: listedLines(each, this.where(each.points[0])) })));

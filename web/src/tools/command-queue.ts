@@ -19,9 +19,9 @@ export class CommandQueue {
     if (this.pending.length > CAPACITY) this.pending.shift();
   }
 
-  /** Lets one tool go, if its last command was another. */
-  release(tool: number): void {
-    if (this.kinds[tool] === CommandKind.away) return;
+  /** Lets one tool go, if its last command was another. always: even so. */
+  release(tool: number, always = false): void {
+    if (this.kinds[tool] === CommandKind.away && !always) return;
     this.kinds[tool] = CommandKind.away;
     this.post({ tool, kind: CommandKind.away, serial: ++this.serial, point: [0, 0, 0], displacement: [0, 0, 0] });
   }

@@ -18,7 +18,8 @@ export interface Measured {
 export class MeasureTool extends MeasurementSet<Hit> {
   private surface: SurfaceTopology | null = null;
 
-  constructor(private readonly view: OrganView, onChange: () => void, refuse: (why: string) => void) {
+  /** note: called with a point that a note is to be written at. */
+  constructor(private readonly view: OrganView, onChange: () => void, refuse: (why: string) => void, private readonly note: (hit: Hit) => void) {
     super(onChange, refuse);
   }
 
@@ -38,6 +39,14 @@ export class MeasureTool extends MeasurementSet<Hit> {
       return Math.hypot(a[0] - b[0], a[1] - b[1]) < CLOSING_DISTANCE;
     });
   }
+  /** The point stays; of a note, its text is asked for. */
+  override place(): void {
+    const { unfinished } = this;
+    super.place();
+    if (unfinished?.kind !== "note" || !unfinished.complete) return;
+    this.list.pop();
+    this.note(unfinished.points[0]);
+  }
   override moveTo(hit: Hit): void {
     super.moveTo(inside(hit));
   }
@@ -45,6 +54,7 @@ export class MeasureTool extends MeasurementSet<Hit> {
   /** What a measurement tells with the nodes at these positions. */
   evaluate({ kind, points: hits, complete }: Measurement<Hit>, positions: Float32Array): Measured {
     const surface = this.surface!, points = hits.map((hit) => interpolate(hit, positions, surface.triangles));
+    if (kind === "note") return { quantities: [], line: [] };
     const straight = points.map((at, i) => ({ at, triangle: hits[i].triangle }));
     if (kind === "angle") return { quantities: complete ? [{ name: "", value: angle(points), unit: "°" }] : [], line: straight };
     if (kind === "distance") {

@@ -10,18 +10,19 @@
 // Needle: enters under the pixel and stays there; the selected depth inserts it.
 // Cut: a blade goes along the surface where the pixel goes, as deep as selected. The server cuts the tissue behind it.
 // Measure: sets points on the surface as drawn, see `MeasureTool`.
+// Camera: moves nothing here; what is dragged turns the view from inside, see `Endoscope`.
 import type { CommandQueue } from "./command-queue";
 import type { MeasureTool } from "./measure-tool";
 import { add, dot, interpolate, length, limitLength, locate, nearestNode, pick, scale, subtract, unit, type Hit } from "../organ/mesh-geometry";
-import { NEEDLE } from "../rendering/tool-meshes";
+import { ENDOSCOPE_TOOLS, NEEDLE } from "../rendering/tool-meshes";
 import type { Organ } from "../protocol/worker-messages";
 import { CommandKind, CutStep, type Scalpel, type Vector } from "../protocol/server-messages";
 import type { OrganView } from "../rendering/organ-view";
 
-export type ToolKind = "press" | "pull" | "grasp" | "needle" | "cut" | "measure";
-export const TOOL_KINDS: ToolKind[] = ["press", "pull", "grasp", "needle", "cut", "measure"];
+export type ToolKind = "press" | "pull" | "grasp" | "needle" | "cut" | "measure" | "camera";
+export const TOOL_KINDS: ToolKind[] = ["press", "pull", "grasp", "needle", "cut", "measure", "camera"];
 /** The numbers of the tools that a kind commands. */
-export const TOOL_NUMBERS: Record<ToolKind, number[]> = { press: [0], pull: [0], grasp: [0, 1], needle: [NEEDLE], cut: [], measure: [] };
+export const TOOL_NUMBERS: Record<ToolKind, number[]> = { press: [0], pull: [0], grasp: [0, 1], needle: [NEEDLE], cut: [], measure: [], camera: ENDOSCOPE_TOOLS };
 
 const MAX_REACH = 0.999; // of the longest displacement, since the server gets it rounded
 const MOST_MOVED = 0.02; // of the organ's radius: farther from another organ's surface, a measured point is not one of it
@@ -46,7 +47,8 @@ interface Needle {
 export class ToolController {
   kind: ToolKind = "press";
   inward = true; // the needle's direction: normal to the surface, or that of the view
-  readonly amounts: Record<ToolKind, number> = { press: 1, pull: 0, grasp: 1, needle: 0, cut: 1, measure: 0 }; // mm
+  readonly amounts: Record<ToolKind, number> = { press: 1, pull: 0, grasp: 1, needle: 0, cut: 1, measure: 0, camera: 0 }; // mm
+  picked: { point: Vector; count: number } | null = null; // mm, at rest: where a tool began last, and how often one did
   private organ: Organ | null = null;
   private grasp: Grasp | null = null;
   private pressPoint: Hit | null = null; // on the surface at rest
@@ -124,10 +126,12 @@ export class ToolController {
 
   /** Begins at a pixel; returns whether the organ is there. swap: pulls instead of pressing, and the other way round. */
   begin(x: number, y: number, stamp: number, swap = false): boolean {
+    if (this.kind === "camera") return false;
     const obeyed = this.organ && (this.kind === "measure" || !this.organ.scene.replay), hit = obeyed ? this.pick(x, y) : null;
     if (!hit) return false;
     this.pixel = [x, y];
     if (this.kind === "measure") return this.measureTool.begin(hit), true;
+    this.picked = { point: interpolate(hit, this.organ!.rest, this.organ!.triangles), count: (this.picked?.count ?? 0) + 1 };
     const kind = swap && this.kind === "press" ? "pull" : swap && this.kind === "pull" ? "press" : this.kind;
     if (kind === "cut") return this.moveBlade(CutStep.begin);
     if (kind === "press") this.pressPoint = this.pick(x, y, true) ?? hit;

@@ -1,5 +1,6 @@
-// The line below the organ: what the selected tool does, or for some seconds a message.
+// What is said above and below the organ: what is shown; what the selected tool does, or for some seconds a message.
 import type { MeasureKind } from "../organ/measurement";
+import type { Scene } from "../protocol/server-messages";
 import type { ToolKind } from "../tools/tool-controller";
 import { write } from "../ui/controls";
 
@@ -10,11 +11,13 @@ const HINTS: Record<ToolKind, string> = {
   needle: "Click where the needle enters; the wheel or the slider inserts it.",
   cut: "Draw over the organ to cut it; the slider is the depth. Pull beside the cut to open it.",
   measure: "",
+  camera: "Drag to look around; the wheel goes forward and back. G flies on, Q leaves.",
 };
 const MEASURE_HINTS: Record<MeasureKind, string> = {
   distance: "Click two points of the organ.",
   angle: "Click three points of the organ: the angle is at the second.",
   area: "Click around an area, and its first point again to close it.",
+  note: "Click the point of the organ that you write of.",
 };
 const MESSAGE_TIME = 3000; // ms
 
@@ -29,6 +32,19 @@ export function showMessage(text: string): void {
 export function showHint(tool: ToolKind, measure: MeasureKind, refused: boolean, replay: boolean): void {
   if (performance.now() < messageUntil) return;
   if (refused) write("hint", "The tissue is fixed here: hold it somewhere else.");
+  else if (tool === "camera") write("hint", HINTS.camera);
   else if (tool === "measure") write("hint", `${MEASURE_HINTS[measure]} Drag outside to rotate.`);
   else write("hint", replay ? "A recorded session." : `${HINTS[tool]} Drag outside to rotate.`);
+}
+
+/** What is shown. */
+export function aboutText(scene: Scene): string {
+  const inside = scene.parts.filter((part) => part.inside).map((part) => part.name);
+  const about = [`${scene.elements.toLocaleString("en")} tetrahedra`];
+  if (scene.models.length < 2) about.push(`model ${scene.model}`);
+  if (scene.made) about.push(scene.made > 1 ? `${scene.made} cuts` : "1 cut");
+  if (scene.beside.length) about.push(scene.beside.join(", "));
+  if (inside.length) about.push(`inside: ${inside.join(", ")}`);
+  if (scene.replay) about.push("replay");
+  return about.join(" · ");
 }

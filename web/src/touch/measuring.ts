@@ -1,7 +1,7 @@
 // Wires the tool Measure to the panel and to the marks over the picture.
 import { measurementsCsv, quantitiesText, quantityText, type MeasureKind, MEASURE_KINDS } from "../organ/measurement";
 import { progressText } from "../organ/measurement-set";
-import { interpolate } from "../organ/mesh-geometry";
+import { interpolate, type Hit } from "../organ/mesh-geometry";
 import { enclosedVolume } from "../organ/surface-area";
 import type { PathPoint } from "../organ/surface-path";
 import type { Organ } from "../protocol/worker-messages";
@@ -10,6 +10,8 @@ import type { OrganView } from "../rendering/organ-view";
 import type { Measured, MeasureTool } from "../tools/measure-tool";
 import { element, saveText, selector } from "../ui/controls";
 import { MeasurementList } from "../ui/measurement-list";
+import type { Notes } from "./notes";
+import { offersNotes } from "./offers";
 
 const INTERVAL = 125; // ms between updates of the figures
 
@@ -25,8 +27,8 @@ export class Measuring {
   private moved = false; // the organ is not at rest
   readonly selectKind: (kind: MeasureKind) => void;
 
-  constructor(private readonly view: OrganView, private readonly tool: MeasureTool) {
-    this.list = new MeasurementList("measurement-list", (index) => tool.remove(index));
+  constructor(private readonly view: OrganView, private readonly tool: MeasureTool, private readonly notes: Notes) {
+    this.list = new MeasurementList("measurement-list", (index) => tool.remove(index), (index) => this.note(index));
     this.selectKind = selector<MeasureKind>("measure-kind", (kind) => {
       tool.abandon();
       tool.kind = kind;
@@ -37,11 +39,22 @@ export class Measuring {
   }
 
   nextKind(): void {
-    this.selectKind(MEASURE_KINDS[(MEASURE_KINDS.indexOf(this.tool.kind) + 1) % MEASURE_KINDS.length]);
+    const kinds: MeasureKind[] = this.list.keepable ? [...MEASURE_KINDS, "note"] : MEASURE_KINDS;
+    this.selectKind(kinds[(kinds.indexOf(this.tool.kind) + 1) % kinds.length]);
+  }
+
+  /** Keeps a measurement as a note, which the user may change first. */
+  private note(index: number): void {
+    const { name, points, complete } = this.tool.list[index], { notes, view, tool } = this;
+    if (!complete) return;
+    const state = this.moved ? "deformed" : "at rest";
+    notes.write(points.at(-1)!, `${name}: ${quantitiesText(tool.evaluate(tool.list[index], view.positions).quantities)} (${state})`);
   }
 
   setOrgan(organ: Organ): void {
     this.organ = organ;
+    this.list.keepable = offersNotes(organ.scene);
+    this.notes.setOrgan(organ);
     this.volumesAtRest = this.closedParts().map(({ volume }) => volume(organ.open));
     this.changed();
   }
@@ -79,14 +92,17 @@ export class Measuring {
       const [x, y] = view.toPixel(point.at);
       return { x, y, visible: tool.facesEye(point) };
     };
-    this.overlay.draw(
-      measured.map(({ quantities, line }, i) => ({
+    const at = (hit: Hit) => pixel({ at: interpolate(hit, view.positions, organ.triangles), triangle: hit.triangle });
+    const notes = this.notes.marks.map(({ hit, label }) => ({ label, line: [], points: [at(hit)], chord: false }));
+    this.overlay.draw([
+      ...notes,
+      ...measured.map(({ quantities, line }, i) => ({
         label: quantities[0] ? `${tool.list[i].name}: ${quantityText(quantities[0])}` : "",
         line: line.map(pixel),
         chord: tool.list[i].kind === "distance",
-        points: tool.list[i].points.map((hit) => pixel({ at: interpolate(hit, view.positions, organ.triangles), triangle: hit.triangle })),
+        points: tool.list[i].points.map(at),
       })),
-    );
+    ]);
     this.dirty = moved !== this.moved || now - this.updated < INTERVAL;
     this.moved = moved;
     const shown = !element("measure-row").hidden || tool.list.length > 0;

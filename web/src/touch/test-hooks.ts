@@ -1,5 +1,7 @@
 // `window.palpate`: the page's state for tests and benchmarks. Nothing in the page uses it.
+import type { Endoscope } from "../endoscopy/endoscope";
 import type { Measuring } from "./measuring";
+import type { ReplayControls } from "./replay-controls";
 import type { SideSlices } from "./side-slices";
 import type { CommandQueue } from "../tools/command-queue";
 import type { SurfaceCursor } from "../input/surface-cursor";
@@ -9,6 +11,7 @@ import type { AudioFeedback } from "../sound/audio-feedback";
 import type { SoundEvent } from "../sound/sound-events";
 import { pitch, renderOffline } from "../sound/synthesizer";
 import type { ForceReadout } from "../ui/force-readout";
+import type { Appearance } from "../rendering/appearance";
 import type { OrganView } from "../rendering/organ-view";
 
 interface Parts {
@@ -16,7 +19,9 @@ interface Parts {
   controller: ToolController;
   cursor: SurfaceCursor;
   commands: CommandQueue;
+  endoscope: Endoscope;
   measuring: Measuring;
+  replay: ReplayControls;
   sideSlices: SideSlices;
   readout: ForceReadout;
   sound: AudioFeedback;
@@ -31,8 +36,14 @@ declare global {
       readonly scene: Scene | null;
       /** Pixel at which a shown node is drawn. */
       nodePixel(node: number): [number, number];
+      /** The newest frame of a second replay. */
+      readonly secondFrame: Frame | null;
       /** Whether the figures of all measurements are those of now. */
       readonly measured: boolean;
+      /** Tissue or plain, and how much of it is drawn. */
+      readonly appearance: Appearance;
+      /** The view from inside. */
+      readonly endoscope: Endoscope;
       /** Pixel at which a position (mm) is drawn. */
       pixel(point: Vector): [number, number];
       /** Pixel at which the held material point is drawn. */
@@ -80,9 +91,14 @@ export function exposeTestHooks(parts: Parts): { recordWork(ms: number): void } 
     get lastSerial() {
       return parts.commands.lastSerial;
     },
+    get secondFrame() {
+      return parts.replay.secondFrame;
+    },
     get measured() {
       return parts.measuring.isCurrent;
     },
+    appearance: view.appearance,
+    endoscope: parts.endoscope,
     nodePixel: (node) => view.toPixel([...view.positions.subarray(3 * node, 3 * node + 3)] as Vector),
     pixel: (point) => view.toPixel(point),
     heldPixel: () => (controller.heldPoint ? view.toPixel(controller.heldPoint) : null),

@@ -4,7 +4,7 @@ import type { ColorMode, Ends, Scale } from "../protocol/worker-messages";
 import { element, write } from "./controls";
 
 export class ColorLegend {
-  private scale: Scale = null;
+  scale: Scale = null; // of the colors that are shown
   private mode: ColorMode = "plain";
   private most = 0; // the largest value since the scale was fitted: no hand is free for a button while it presses
   private readonly upperEnd = element<HTMLInputElement>("scale-high");

@@ -4,13 +4,14 @@ import { TOOL_KINDS, type ToolController, type ToolKind } from "../tools/tool-co
 import type { Scene } from "../protocol/server-messages";
 import type { OrganView } from "../rendering/organ-view";
 
-const LABELS: Record<ToolKind, string> = { press: "Press by", pull: "Lift by", grasp: "Pinch by", needle: "Drive to", cut: "Cut to", measure: "" };
+const LABELS: Record<ToolKind, string> = { press: "Press by", pull: "Lift by", grasp: "Pinch by", needle: "Drive to", cut: "Cut to", measure: "", camera: "" };
 
 export class DepthSlider {
   private readonly slider = element<HTMLInputElement>("amount");
-  private readonly ranges: Record<ToolKind, [number, number]> = { press: [0, 1], pull: [0, 1], grasp: [0, 1], needle: [0, 1], cut: [0, 1], measure: [0, 0] };
+  private readonly ranges: Record<ToolKind, [number, number]> = { press: [0, 1], pull: [0, 1], grasp: [0, 1], needle: [0, 1], cut: [0, 1], measure: [0, 0], camera: [0, 0] };
   private step = 1; // mm
   private shown: [ToolKind, number] | null = null;
+  private first: Partial<Record<ToolKind, number>> = {}; // amounts, mm
 
   constructor(private readonly controller: ToolController) {
     this.slider.addEventListener("input", () => this.set(Number(this.slider.value)));
@@ -27,12 +28,20 @@ export class DepthSlider {
       needle: [0, Math.min(0.99 * reach, 1.6 * size)],
       cut: [this.step, 2 * size],
       measure: [0, 0],
+      camera: [0, 0],
     };
     Object.assign(this.ranges, ranges);
     this.step = 0.01 * size;
     const { amounts } = this.controller;
-    if (first) Object.assign(amounts, { press: 0.1 * smallestSide, pull: 0, grasp: 0.5 * radius, needle: 0, cut: scene.depth });
+    this.first = { press: 0.1 * smallestSide, pull: 0, grasp: 0.5 * radius, needle: 0, cut: scene.depth };
+    if (first) Object.assign(amounts, this.first);
     for (const kind of TOOL_KINDS) amounts[kind] = this.clamp(kind, amounts[kind]);
+    this.update(true);
+  }
+
+  /** The amounts as they were at first. */
+  reset(): void {
+    for (const kind of TOOL_KINDS) this.controller.amounts[kind] = this.clamp(kind, this.first[kind] ?? 0);
     this.update(true);
   }
 
@@ -40,7 +49,8 @@ export class DepthSlider {
     return Math.max(this.ranges[kind][0], Math.min(this.ranges[kind][1], mm));
   }
 
-  private set(mm: number): void {
+  /** Sets the amount of the selected tool, mm, as far as its range allows. */
+  set(mm: number): void {
     this.controller.setAmount(this.controller.kind, this.clamp(this.controller.kind, mm));
     this.update();
   }
@@ -61,7 +71,7 @@ export class DepthSlider {
       write("amount-name", LABELS[kind]);
     }
     this.shown = [kind, mm];
-    element("amount-row").hidden = kind === "measure";
+    element("amount-row").hidden = kind === "measure" || kind === "camera";
     this.slider.value = String(mm);
     const text = `${mm.toFixed(1).replace("-", "−")} mm`;
     this.slider.setAttribute("aria-valuetext", text);

@@ -8,7 +8,7 @@ import { ContactState, TOOLS, type Frame, type Scene } from "../protocol/server-
 import { element, write } from "./controls";
 import { TimePlot } from "./time-plot";
 
-const DEPTH_LABELS: Record<ToolKind, string> = { press: "Depth", pull: "Pulled by", grasp: "Jaw by", needle: "Inside", cut: "Depth", measure: "Depth" };
+const DEPTH_LABELS: Record<ToolKind, string> = { press: "Depth", pull: "Pulled by", grasp: "Jaw by", needle: "Inside", cut: "Depth", measure: "Depth", camera: "Wall by" };
 const NUMBERS_INTERVAL = 125, PLOTS_INTERVAL = 66, TIMING_INTERVAL = 1000; // ms
 const MIN_DEPTH = 0.5; // mm: no stiffness below
 
@@ -62,6 +62,7 @@ export class ForceReadout {
   private readonly depthPlot = new TimePlot(element<HTMLCanvasElement>("depth-plot"), "Depth, mm", 5);
   private numbersUpdated = 0; // ms
   private plotsUpdated = 0;
+  private last = 0; // timer of the last update
   private timingUpdated = performance.now();
   private before: Frame | null = null; // when the timing was last updated
   private newest: Frame | null = null;
@@ -76,8 +77,23 @@ export class ForceReadout {
     const here = measure(frame, kind);
     this.forcePlot.add(frame.seconds, here?.force ?? 0);
     this.depthPlot.add(frame.seconds, here?.depth ?? 0);
+    clearTimeout(this.last);
+    this.last = setTimeout(() => this.update(frame, kind, scene, Infinity), NUMBERS_INTERVAL); // a replay that is paused sends no other frame
+    this.update(frame, kind, scene, now);
+  }
+
+  /** The server is lost: no force is shown from now on. */
+  lose(limit: number): void {
+    clearTimeout(this.last);
+    write("force", "0.00");
+    for (const id of ["depth", "stiffness", "mesh-error"]) write(id, "–");
+    this.updateBar(0, limit);
+  }
+
+  private update(frame: Frame, kind: ToolKind, scene: Scene, now: number): void {
+    const here = measure(frame, kind);
     if (now - this.numbersUpdated > NUMBERS_INTERVAL) {
-      this.numbersUpdated = now;
+      this.numbersUpdated = performance.now();
       this.updateNumbers(here, kind);
       write("mesh-error", here ? meshError(here.force, frame.mesh_error) : "–");
       const finiteStrain = scene.models[frame.model] === "neo-hookean";
@@ -88,7 +104,7 @@ export class ForceReadout {
       else if (!Number.isNaN(frame.least_volume)) this.updateLinearity(frame);
     }
     if (now - this.plotsUpdated < PLOTS_INTERVAL) return;
-    this.plotsUpdated = now;
+    this.plotsUpdated = performance.now();
     this.forcePlot.draw();
     this.depthPlot.draw();
     this.updateBar(here?.force ?? 0, scene.limit);

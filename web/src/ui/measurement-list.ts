@@ -7,13 +7,16 @@ export interface ListedMeasurement {
 }
 
 export class MeasurementList {
+  keepable = false; // whether a measurement can be kept as a note
   private rows: HTMLLIElement[] = [];
 
-  /** id: of the list. remove: called with the index of a measurement; null: none can be removed. */
-  constructor(private readonly id: string, private readonly remove: ((index: number) => void) | null) {}
+  /** id: of the list. remove, keep: called with the index of a measurement; null: there is no button for that. */
+  constructor(
+    private readonly id: string, private readonly remove: ((index: number) => void) | null, private readonly keep: ((index: number) => void) | null = null,
+  ) {}
 
-  /** Shows the measurements; rows that there are keep their place and the focus. */
-  show(measurements: ListedMeasurement[]): void {
+  /** Shows the measurements; rows that there are keep their place and the focus. removable: whether their buttons are shown. */
+  show(measurements: ListedMeasurement[], removable = true): void {
     const list = element(this.id);
     while (this.rows.length > measurements.length) this.rows.pop()!.remove();
     while (this.rows.length < measurements.length) list.append(this.row());
@@ -24,7 +27,11 @@ export class MeasurementList {
         setText(text, lines[k] ?? "");
         (text as HTMLElement).hidden = !lines[k];
       });
-      this.rows[i].querySelector("button")?.setAttribute("aria-label", `Remove ${name}`);
+      const [button, keep] = this.rows[i].querySelectorAll("button");
+      button?.setAttribute("aria-label", `Remove ${name}`);
+      if (button) button.hidden = !removable;
+      keep?.setAttribute("aria-label", `Note ${name}`);
+      if (keep) keep.hidden = !this.keepable;
     });
     list.hidden = !measurements.length;
   }
@@ -44,6 +51,14 @@ export class MeasurementList {
       (element(this.id).querySelector("button") as HTMLElement | null)?.focus();
     });
     row.append(button);
+    const { keep } = this;
+    if (!keep) return row;
+    const noting = document.createElement("button");
+    noting.textContent = "Note";
+    noting.className = "note";
+    noting.title = "Keep it as a note";
+    noting.addEventListener("click", () => keep(this.rows.indexOf(row)));
+    row.append(noting);
     return row;
   }
 }

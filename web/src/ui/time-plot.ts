@@ -1,4 +1,6 @@
 // A plot of one value over the last ten seconds.
+import { onColorScheme } from "../rendering/color-scheme";
+
 const SECONDS = 10;
 const STEPS = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200];
 const CAPACITY = 1024; // values: more than ten seconds of frames
@@ -17,7 +19,7 @@ export class TimePlot {
   constructor(private readonly canvas: HTMLCanvasElement, private readonly label: string, private readonly smallestTop: number) {
     this.context = canvas.getContext("2d")!;
     new ResizeObserver(() => this.resize()).observe(canvas);
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.resize());
+    onColorScheme(() => this.resize());
   }
 
   private resize(): void {

@@ -13,6 +13,7 @@ from palpate.meshes.cutting.skin import Skin, pinches, skin
 from palpate.meshes.cutting.slit_complex import SlitComplex
 from palpate.meshes.cutting.virtual_nodes import pieces, virtual_nodes
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
+from palpate.volumes.centerline import Centerline
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -48,8 +49,9 @@ class CutMesh(TetMesh):
         parent: Int32,
         skin: Skin,
         blades: Sequence[Blade],
+        centerline: Centerline | None = None,
     ) -> None:
-        super().__init__(nodes, tets, region, names)
+        super().__init__(nodes, tets, region, names, centerline)
         for name, value in (("share", share), ("side", side), ("body", body), ("origin", origin), ("parent", parent)):
             value.flags.writeable = False
             object.__setattr__(self, name, value)
@@ -81,6 +83,11 @@ class CutMesh(TetMesh):
         """Positions of the vertices of the surface, (S, 3), mm."""
         return self.skin.carried(self.tets, self.nodes)
 
+    @property
+    def boundary(self) -> tuple[Float64, Int32]:
+        """Vertices (S, 3), mm, and triangles (F, 3) of the surface."""
+        return self.places, self.skin.triangles
+
     def text(self) -> str:
         """What was cut, in words."""
         corners = self.places[self.skin.triangles[self.skin.lip]]
@@ -98,7 +105,9 @@ class CutMesh(TetMesh):
         if (np.abs(whole - 1) > 1e-9).any():
             raise MeshError("a piece of this cut mesh has been taken away; make all its cuts at once")
         count, first = int(self.origin.max()) + 1, np.unique(self.parent, return_index=True)[1]
-        return TetMesh(self.nodes[:count], self.origin[self.tets[first]], self.region[first], self.names)
+        return TetMesh(
+            self.nodes[:count], self.origin[self.tets[first]], self.region[first], self.names, self.centerline
+        )
 
 
 def cut_mesh(mesh: TetMesh, blades: Sequence[Blade]) -> CutMesh:
@@ -144,15 +153,17 @@ def cut_mesh(mesh: TetMesh, blades: Sequence[Blade]) -> CutMesh:
         parent=made.parent,
         skin=skin(mesh, slit, found, made),
         blades=every,
+        centerline=mesh.centerline,
     )
 
 
 def touched_surface(mesh: TetMesh, held: Bool) -> tuple[Float64, Int32, Bool]:
     """Vertices (S, 3) mm and triangles of a mesh's surface, and which vertices are held, for held nodes (N,)."""
+    places, triangles = mesh.boundary
     if not isinstance(mesh, CutMesh):
-        return mesh.nodes, mesh.surface, held
+        return places, triangles, held
     free = (mesh.skin.weight != 0) & ~held[mesh.tets[mesh.skin.tet]]
-    return mesh.places, mesh.skin.triangles, ~free.any(axis=1)
+    return places, triangles, ~free.any(axis=1)
 
 
 def refuse_cut(mesh: TetMesh, what: str, instead: str = "take the model `compliance`, `multigrid` or `blocks`") -> None:
@@ -187,4 +198,5 @@ def without(mesh: CutMesh, bodies: Int32) -> CutMesh:
             mesh.skin.weight[drawn],
         ),
         blades=mesh.blades,
+        centerline=mesh.centerline,
     )

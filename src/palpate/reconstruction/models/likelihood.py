@@ -10,7 +10,7 @@ from typing import ClassVar, Literal, Protocol, Self
 import numpy as np
 
 from palpate import _core
-from palpate.arrays import ArrayLike, Bool, Float32, float32
+from palpate.arrays import ArrayLike, Bool, Float32, as_numpy, float32
 from palpate.errors import DataError
 from palpate.scans.scan import Scan
 
@@ -178,7 +178,7 @@ class Transmission:
         return self.counts, self.incident, self.background
 
     def _checked(self, l: Float32) -> Float32:
-        return np.ascontiguousarray(np.broadcast_to(np.asarray(l, np.float32), self.counts.shape))
+        return np.ascontiguousarray(np.broadcast_to(np.asarray(as_numpy("l", l), np.float32), self.counts.shape))
 
 
 @dataclass(frozen=True, eq=False)
@@ -289,7 +289,7 @@ class WeightedLeastSquares:
         float
             The value.
         """
-        l = np.ascontiguousarray(np.broadcast_to(np.asarray(l, np.float32), self.weights.shape))
+        l = np.ascontiguousarray(np.broadcast_to(np.asarray(as_numpy("l", l), np.float32), self.weights.shape))
         return _core.statistics.least_squares_value(self.weights, self.line_integrals, l)
 
     def slope(self, l: Float32) -> Float32:
@@ -305,7 +305,7 @@ class WeightedLeastSquares:
         ndarray, (views, rows, columns)
             The slope.
         """
-        return self.weights * (l - self.line_integrals)
+        return self.weights * (np.asarray(as_numpy("l", l), np.float32) - self.line_integrals)
 
     def curvature(self, l: Float32, kind: Curvature = "optimal") -> Float32:
         """Return the weights, since a parabola is its own surrogate.

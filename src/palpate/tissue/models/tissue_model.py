@@ -42,6 +42,12 @@ class TissueModel(ABC):
         """A state at rest, to hand to `push(warm=)`."""
         return self.native.make_state()
 
+    def _repr_html_(self) -> str:
+        from palpate.tissue.tissue_card import tissue_card  # only a notebook asks
+
+        settings = ", ".join(f"{name} {value:g}" for name, value in self.settings.items())
+        return tissue_card(self.tissue, type(self).__name__, (("Settings", settings),) if settings else ())
+
     @abstractmethod
     def solve(
         self, found: Contacts, state: "_core.tissue.ModelState", tolerance: float, most_sweeps: int

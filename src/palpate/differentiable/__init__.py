@@ -1,0 +1,1 @@
+"""Projections, likelihoods and forces with derivatives, for JAX, PyTorch and DeepInverse."""

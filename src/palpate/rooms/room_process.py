@@ -1,0 +1,106 @@
+"""Rooms in processes of their own: started, started again when they die, and ended."""
+
+import asyncio
+import contextlib
+import json
+import secrets
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from palpate.errors import DataError
+from palpate.rooms.rooms_file import RoomFile
+
+FIRST_PAUSE, LAST_PAUSE = 0.2, 10.0  # s before a room that died is started again
+STEADY = 30.0  # s after which a room is taken for well again
+CLOSING = 20.0  # s for a record to be written
+LINE = 1 << 26  # bytes, of the longest line that a room writes: its cuts
+
+
+@dataclass(eq=False)
+class RoomProcess:
+    """A room's process. Used on the event loop's thread only.
+
+    record: where its session goes; a journal beside it holds what is not lost when it dies. token: of the gateway. port: of
+    the room on loopback, or 0 while it is not there. cuts: those that it began with. problem: why it cannot be opened.
+    """
+
+    room: RoomFile
+    record: Path
+    token: str = field(default_factory=lambda: secrets.token_urlsafe(16))
+    port: int = 0
+    cuts: list[Any] = field(default_factory=list)
+    deaths: int = 0
+    problem: str = ""
+    _process: asyncio.subprocess.Process | None = None
+    _changed: asyncio.Event = field(default_factory=asyncio.Event)
+
+    async def open(self) -> None:
+        """Starts it. Raises `DataError` with what is wrong."""
+        self._process = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-m", "palpate.rooms.room_server"),
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE,
+            limit=LINE,
+            start_new_session=True,  # Ctrl-C is for the gateway, which ends the rooms
+        )
+        told = {
+            "name": self.room.name,
+            "organs": [str(path.resolve()) for path in self.room.organs],
+            "title": self.room.title,
+            "model": self.room.model,
+            "radius": self.room.radius,
+            "tension": self.room.tension,
+            "record": str(self.record.resolve()),
+            "token": self.token,
+            "cuts": self.cuts,
+        }
+        assert self._process.stdin
+        assert self._process.stdout
+        with contextlib.suppress(ConnectionError):  # it has died: the next line says so
+            self._process.stdin.write(json.dumps(told).encode() + b"\n")
+            await self._process.stdin.drain()
+        line = await self._process.stdout.readline()
+        ended = {"problem": f"its process ended with {await self._process.wait()}"} if not line else {}
+        answer: dict[str, Any] = ended or json.loads(line)
+        if "problem" in answer:
+            self.problem = f"room {self.room.name}: {answer['problem']}"
+            raise DataError(self.problem)
+        self.port, self.cuts, self.problem = answer["port"], answer["cuts"], ""
+        self._changed.set()
+
+    async def keep(self) -> None:
+        """Starts it again whenever it dies, until this is cancelled."""
+        loop, pause = asyncio.get_running_loop(), FIRST_PAUSE
+        while True:
+            assert self._process
+            began = loop.time()
+            code = await self._process.wait()
+            self.port = 0
+            self._changed.clear()
+            self.deaths += 1
+            pause = FIRST_PAUSE if loop.time() - began > STEADY else min(2 * pause, LAST_PAUSE)
+            print(f"palpate: room {self.room.name} ended with {code}; it is opened again", flush=True)
+            await asyncio.sleep(pause)
+            with contextlib.suppress(DataError):
+                await self.open()
+
+    async def there(self, seconds: float) -> bool:
+        """Whether it is there within that time."""
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(self._changed.wait(), seconds)
+        return self.port != 0
+
+    async def close(self) -> None:
+        """Ends it: it writes its record."""
+        process, self.port = self._process, 0
+        if process is None or process.returncode is not None:
+            return
+        assert process.stdin
+        process.stdin.close()
+        try:
+            await asyncio.wait_for(process.wait(), CLOSING)
+        except TimeoutError:
+            process.kill()
+            await process.wait()

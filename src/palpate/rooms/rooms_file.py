@@ -1,0 +1,135 @@
+"""Rooms: what each holds, and the YAML file that lists several."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from palpate.bounded_read import read_text
+from palpate.errors import DataError, PalpateError
+from palpate.scans.bounded_yaml import yaml_in
+
+KIND, VERSION = "palpate rooms", 1
+MOST_ROOMS = 64
+KEYS = ("organs", "title", "model", "radius", "tension", "record")
+
+
+@dataclass(frozen=True)
+class RoomFile:
+    """A room: its name in invitations, and what is touched in it.
+
+    Parameters
+    ----------
+    name : str
+        Of the room: letters, digits, - and _.
+    organs : tuple of Path
+        Tissues (.vtu): resolutions of one organ; the first is shown.
+    title : str, optional
+        Title of the page. The default is the name.
+    model : str, optional
+        A name that `pp.model` knows. The default is what keeps 1000 ticks a second.
+    radius : float, optional
+        Of the contact, mm. The default is two edge lengths.
+    tension : float, optional
+        Of the tissue at rest, kPa.
+    record : Path, optional
+        File for the session (.h5).
+
+    Raises
+    ------
+    DataError
+        If a value is not what it may be.
+
+    Examples
+    --------
+    >>> pp.RoomFile("anatomy", (Path("kidney.vtu"),)).title
+    'anatomy'
+    """
+
+    name: str
+    organs: tuple[Path, ...]
+    title: str = ""
+    model: str | None = None
+    radius: float | None = None
+    tension: float = 0.0
+    record: Path | None = None
+
+    def __post_init__(self) -> None:
+        if not self.name or len(self.name) > 40 or not self.name.replace("-", "").replace("_", "").isalnum():
+            raise DataError(f"room: {self.name[:60]!r}; expected a name of letters, digits, - and _, at most 40")
+        if not self.organs:
+            raise DataError(f"room {self.name}: organs: none; name a tissue (.vtu)")
+        if not self.title:
+            object.__setattr__(self, "title", self.name)
+
+
+def read_rooms(path: str | Path) -> tuple[RoomFile, ...]:
+    """Read a list of rooms.
+
+    .. code-block:: yaml
+
+        palpate rooms: 1
+        rooms:
+          anatomy: {organs: [kidney.vtu], record: anatomy.h5}
+          abdomen: {organs: [abdomen.vtu], title: An abdomen, tension: 2}
+
+    Of each room what `RoomFile` takes. Files are relative to the list's.
+
+    Parameters
+    ----------
+    path : str or Path
+        A YAML file.
+
+    Returns
+    -------
+    tuple of RoomFile
+        The rooms in their order.
+
+    Raises
+    ------
+    FileError
+        If the file is missing or no YAML.
+    DataError
+        If a key is unknown or missing, or a value is not what it may be.
+
+    Examples
+    --------
+    >>> _ = Path("rooms.yaml").write_text("palpate rooms: 1\\nrooms: {anatomy: {organs: [kidney.vtu]}}")
+    >>> pp.read_rooms("rooms.yaml")[0].name
+    'anatomy'
+    """
+    path = Path(path)
+    content = yaml_in(path, read_text(path), "write it as pp.read_rooms says")
+    try:
+        if not isinstance(content, dict) or content.get(KIND) != VERSION or set(content) != {KIND, "rooms"}:
+            raise DataError(f"expected `{KIND}: {VERSION}` and `rooms:` in it; write it as pp.read_rooms says")
+        rooms = content["rooms"]
+        if not isinstance(rooms, dict) or not 0 < len(rooms) <= MOST_ROOMS:
+            raise DataError(f"rooms: expected one to {MOST_ROOMS} names with what is in each")
+        found = tuple(_room(path.parent, str(name), given) for name, given in rooms.items())
+        records = [room.record.resolve() for room in found if room.record is not None]
+        if len(set(records)) < len(records):
+            raise DataError("record: two rooms write the same file; give each its own")
+        return found
+    except PalpateError as problem:
+        raise type(problem)(f"{path}: {problem}") from None
+
+
+def _room(folder: Path, name: str, given: Any) -> RoomFile:
+    if not isinstance(given, dict):
+        raise DataError(f"room {name}: expected {{organs: [kidney.vtu]}} or the like, got {str(given)[:40]!r}")
+    if unknown := sorted(set(map(str, given)) - set(KEYS)):
+        raise DataError(f"room {name}: {unknown[0]}: no such key; there are {', '.join(KEYS)}")
+    organs = given.get("organs")
+    organs = [organs] if isinstance(organs, str) else organs
+    if not isinstance(organs, list) or not organs or not all(isinstance(one, str) for one in organs):
+        raise DataError(f"room {name}: organs: expected names of tissues: [kidney.vtu]")
+    for key in ("title", "model", "record"):
+        if not isinstance(given.get(key, ""), str):
+            raise DataError(f"room {name}: {key}: expected a text, got {str(given[key])[:40]!r}")
+    for key in ("radius", "tension"):
+        value = given.get(key, 0.0)
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < 1e4:
+            raise DataError(f"room {name}: {key}: {str(value)[:40]!r}; expected a number from 0 on")
+    record = folder / given["record"] if given.get("record") else None
+    plain = {key: given[key] for key in ("title", "model", "radius", "tension") if key in given}
+    return RoomFile(name, tuple(folder / one for one in organs), record=record, **plain)

@@ -1,0 +1,121 @@
+"""Who is in a room, and what each of them may do."""
+
+import json
+from dataclasses import asdict
+
+from starlette.websockets import WebSocket
+
+from palpate.server.frame_message import hand_frame, hands_bytes, serial_in
+from palpate.server.held_tools import HeldTools
+from palpate.server.message_checks import FromPage
+from palpate.server.messages import (
+    Choice,
+    Compare,
+    CutStep,
+    Lead,
+    LeadStep,
+    Mark,
+    Note,
+    People,
+    Person,
+    Play,
+    Role,
+    Scalpel,
+    Selection,
+    ToolCommand,
+    encode,
+)
+from palpate.simulation.pointer import TOOLS
+
+MOST_PEOPLE = 32  # in a room
+LONGEST_NAME = 40  # characters
+LEAST_ROLE: dict[type, Role] = {  # who may send a message
+    ToolCommand: Role.trainee,
+    Mark: Role.trainee,
+    Scalpel: Role.trainee,
+    Note: Role.trainee,
+    Compare: Role.teacher,
+    Selection: Role.teacher,
+    Choice: Role.teacher,
+    Play: Role.teacher,
+    Lead: Role.teacher,
+}
+
+
+class Room:
+    """Used on the event loop's thread only. tools: who holds each. frozen: those of all but teachers stay as they are."""
+
+    def __init__(self, tools: HeldTools) -> None:
+        self.tools = tools
+        self.people: dict[WebSocket, Person] = {}
+        self.frozen = False
+        self._came = 0
+
+    def enter(self, page: WebSocket, name: str, role: Role) -> None:
+        """Lets a page in."""
+        self._came += 1
+        self.people[page] = Person(self._came, shown_name(name) or f"{role.name} {self._came}", int(role))
+
+    def leave(self, page: WebSocket) -> None:
+        """A page has gone, and its tools were let go. Without a teacher, nothing stays frozen."""
+        self.people.pop(page, None)
+        if not any(person.role == Role.teacher for person in self.people.values()):
+            self._freeze(False)
+
+    def lead(self, page: WebSocket, lead: Lead) -> None:
+        """Stops all hands but the teachers', lets them go on, or takes somebody's tools."""
+        theirs = next((page for page, person in self.people.items() if person.number == lead.person), None)
+        if lead.step in (LeadStep.freeze, LeadStep.resume):
+            self._freeze(lead.step == LeadStep.freeze)
+        elif theirs is not None and theirs is not page:
+            if lead.step == LeadStep.take_over:
+                self.tools.take_over(theirs, page)
+            else:
+                self.tools.release(theirs)
+
+    def _freeze(self, frozen: bool) -> None:
+        self.frozen = frozen
+        if not frozen:
+            self.tools.resume()
+
+    def stops(self, page: WebSocket) -> bool:
+        """Whether the tools of a page stay where they are."""
+        return self.frozen and not self.leads(page)
+
+    def leads(self, page: WebSocket) -> bool:
+        """Whether it is a teacher's page."""
+        return page in self.people and self.people[page].role == Role.teacher
+
+    def refusal(self, page: WebSocket, message: FromPage) -> str:
+        """Why a page may not send this, or empty."""
+        kind = Note if isinstance(message, tuple) else type(message)
+        least = LEAST_ROLE[kind]
+        if isinstance(message, Scalpel) and message.step == CutStep.undo:
+            least = Role.teacher  # it may be another one's cut
+        person = self.people.get(page)
+        if person is None or person.role < least:
+            return f"Only a {least.name} can do this here."
+        if isinstance(message, Scalpel) and self.stops(page):
+            return "The teacher has stopped all hands."
+        return ""
+
+    def told(self, page: WebSocket) -> bytes:
+        """Who is there, as a message to one of them."""
+        people = json.dumps([asdict(person) for person in self.people.values()]).encode()
+        return encode(People(self.people[page].number, int(self.frozen))) + people
+
+    def messages(self, page: WebSocket, frame: bytes) -> list[bytes]:
+        """A frame as a page gets it: its own tools, after those of the others."""
+        own: list[int | None] = [None] * TOOLS
+        others = []
+        for tool, (holder, number) in self.tools.holders.items():
+            if holder is page:
+                own[number] = tool
+            elif holder in self.people:
+                others.append((tool, self.people[holder].number, number))
+        return [hands_bytes(frame, others), hand_frame(frame, own, self.tools.obeyed(page, serial_in(frame)))]
+
+
+def shown_name(name: str) -> str:
+    """A name in one line, without what no one can see."""
+    return " ".join("".join(c for c in name if c.isprintable()).split())[:LONGEST_NAME]

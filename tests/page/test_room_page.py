@@ -1,0 +1,187 @@
+"""A room in real pages: who is there, each other's hands, what each may do, what a teacher can stop."""
+
+import os
+import signal
+from contextlib import ExitStack
+
+import numpy as np
+import pytest
+from support.browser import LAPTOP, PHONE
+from support.example_organs import organ
+from support.open_rooms import open_rooms
+from support.touch_page import Touched
+
+import palpate as pp
+
+
+class InRoom(Touched):
+    """A page of somebody in a room."""
+
+    def people(self):
+        return self.page.locator("#people li b").all_text_contents()
+
+    def press(self, across=0.5, down=0.45):
+        """Holds the pointer down on the organ, 2 mm deep or so, until the force is there."""
+        self.page.mouse.move(*self.place(across, down))
+        self.page.mouse.down()
+        self.wait("palpate.frame.contact[0] === 1 && Number(document.getElementById('force').textContent) > 0.02")
+
+    def until_hand_of(self, name):
+        self.wait(f"[...document.querySelectorAll('.hand-name')].some((n) => !n.hidden && n.textContent === '{name}')")
+
+    def until_force_of(self, name):
+        self.wait(
+            f"[...document.querySelectorAll('#people li')]"
+            f".some((n) => n.textContent.includes('{name}') && / N/.test(n.textContent))"
+        )
+
+    def shown(self, selector):
+        return self.page.locator(selector).is_visible()
+
+
+@pytest.fixture(scope="module")
+def rooms(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("rooms")
+    pp.write_tissue(folder / "kidney.vtu", organ(9))
+    with open_rooms([pp.RoomFile("anatomy", (folder / "kidney.vtu",), title="Kidney")], folder) as opened:
+        yield opened
+
+
+@pytest.fixture
+def enter(rooms, browser):
+    with ExitStack() as closing:
+        pages = []
+
+        def come(role, name="", viewport=LAPTOP, scheme="light"):
+            touch = viewport is not LAPTOP
+            context = browser.new_context(viewport=viewport, color_scheme=scheme, has_touch=touch, is_mobile=touch)
+            closing.callback(context.close)
+            pages.append(InRoom(None, context.new_page()))
+            pages[-1].open(rooms.address("anatomy", role, name))
+            pages[-1].wait("document.querySelectorAll('#people li').length > 0")
+            return pages[-1]
+
+        yield come
+    assert [page.problems for page in pages if page.problems] == []
+
+
+def test_each_sees_the_other_s_hand_by_name_and_who_leaves_lets_go(enter, album):
+    teacher, trainee = enter("teacher", "Dr Gray"), enter("trainee", "Ada")
+    teacher.wait("document.querySelectorAll('#people li').length === 2")
+    assert teacher.people() == ["Dr Gray (you)", "Ada"]
+    assert trainee.people() == ["Dr Gray", "Ada (you)"]
+    trainee.press(0.45, 0.4)
+    teacher.press(0.6, 0.5)
+    for page, other in ((teacher, "Ada"), (trainee, "Dr Gray")):
+        page.until_hand_of(other)
+        page.until_force_of(other)
+    teacher.page.screenshot(path=album / "room-teacher.png")
+    trainee.page.screenshot(path=album / "room-trainee.png")
+    assert teacher.see("palpate.frame.contact.filter((state) => state !== 0).length") == 1  # its own alone
+    trainee.page.close()
+    teacher.wait("document.querySelectorAll('#people li').length === 1")
+    teacher.wait("[...document.querySelectorAll('.hand-name')].every((n) => n.hidden)")
+    teacher.page.mouse.up()
+    teacher.until_home()
+
+
+def test_stopped_hands_stay_and_go_on(enter, album):
+    teacher, trainee = enter("teacher"), enter("trainee")
+    trainee.press()
+    trainee.settle()
+    before = trainee.tool()
+    teacher.page.keyboard.press("h")
+    trainee.wait("document.getElementById('room-state').textContent === 'All hands are stopped.'")
+    trainee.page.mouse.move(*trainee.place(0.58, 0.45), steps=5)
+    trainee.page.mouse.up()
+    trainee.page.wait_for_timeout(500)
+    np.testing.assert_allclose(trainee.tool()[0], before[0], atol=1e-5)
+    assert trainee.tool()[3] == before[3]
+    teacher.page.screenshot(path=album / "room-stopped.png")
+    teacher.page.get_by_role("button", name="Go on", exact=True).click()
+    trainee.until_home()
+
+
+def test_a_teacher_takes_a_hand_over_and_lets_it_go(enter):
+    teacher, trainee = enter("teacher"), enter("trainee", "Ada")
+    trainee.press()
+    trainee.settle()
+    force = trainee.tool()[2]
+    teacher.page.get_by_role("button", name="Take over: Ada").click()
+    teacher.wait("palpate.frame.contact[0] === 1")
+    np.testing.assert_allclose(teacher.tool()[2], force, rtol=0.02)
+    trainee.wait("palpate.frame.contact.every((state) => state === 0)")
+    trainee.wait("document.getElementById('force').textContent === '0.00'")
+    trainee.page.mouse.up()
+    teacher.page.locator("#let-go").click()
+    teacher.until_home()
+
+
+def test_who_watches_can_look_and_measure_and_nothing_else(enter, album):
+    viewer, trainee = enter("viewer", "A guest", PHONE, "dark"), enter("trainee", "Ada")
+    viewer.wait("document.querySelector('#tool [data-value=press]').hidden")
+    assert not viewer.shown("#lead-row")
+    assert not viewer.shown("#undo-cut")
+    trainee.press()
+    viewer.until_hand_of("Ada")
+    viewer.wait("palpate.frame.count > 0")  # the organ is deformed here too
+    viewer.page.screenshot(path=album / "room-viewer-phone.png")
+    assert viewer.see("document.documentElement.scrollWidth <= innerWidth")
+    viewer.drag(viewer.place(), np.array((60, 0)))
+    viewer.page.mouse.up()
+    assert viewer.see("palpate.lastSerial") == 0
+    trainee.page.mouse.up()
+    assert not trainee.shown("#lead-row")
+    trainee.page.locator("#more").evaluate("(button) => button.click()")
+    assert not trainee.shown("#model")
+
+
+def test_an_invitation_that_is_over_says_so(rooms, browser):
+    """Of a page that is opened, and of one that is loaded again later."""
+    page = browser.new_page()
+    page.goto(rooms.address("anatomy", "trainee", hours=1e-9))
+    page.get_by_text("the invitation is over; ask the teacher for a new one").wait_for()
+    page.goto(rooms.address("anatomy", "trainee", hours=2.5 / 3600))
+    page.wait_for_timeout(3000)
+    page.reload()
+    page.get_by_text("Not let in: the invitation is over; ask the teacher for a new one.").wait_for()
+    page.context.close()
+
+
+def test_a_room_whose_process_dies_is_back_with_its_state(enter, rooms):
+    """No force is shown meanwhile; the page finds it again by itself."""
+    trainee = enter("trainee", "Ada")
+    trainee.press()
+    room = rooms.rooms["anatomy"]
+    deaths = room.deaths
+    trainee.see("""(() => {
+        window.lost = [];
+        new MutationObserver(() => lost.push(document.getElementById('force').textContent)).observe(
+            document.getElementById('status'), { attributes: true, attributeFilter: ['class'] });
+    })()""")
+    room._process.kill()
+    trainee.wait("lost.length > 0")
+    assert trainee.see("lost[0]") == "0.00"
+    trainee.wait("document.getElementById('status').classList.contains('good')")
+    assert room.deaths == deaths + 1
+    trainee.page.mouse.up()
+    trainee.wait("document.querySelectorAll('#people li').length === 1")
+    trainee.press()
+    trainee.page.mouse.up()
+    trainee.until_home()
+    trainee.problems.clear()  # the browser's own line about the lost connection
+
+
+def test_a_room_that_falls_silent_shows_no_force(enter, rooms):
+    trainee = enter("trainee", "Ada")
+    trainee.press()
+    process = rooms.rooms["anatomy"]._process.pid
+    os.kill(process, signal.SIGSTOP)
+    try:
+        trainee.wait("document.getElementById('status').textContent.includes('does not answer')", 5)
+        assert trainee.see("document.getElementById('force').textContent") == "0.00"
+    finally:
+        os.kill(process, signal.SIGCONT)
+    trainee.wait("document.getElementById('status').classList.contains('good')")
+    trainee.page.mouse.up()
+    trainee.until_home()

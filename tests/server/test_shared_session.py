@@ -1,0 +1,274 @@
+"""Several people in one session: whose tools are whose, what each role may do, and what a teacher can stop."""
+
+import json
+import struct
+from contextlib import ExitStack
+
+import numpy as np
+import pytest
+from support.example_organs import organ
+from websockets.sync.client import connect
+
+import palpate as pp
+from palpate.server import messages
+from palpate.server.held_tools import HeldTools
+from palpate.server.live_session import LiveSession
+from palpate.server.loopback_server import loopback_socket
+from palpate.server.messages import CutStep, LeadStep
+from palpate.server.people import shown_name
+from palpate.server.touch import running_session
+from palpate.simulation.pointer import TOOLS, Command, Pointer
+
+TOP, SIDE = (0.0, 0.0, 25.0), (40.0, 0.0, 0.0)
+FRAME = struct.Struct("<BBddIIdff4B12f12f12f4f")  # the first fields of a frame, as `messages.Frame` documents them
+HANDS, PEOPLE = 17, 16
+
+
+class Somebody:
+    """A page of a room."""
+
+    def __init__(self, closing, address, role, name=""):
+        base, token = address.split("/?")
+        query = f"{token}&role={role}&name={name}"
+        socket = connect(f"{base.replace('http', 'ws')}/socket?{query}", origin=base, max_queue=None)
+        self.socket = closing.enter_context(socket)
+        self.serial = 0
+        self.told = []
+        self.people = self.hands = self.you = self.frozen = None
+
+    def send(self, message):
+        self.socket.send(messages.encode(message))
+
+    def press(self, tool=0, point=TOP, depth=(0.0, 0.0, -2.0), kind=1):
+        self.serial += 1
+        self.send(messages.ToolCommand(tool, kind, self.serial, point, depth))
+
+    def away(self, tool=0):
+        self.press(tool, (0.0,) * 3, (0.0,) * 3, 0)
+
+    def frame(self):
+        """The next frame: serial, contact, displacement (tool, 3), force (tool, 3)."""
+        while True:
+            data = self.socket.recv(timeout=20)
+            if isinstance(data, str):
+                self.told.append(data)
+            elif data[0] == PEOPLE:
+                _, self.you, self.frozen = struct.unpack_from("<BIB", data)
+                self.people = json.loads(data[8:])
+            elif data[0] == HANDS:
+                (count,) = struct.unpack_from("<I", data, 1)
+                self.hands = np.frombuffer(data, "<f4", 13 * count, 8).reshape(count, 13)
+            elif data[0] == 2:
+                values = FRAME.unpack_from(data)
+                three = [np.array(values[13 + 12 * k : 25 + 12 * k]).reshape(4, 3) for k in range(3)]
+                return values[5], values[9:13], three[1], three[2]
+
+    def until(self, true, count=600):
+        for _ in range(count):
+            frame = self.frame()
+            if true(*frame):
+                return frame
+        pytest.fail("never came")
+
+    def settled(self):
+        """Until the serial is the newest and the force has stood still for 20 frames."""
+        still, before = 0, None
+        for _ in range(900):
+            serial, contact, displacement, force = self.frame()
+            same = before is not None and np.abs(force - before).max() < 1e-4
+            still = still + 1 if same and serial == self.serial else 0
+            before = force
+            if still == 20:
+                return serial, contact, displacement, force
+        pytest.fail("the force does not settle")
+
+
+@pytest.fixture
+def live():
+    session = pp.Session(pp.model(organ(9), "compliance"), radius=9.0, sweeps=8)
+    return LiveSession(session, Pointer(), room="anatomy")
+
+
+@pytest.fixture
+def enter(live):
+    with running_session(live, loopback_socket(None)) as address, ExitStack() as closing:
+
+        def come(role, name=""):
+            return Somebody(closing, address, role, name)
+
+        yield come
+
+
+def test_two_hands_hold_the_same_number_and_feel_what_push_says_of_both(enter, live):
+    first, second = enter("trainee", "Ada"), enter("trainee", "Bo")
+    first.press(0, TOP, (0.0, 0.0, -3.0))
+    second.press(0, SIDE, (-2.0, 0.0, 1.0))
+    ones, twos = first.settled(), second.settled()
+    answer = live.session.model.push([TOP, SIDE], [(0.0, 0.0, -3.0), (-2.0, 0.0, 1.0)], [9.0, 9.0])
+    np.testing.assert_allclose(ones[3][0], answer.force[0], rtol=0.02, atol=1e-3)
+    np.testing.assert_allclose(twos[3][0], answer.force[1], rtol=0.02, atol=1e-3)
+    assert (ones[1], twos[1]) == ((ones[1][0], 0, 0, 0), (twos[1][0], 0, 0, 0))  # each sees its own alone as its own
+    names = {person["number"]: person["name"] for person in first.people}
+    assert names == {first.you: "Ada", second.you: "Bo"}
+    assert [int(row[0]) for row in first.hands] == [second.you]
+    np.testing.assert_allclose(first.hands[0, 8:11], twos[3][0], rtol=1e-3, atol=1e-3)
+    np.testing.assert_allclose(second.hands[0, 8:11], ones[3][0], rtol=1e-3, atol=1e-3)
+    first.socket.close()  # its tools let go
+    second.until(lambda *_: len(second.hands) == 0 and len(second.people) == 1)
+
+
+def test_a_hand_too_many_is_told_and_gets_a_tool_that_is_let_go(enter):
+    pages = [enter("trainee") for _ in range(TOOLS + 1)]
+    for i, page in enumerate(pages):
+        page.press(0, (10.0 * i - 20, 0.0, 24.0))
+        page.until(lambda serial, contact, *_, page=page: contact[0] or page.told)
+    assert [page.told for page in pages] == [[]] * TOOLS + [["All tools are in other hands."]]
+    pages[1].away()
+    pages[1].until(lambda _, contact, *__: not contact[0])
+    pages[-1].press(0)
+    pages[-1].until(lambda _, contact, *__: contact[0])
+
+
+def test_each_role_may_do_its_own_and_no_more(enter, live):
+    teacher, trainee, viewer = enter("teacher"), enter("trainee"), enter("viewer")
+    forbidden = {
+        viewer: [
+            messages.ToolCommand(0, 1, 1, TOP, (0.0, 0.0, -2.0)),
+            messages.Scalpel(CutStep.begin, 9.0, TOP),
+            messages.Mark(0, 0),
+        ],
+        trainee: [messages.Scalpel(CutStep.undo, 9.0, TOP)],
+    }
+    for page in (viewer, trainee):
+        forbidden[page] += [
+            messages.Selection(0, 1),
+            messages.Lead(LeadStep.freeze, 0),
+            messages.Lead(LeadStep.take_over, trainee.you or 1),
+            messages.Compare(1),
+        ]
+    before = live.current
+    for page, sent in forbidden.items():
+        for message in sent:
+            page.told.clear()
+            page.send(message)
+            page.until(lambda *_, page=page: page.told)
+            assert page.told[0].startswith("Only a "), message
+    assert live.current == before
+    assert not live.people.frozen
+    assert not live.tools.holders
+    teacher.send(messages.Lead(LeadStep.freeze, 0))
+    teacher.until(lambda *_: teacher.frozen == 1)
+    assert teacher.told == []
+
+
+def test_a_role_that_is_none_watches(enter):
+    page = enter("surgeon")
+    page.press()
+    page.until(lambda *_: page.told == ["Only a trainee can do this here."])
+
+
+def test_frozen_hands_stay_where_they_are_and_go_on_where_they_are_then(enter):
+    teacher, trainee = enter("teacher"), enter("trainee")
+    trainee.press(0, TOP, (0.0, 0.0, -2.0))
+    before = trainee.settled()[3][0]
+    teacher.send(messages.Lead(LeadStep.freeze, 0))
+    trainee.until(lambda *_: trainee.frozen == 1)
+    trainee.press(0, TOP, (0.0, 0.0, -4.0))
+    trainee.away()
+    trainee.press(0, TOP, (0.0, 0.0, -3.0))
+    for _ in range(30):
+        force = trainee.frame()[3][0]
+    np.testing.assert_allclose(force, before, atol=1e-4)
+    teacher.press(0, SIDE, (-2.0, 0.0, 0.0))  # who leads can go on
+    teacher.until(lambda _, contact, *__: contact[0])
+    teacher.away()
+    teacher.send(messages.Lead(LeadStep.resume, 0))
+    after = trainee.settled()
+    np.testing.assert_allclose(after[2][0], (0.0, 0.0, -3.0), atol=1e-3)
+    assert after[3][0, 2] == pytest.approx(1.5 * before[2], rel=0.02)
+
+
+def test_without_a_teacher_nothing_stays_frozen(enter):
+    teacher, trainee = enter("teacher"), enter("trainee")
+    trainee.press()
+    trainee.settled()
+    teacher.send(messages.Lead(LeadStep.freeze, 0))
+    trainee.until(lambda *_: trainee.frozen == 1)
+    trainee.away()
+    teacher.socket.close()
+    trainee.until(lambda serial, contact, *_: trainee.frozen == 0 and not contact[0])
+
+
+def test_a_teacher_takes_tools_over_as_they_are_and_lets_them_go(enter):
+    teacher, trainee = enter("teacher"), enter("trainee")
+    trainee.press(0, TOP, (0.0, 0.0, -2.0))
+    before = trainee.settled()[3][0]
+    trainee.until(lambda *_: trainee.you)
+    teacher.send(messages.Lead(LeadStep.take_over, trainee.you))
+    taken = teacher.until(lambda _, contact, *__: contact[0])
+    np.testing.assert_allclose(taken[3][0], before, atol=1e-3)
+    trainee.press(0, TOP, (0.0, 0.0, -5.0))  # it is not in this hand any more
+    trainee.until(lambda _, contact, *__: not contact[0] and len(trainee.hands) == 1)
+    for _ in range(20):
+        force = teacher.frame()[3][0]
+    np.testing.assert_allclose(force, before, atol=1e-3)
+    teacher.press(0, TOP, (0.0, 0.0, -1.0))
+    assert teacher.settled()[3][0, 2] == pytest.approx(before[2] / 2, rel=0.02)
+    trainee.away()
+    trainee.press(0, SIDE, (-1.0, 0.0, 0.0))  # it begins anew
+    trainee.until(lambda _, contact, *__: contact[0])
+    teacher.send(messages.Lead(LeadStep.release, trainee.you))
+    trainee.until(lambda _, contact, *__: not contact[0])
+
+
+def test_reset_takes_all_cuts_back_and_all_tools_let_go(enter, live):
+    teacher, trainee = enter("teacher"), enter("trainee")
+    x = np.linspace(-12, 12, 12)
+    way = [(float(a), 0.0, float(25 * np.sqrt(1 - (a / 40) ** 2))) for a in x]
+    for i, point in enumerate(way):
+        step = CutStep.begin if i == 0 else CutStep.end if i == len(way) - 1 else CutStep.move
+        trainee.send(messages.Scalpel(step, 12.0, point))
+    trainee.until(lambda *_: live.session.cuts == 1 and live.cutting.stroke is None, 3000)
+    trainee.press(0, SIDE, (-1.0, 0.0, 0.0))
+    trainee.until(lambda _, contact, *__: contact[0])
+    teacher.send(messages.Lead(LeadStep.reset, 0))
+    trainee.until(lambda _, contact, *__: not contact[0])
+    teacher.until(lambda *_: live.session.cuts == 0, 3000)
+    assert trainee.told == teacher.told == []
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_no_tool_has_two_hands_and_no_hand_two_tools_whatever_comes(seed):
+    rng = np.random.default_rng(seed)
+    sent = {}
+
+    class Sends:
+        def send(self, command, serial=None, tool=0):
+            sent[tool] = command.held
+
+    tools, pages = HeldTools(Sends(), shared=True), ["a", "b", "c"]
+    held = Command(True, TOP, (0.0, 0.0, -1.0))
+    for _ in range(3000):
+        page, other = rng.choice(pages, 2)
+        draw = rng.random()
+        if draw < 0.8:
+            command = held if rng.random() < 0.6 else Command()
+            tools.command(page, int(rng.integers(TOOLS)), command, 1, stopped=rng.random() < 0.1)
+        elif draw < 0.85:
+            tools.resume()
+        elif draw < 0.9 and page != other:
+            tools.take_over(page, other)
+        elif draw < 0.95:
+            tools.release(page)
+        elif draw < 0.99:
+            tools.leave(page)
+        else:
+            tools.let_go()
+        hands = list(tools.holders.values())
+        assert len(set(hands)) == len(hands)
+        assert {tool for tool, down in sent.items() if down} == set(tools.holders)
+
+
+def test_names_are_one_line_that_can_be_seen():
+    assert shown_name(" Ada\n\u202eLovelace \x00\x1b[31m") == "AdaLovelace [31m"
+    assert shown_name("x" * 100) == "x" * 40
