@@ -185,7 +185,7 @@ def test_lost_server_is_said_and_found_again(browser, monkeypatch, tmp_path):
     touched.wait(lost)
     (tmp_path / "palpate" / "token").unlink()
     with loopback_socket(port) as listener, serving(pp.Session(model, radius=10.0, sweeps=4), listener):
-        touched.wait("document.getElementById('status').textContent.includes('open the new address')")
+        touched.wait("document.getElementById('status').textContent.includes('open the address that palpate printed')")
     context.close()
 
 
@@ -200,7 +200,7 @@ def test_the_token_is_not_left_in_the_address_and_the_page_can_be_loaded_again(b
             touched.wait("Boolean(window.palpate && palpate.frame)")
         context.new_page().goto(touched.page.url)  # another tab has no token
         stranger = Touched(None, context.pages[-1])
-        stranger.wait("document.getElementById('status').textContent.includes('open the new address')")
+        stranger.wait("document.getElementById('status').textContent.includes('open the address that palpate printed')")
     context.close()
 
 
