@@ -25,6 +25,7 @@ CHAIN = [
     "display",
     "studies",
     "demos",
+    "cluster",
     "commands",
 ]
 ANYWHERE = {"version", "errors", "arrays", "interrupts", "atomic_write", "bounded_read", "plugins", "samples", "_core"}

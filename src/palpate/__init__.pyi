@@ -1,5 +1,9 @@
 """The public names of palpate; lazy_loader imports each from its module when it is first used."""
 
+from .cluster.archive import run_archive as run_archive
+from .cluster.command_run import CommandRun as CommandRun
+from .cluster.command_run import RunRecord as RunRecord
+from .cluster.results_table import write_results as write_results
 from .demos.registry import run_demo as run_demo
 from .display.touch import touch as touch
 from .display.view import view as view

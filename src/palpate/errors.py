@@ -29,6 +29,10 @@ class PortError(PalpateError, OSError):
     """A network port that is taken."""
 
 
+class ClusterError(PalpateError, OSError):
+    """A scheduler, or a worker of it, that does not answer, is gone, or does not see the files."""
+
+
 class ExtraError(PalpateError, ImportError):
     """A package that palpate needs for this alone, and that is not installed. The message names the extra that has it."""
 

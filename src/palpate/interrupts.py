@@ -65,7 +65,7 @@ def raised() -> Iterator[Callable[[], bool]]:
 
     def insist() -> None:
         while _insists.is_set():
-            _interrupt_main()
+            interrupt_main()
             time.sleep(AGAIN)
 
     def again(dropped: "sys.UnraisableHookArgs") -> None:
@@ -148,7 +148,7 @@ def waiting() -> Iterator[None]:
         nonlocal came
         if not came or _insists.is_set():  # what is sent again is the first one still
             came = True
-        elif CALLED_BY_C.isdisjoint(_running(frame)) or not _after(AGAIN, _interrupt_main):
+        elif CALLED_BY_C.isdisjoint(_running(frame)) or not _after(AGAIN, interrupt_main):
             raise KeyboardInterrupt
 
     before = signal.signal(signal.SIGINT, wait)
@@ -178,7 +178,8 @@ def _after(seconds: float, call: Callable[..., None], *values: int) -> bool:
     return True
 
 
-def _interrupt_main() -> None:
+def interrupt_main() -> None:
+    """Does in the main thread what Ctrl-C does."""
     if sys.platform == "win32":
         _thread.interrupt_main()
     else:  # also out of a system call

@@ -6,6 +6,7 @@ from typing import Annotated, Any
 import typer
 
 import palpate as pp
+from palpate.commands.archive_option import archive_option
 from palpate.commands.fit import numbers, write_error_map
 from palpate.commands.option_names import option_names
 from palpate.commands.progress import progress
@@ -16,6 +17,7 @@ def add(app: typer.Typer) -> None:
     app.command("mesh", short_help="Fills a label with well-shaped tetrahedra.")(mesh_command)
 
 
+@archive_option((".nii.gz", ".nii", ".nrrd", ".mha", ".stl", ".ply", ".obj"), ".vtu")
 def mesh_command(
     labels: Annotated[
         Path,

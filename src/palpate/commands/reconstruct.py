@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import palpate as pp
+from palpate.commands.archive_option import archive_option
 from palpate.commands.findings import warn
 from palpate.commands.progress import progress
+from palpate.commands.run_report import report_figures, write_report
 from palpate.errors import DataError
 
 if TYPE_CHECKING:
@@ -57,6 +59,7 @@ def add(app: typer.Typer) -> None:
     app.command("reconstruct", short_help="Reconstructs a volume from a scan.")(reconstruct_command)
 
 
+@archive_option((".h5",), ".nii.gz")
 def reconstruct_command(
     ctx: typer.Context,
     scan: Annotated[Path, typer.Argument(help="Scan file (.h5); palpate scan import makes one.", show_default=False)],
@@ -143,6 +146,9 @@ def reconstruct_command(
     resume: Annotated[bool, typer.Option("--resume", help="Go on from the checkpoint beside the output.")] = False,
     checkpoint_every: Annotated[int, typer.Option(help="Iterations between checkpoints.")] = 5,
     check: Annotated[bool, typer.Option(help="Look for mistakes before and after, and warn.")] = True,
+    report: Annotated[
+        Path | None, typer.Option(help="Write geometry, findings, strength, fit as JSON there.", show_default=False)
+    ] = None,
 ) -> None:
     """Example: [bold]palpate reconstruct breast.h5 -o breast.nii.gz --thickness 51.2[/bold]
 
@@ -153,9 +159,13 @@ def reconstruct_command(
 
     With --samples 30 breast-std.nii.gz tells how uncertain each voxel is.
 
+    Each scan of a folder, on four workers, with a table of results:
+    palpate reconstruct study/ -o volumes --thickness 51.2 --on 4
+
     Ctrl-C keeps the last iterate in a checkpoint beside the output; the
     same command with --resume goes on from it.
     """
+    from palpate.atomic_write import writable
     from palpate.reconstruction.air_level import without_sheet
     from palpate.reconstruction.checkpoint import checkpoint_path, fingerprint, read_checkpoint, with_checkpoints
     from palpate.reconstruction.posterior import (
@@ -173,6 +183,8 @@ def reconstruct_command(
     from palpate.volumes.io import writable_volume
 
     writable_volume(output)
+    if report is not None:
+        writable(report)
     if samples:
         check_sampling(samples, seed)
         writable_volume(std_path(output))
@@ -199,8 +211,8 @@ def reconstruct_command(
     if samples:
         quadratic_prior(chosen, width, method.value)
     options["prior"], options["optimizer"] = chosen, optimizer
-    if check and not resume:
-        warn(pp.check_scan(measured, grid))
+    found = pp.check_scan(measured, grid) if check and not resume else []
+    warn(found)
     part = pp.region_grid(grid, *corners(region)) if region else None
     if support not in ("none", "hull") and part is not None:
         raise DataError("support: with --region only none or hull, since a file's mask is on one grid")
@@ -253,8 +265,12 @@ def reconstruct_command(
     beside.unlink(missing_ok=True)
     if "sheet" in last.volume.notes.get("support", ""):
         measured = without_sheet(measured)
-    if check and hardening is None:
-        warn(pp.check_residuals(pp.residuals(measured, last.volume)))
+    left = pp.residuals(measured, last.volume) if check and hardening is None else None
+    if left is not None:
+        found = [*found, *(after := pp.check_residuals(left))]
+        warn(after)
+    if report is not None:
+        write_report(report, report_figures(measured, last, found, left))
     shape = " x ".join(str(n) for n in grid.shape)
     typer.echo(f"{output}: {shape} voxels (z, y, x), objective {last.objective:.6g}, {last.seconds:.0f} s")
     if last.prior is not None:

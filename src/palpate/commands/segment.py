@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 import palpate as pp
+from palpate.commands.archive_option import archive_option
 from palpate.commands.progress import doing
 
 
@@ -14,6 +15,7 @@ def add(app: typer.Typer) -> None:
     app.command("segment", short_help="Labels a part of a volume.")(segment_command)
 
 
+@archive_option((".nii.gz", ".nii", ".nrrd", ".mha", ".mhd"), ".nii.gz")
 def segment_command(
     volume: Annotated[
         Path,
