@@ -1,6 +1,7 @@
 #include "base/platform.h"
 #include <algorithm>
 #include <cerrno>
+#include <cstdlib>
 #include <cstring>
 #include <thread>
 #ifdef _WIN32
@@ -16,6 +17,7 @@
 #include <netinet/in.h>
 #include <netinet/tcp.h>
 #include <poll.h>
+#include <sys/mman.h>
 #include <sys/socket.h>
 #include <unistd.h>
 #endif
@@ -25,7 +27,6 @@
 #ifdef __linux__
 #include <sched.h>
 #include <semaphore.h>
-#include <sys/mman.h>
 #include <sys/prctl.h>
 #include <sys/resource.h>
 #include <sys/syscall.h>
@@ -42,6 +43,39 @@ void prefer_huge_pages([[maybe_unused]] void* memory, [[maybe_unused]] size_t si
     madvise(memory, size, MADV_HUGEPAGE);
 #endif
 }
+
+#ifdef _WIN32
+void* map_memory(size_t size) { return VirtualAlloc(nullptr, size, MEM_COMMIT | MEM_RESERVE, PAGE_READWRITE); }
+void* map_file(const std::string&, size_t, int& error) {
+    error = ENOSYS;
+    return nullptr;
+}
+void unmap(void* memory, size_t) { VirtualFree(memory, 0, MEM_RELEASE); }
+#else
+void* map_memory(size_t size) {
+    void* memory = mmap(nullptr, size, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    return memory == MAP_FAILED ? nullptr : memory;
+}
+void* map_file(const std::string& folder, size_t size, int& error) {
+    std::string name = folder + "/palpate-scratch-XXXXXX";
+    const int file = mkstemp(name.data());
+    if (file < 0) {
+        error = errno;
+        return nullptr;
+    }
+    unlink(name.c_str()); // it is gone with this process, however that ends
+#ifdef __APPLE__
+    error = ftruncate(file, off_t(size)) ? errno : 0;
+#else
+    error = posix_fallocate(file, 0, off_t(size)); // a full disk is told here, not by a signal later
+#endif
+    void* memory = error ? MAP_FAILED : mmap(nullptr, size, PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
+    if (memory == MAP_FAILED && !error) error = errno;
+    close(file);
+    return memory == MAP_FAILED ? nullptr : memory;
+}
+void unmap(void* memory, size_t size) { munmap(memory, size); }
+#endif
 
 bool request_realtime_priority() {
 #ifdef __linux__

@@ -1,4 +1,4 @@
-// All that the kernels ask of the operating system beyond the C++ library: huge pages, thread priority, libraries found
+// All that the kernels ask of the operating system beyond the C++ library: memory, thread priority, libraries found
 // at run time, TCP sockets. Called by the folders that need them, on any thread. Linux, macOS and Windows.
 #pragma once
 #include <cstddef>
@@ -9,6 +9,12 @@ namespace palpate {
 
 void prefer_huge_pages(void* memory, size_t size); // where the system offers a choice
 int process_id();
+
+// Memory from the system, zero: its own, or that of a file without a name in a folder, which the system writes out
+// where it needs the room. nullptr and errno if there is none. Windows has the first kind only.
+void* map_memory(size_t size);
+void* map_file(const std::string& folder, size_t size, int& error);
+void unmap(void* memory, size_t size);
 
 // Asks for real-time priority for the calling thread (Linux: needs root, or a limit `rtprio` of at least 1), and for
 // the finest timer. Returns whether it has the priority. Threads that it starts do not inherit it.

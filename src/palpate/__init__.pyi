@@ -33,6 +33,7 @@ from .reconstruction.baselines.total_variation import tv as tv
 from .reconstruction.default_grid import covering_grid as covering_grid
 from .reconstruction.held_out import held_out_deviance as held_out_deviance
 from .reconstruction.iterate import Step as Step
+from .reconstruction.memory_limit import memory_limit as memory_limit
 from .reconstruction.models.beam_hardening import Hardened as Hardened
 from .reconstruction.models.beam_hardening import Polynomial as Polynomial
 from .reconstruction.models.beam_hardening import Spectrum as Spectrum

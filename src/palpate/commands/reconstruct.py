@@ -146,6 +146,13 @@ def reconstruct_command(
     resume: Annotated[bool, typer.Option("--resume", help="Go on from the checkpoint beside the output.")] = False,
     checkpoint_every: Annotated[int, typer.Option(help="Iterations between checkpoints.")] = 5,
     check: Annotated[bool, typer.Option(help="Look for mistakes before and after, and warn.")] = True,
+    memory: Annotated[
+        str | None, typer.Option(help="What does not fit lies in files: 4GB. The same volume.", show_default=False)
+    ] = None,
+    scratch: Annotated[
+        Path | None,
+        typer.Option(help="For --memory: folder of those files. Default: the output's.", show_default=False),
+    ] = None,
     report: Annotated[
         Path | None, typer.Option(help="Write geometry, findings, strength, fit as JSON there.", show_default=False)
     ] = None,
@@ -162,12 +169,16 @@ def reconstruct_command(
     Each scan of a folder, on four workers, with a table of results:
     palpate reconstruct study/ -o volumes --thickness 51.2 --on 4
 
+    More than fits into memory:
+    palpate reconstruct large.h5 -o large.zarr --thickness 51.2 --memory 4GB
+
     Ctrl-C keeps the last iterate in a checkpoint beside the output; the
     same command with --resume goes on from it.
     """
     from palpate.atomic_write import writable
     from palpate.reconstruction.air_level import without_sheet
     from palpate.reconstruction.checkpoint import checkpoint_path, fingerprint, read_checkpoint, with_checkpoints
+    from palpate.reconstruction.memory_limit import scratch_bytes
     from palpate.reconstruction.posterior import (
         approximate_posterior,
         check_sampling,
@@ -183,6 +194,10 @@ def reconstruct_command(
     from palpate.volumes.io import writable_volume
 
     writable_volume(output)
+    if memory is not None:
+        ctx.with_resource(pp.memory_limit(memory, output.resolve().parent if scratch is None else scratch))
+    elif scratch is not None:
+        raise DataError("scratch: it is for --memory; give that too, such as --memory 4GB")
     if report is not None:
         writable(report)
     if samples:
@@ -275,6 +290,9 @@ def reconstruct_command(
     typer.echo(f"{output}: {shape} voxels (z, y, x), objective {last.objective:.6g}, {last.seconds:.0f} s")
     if last.prior is not None:
         typer.echo(explain_prior(chosen, last.prior))
+    if memory is not None:
+        in_memory, in_files = scratch_bytes()
+        typer.echo(f"large arrays: at most {in_memory / 1e9:.2f} GB in memory, {in_files / 1e9:.2f} GB in files")
     if samples:
         import numpy as np
 
