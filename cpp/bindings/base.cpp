@@ -4,6 +4,7 @@
 #include "base/thread_pool.h"
 #include "bindings/module.h"
 #include <nanobind/stl/string.h>
+#include <nanobind/stl/tuple.h>
 
 using namespace nb::literals;
 using namespace palpate;
@@ -58,7 +59,7 @@ void bind_base(nb::module_& m) {
         "scratch_use",
         [] {
             const ScratchUse use = scratch_use();
-            return nb::make_tuple(use.in_memory, use.in_files, use.most_in_memory, use.most_in_files, use.error);
+            return std::make_tuple(use.in_memory, use.in_files, use.most_in_memory, use.most_in_files, use.error);
         },
         "Bytes in memory and in files, now and at most, and the error of the last file that could not be made.");
     m.def(
