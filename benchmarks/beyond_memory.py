@@ -98,7 +98,7 @@ def main() -> None:
     """Measures and prints."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--side", type=int, default=700)
-    parser.add_argument("--deep", type=int, default=160)
+    parser.add_argument("--deep", type=int, default=240)
     parser.add_argument("--share", type=float, default=3.0)
     parser.add_argument("--optimizer", default="momentum")
     parser.add_argument("--scratch", type=Path, default=Path(tempfile.gettempdir()))
