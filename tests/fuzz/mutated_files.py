@@ -69,20 +69,20 @@ def seeds(folder):
 
     import palpate as pp
     from palpate.scans.geometry_template import template
-    from palpate.volumes import dicom_write
+    from palpate.volumes import dicom_items
 
     folder.mkdir(parents=True)
     rng = np.random.default_rng(0)
     volume = pp.Volume(rng.random((3, 8, 9)), pp.Grid((3, 8, 9), (2, 1, 1)))
-    number, generate = counting(10**20), dicom_write.generate_uid
-    dicom_write.generate_uid = lambda prefix=None: (
+    number, generate = counting(10**20), dicom_items.generate_uid
+    dicom_items.generate_uid = lambda prefix=None: (
         f"2.25.{next(number)}"
     )  # of one length, so that a mutant is repeatable
     try:
         for name in ("v.nii", "v.nii.gz", "v.tif", "v.ome.tif", "tomosynthesis.dcm"):
             pp.write_volume(folder / name, volume)
     finally:
-        dicom_write.generate_uid = generate
+        dicom_items.generate_uid = generate
     (folder / "series").mkdir()
     y = np.full((3, 30, 40), 50_000, np.uint16)
     y[:, 10:20, 10:20] = rng.integers(5_000, 20_000, (3, 10, 10))

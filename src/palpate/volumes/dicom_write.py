@@ -1,20 +1,29 @@
 """Writing DICOM volumes: a Breast Tomosynthesis Image (one file), or a CT series (one file for each slice)."""
 
 from collections.abc import Mapping
-from datetime import datetime
 from pathlib import Path
 
 import numpy as np
 from pydicom import Dataset
 from pydicom.datadict import tag_for_keyword
-from pydicom.dataset import FileDataset, FileMetaDataset
-from pydicom.uid import PYDICOM_IMPLEMENTATION_UID, ExplicitVRLittleEndian, generate_uid
+from pydicom.uid import generate_uid
 from pydicom.valuerep import format_number_as_ds
 
-from palpate.arrays import AnyArray, Float32
+from palpate.arrays import AnyArray, Float32, Float64
 from palpate.atomic_write import replacing, replacing_folder
 from palpate.errors import DataError
-from palpate.version import __version__
+from palpate.volumes.dicom_items import (
+    code,
+    common_items,
+    decimal,
+    decimals,
+    dimension_items,
+    fill,
+    geometry_items,
+    item,
+    multi_frame_items,
+    save,
+)
 from palpate.volumes.grid import Grid
 from palpate.volumes.volume import Volume
 
@@ -64,24 +73,13 @@ def write_tomosynthesis(path: Path, volume: Volume, tags: Mapping[str, str]) -> 
     """One Breast Tomosynthesis Image; its real-world mapping says what the numbers mean. Raises `DataError`."""
     q, slope, intercept = quantized(volume.values)
     dataset = _common(TOMOSYNTHESIS, "MG", volume, tags)
-    _fill(dataset, _three_dimensional(len(q)))
-    now = datetime.now()
-    dataset.ContentDate, dataset.ContentTime = now.strftime("%Y%m%d"), now.strftime("%H%M%S")
+    fill(dataset, _three_dimensional(len(q)))
     dataset.ViewCodeSequence = [_view(tags.get("ViewPosition", "CC"))]
-    organisation = generate_uid(prefix=None)
-    dataset.DimensionOrganizationSequence = [_item(DimensionOrganizationUID=organisation)]
-    dataset.DimensionIndexSequence = [
-        _item(
-            DimensionOrganizationUID=organisation,
-            DimensionIndexPointer=0x00209057,
-            FunctionalGroupPointer=0x00209111,
-            DimensionDescriptionLabel="In-Stack Position Number",
-        )
-    ]
+    fill(dataset, dimension_items([(0x00209057, 0x00209111, "In-Stack Position Number")]))
     dataset.SharedFunctionalGroupsSequence = [_shared(volume, q, slope, intercept, tags)]
     dataset.PerFrameFunctionalGroupsSequence = [_frame(volume.grid, k) for k in range(len(q))]
     _image(dataset, q)
-    _save(path, dataset)
+    save(path, dataset)
 
 
 def write_ct(folder: Path, volume: Volume, tags: Mapping[str, str]) -> None:
@@ -89,7 +87,7 @@ def write_ct(folder: Path, volume: Volume, tags: Mapping[str, str]) -> None:
     q, slope, intercept = quantized(volume.values)
     same = _common(CT, "CT", volume, tags)
     dz, dy, dx = volume.grid.spacing
-    _fill(
+    fill(
         same,
         {
             "DerivationDescription": HOW,
@@ -98,15 +96,15 @@ def write_ct(folder: Path, volume: Volume, tags: Mapping[str, str]) -> None:
             "Laterality": "",
             "PatientPosition": "",
             "PositionReferenceIndicator": None,
-            "SpacingBetweenSlices": _ds(dz),
-            "SliceThickness": _ds(dz),
-            "PixelSpacing": [_ds(dy), _ds(dx)],
-            "ImageOrientationPatient": _axes(volume.grid),
-            "RescaleSlope": _ds(slope),
-            "RescaleIntercept": _ds(intercept),
+            "SpacingBetweenSlices": decimal(dz),
+            "SliceThickness": decimal(dz),
+            "PixelSpacing": decimals([dy, dx]),
+            "ImageOrientationPatient": decimals(_axes(volume.grid)),
+            "RescaleSlope": decimal(slope),
+            "RescaleIntercept": decimal(intercept),
             "RescaleType": volume.unit,
-            "WindowCenter": _ds((float(volume.values.min()) + float(volume.values.max())) / 2),
-            "WindowWidth": _ds(max(float(np.ptp(volume.values)), slope)),
+            "WindowCenter": decimal((float(volume.values.min()) + float(volume.values.max())) / 2),
+            "WindowWidth": decimal(max(float(np.ptp(volume.values)), slope)),
             "VOILUTFunction": "LINEAR_EXACT",  # the plain one needs a width of at least 1
         },
     )
@@ -116,41 +114,15 @@ def write_ct(folder: Path, volume: Volume, tags: Mapping[str, str]) -> None:
         dataset.update(same)
         dataset.SOPInstanceUID = generate_uid(prefix=None)
         dataset.InstanceNumber = k + 1
-        dataset.ImagePositionPatient = _place(volume.grid, k)
+        dataset.ImagePositionPatient = decimals(volume.grid.points([k, 0, 0]))
         _image(dataset, plane)
-        _save(folder / f"{k + 1:0{digits}d}.dcm", dataset)
+        save(folder / f"{k + 1:0{digits}d}.dcm", dataset)
 
 
 def _common(sop_class: str, modality: str, volume: Volume, tags: Mapping[str, str]) -> Dataset:
     """Patient, study, series and equipment; only `tags` says anything of the patient."""
-    dataset = Dataset()
-    now = datetime.now()
-    _fill(
-        dataset,
-        {
-            "SOPClassUID": sop_class,
-            "SOPInstanceUID": generate_uid(prefix=None),
-            "StudyInstanceUID": generate_uid(prefix=None),
-            "SeriesInstanceUID": generate_uid(prefix=None),
-            "FrameOfReferenceUID": generate_uid(prefix=None),
-            "SpecificCharacterSet": "ISO_IR 192",
-            "InstanceCreationDate": now.strftime("%Y%m%d"),
-            "InstanceCreationTime": now.strftime("%H%M%S"),
-            "Modality": modality,
-            "Manufacturer": "palpate",
-            "ManufacturerModelName": "palpate",
-            "SoftwareVersions": __version__,
-            "SeriesNumber": "1",
-            "InstanceNumber": "1",
-            "ImageType": ["DERIVED", "PRIMARY", "AXIAL"],
-            "BurnedInAnnotation": "NO",
-            "LossyImageCompression": "00",
-            **dict.fromkeys(
-                ("PatientName", "PatientID", "PatientBirthDate", "PatientSex", "StudyID", "AccessionNumber"), ""
-            ),
-            **dict.fromkeys(("StudyDate", "StudyTime", "ReferringPhysicianName"), ""),
-        },
-    )
+    dataset = common_items(sop_class, modality)
+    dataset.ImageType, dataset.BurnedInAnnotation = ["DERIVED", "PRIMARY", "AXIAL"], "NO"
     if volume.notes:
         dataset.ImageComments = "; ".join(f"{key}: {value}" for key, value in volume.notes.items())[:10_000]
     for keyword, value in tags.items():
@@ -169,8 +141,7 @@ def _three_dimensional(frames: int) -> dict[str, object]:
     """What a breast tomosynthesis image says of itself beside the pixels."""
     return {
         "ImageType": ["DERIVED", "PRIMARY", "TOMOSYNTHESIS", "NONE"],
-        "DeviceSerialNumber": "none",
-        "PositionReferenceIndicator": "",
+        **multi_frame_items(),
         "ContentQualification": "RESEARCH",
         "NumberOfFrames": frames,
         "PixelPresentation": "MONOCHROME",
@@ -184,50 +155,46 @@ def _three_dimensional(frames: int) -> dict[str, object]:
 
 def _shared(volume: Volume, q: AnyArray, slope: float, intercept: float, tags: Mapping[str, str]) -> Dataset:
     """The functional groups that all frames share."""
-    dz, dy, dx = volume.grid.spacing
-    code, meaning = UCUM.get(volume.unit, ("1", "no units"))
-    real = _item(
+    symbol, meaning = UCUM.get(volume.unit, ("1", "no units"))
+    real = item(
         RealWorldValueFirstValueMapped=0,
         RealWorldValueLastValueMapped=65535,
         RealWorldValueSlope=slope,
         RealWorldValueIntercept=intercept,
         LUTLabel=volume.unit[:16],
         LUTExplanation="stored values to " + volume.unit,
-        MeasurementUnitsCodeSequence=[_code(code, "UCUM", meaning)],
+        MeasurementUnitsCodeSequence=[code(symbol, "UCUM", meaning)],
     )
     low, high = int(q.min()), int(q.max())
-    return _item(
-        PixelMeasuresSequence=[
-            _item(PixelSpacing=[_ds(dy), _ds(dx)], SliceThickness=_ds(dz), SpacingBetweenSlices=_ds(dz))
-        ],
-        PlaneOrientationSequence=[_item(ImageOrientationPatient=_axes(volume.grid))],
+    return item(
+        **geometry_items(volume.grid.spacing, _axes(volume.grid)),
         FrameAnatomySequence=[
-            _item(
+            item(
                 FrameLaterality=tags.get("FrameLaterality", "B"),
-                AnatomicRegionSequence=[_code("76752008", "SCT", "Breast")],
+                AnatomicRegionSequence=[code("76752008", "SCT", "Breast")],
             )
         ],
-        PixelValueTransformationSequence=[_item(RescaleIntercept="0", RescaleSlope="1", RescaleType="US")],
+        PixelValueTransformationSequence=[item(RescaleIntercept="0", RescaleSlope="1", RescaleType="US")],
         DerivationImageSequence=[
-            _item(
+            item(
                 DerivationDescription=HOW,
-                DerivationCodeSequence=[_code("113085", "DCM", "Spatial resampling")],
+                DerivationCodeSequence=[code("113085", "DCM", "Spatial resampling")],
                 SourceImageSequence=[],
             )
         ],
-        FrameVOILUTSequence=[_item(WindowCenter=_ds((low + high + 1) / 2), WindowWidth=_ds(max(high - low, 1)))],
+        FrameVOILUTSequence=[item(WindowCenter=decimal((low + high + 1) / 2), WindowWidth=decimal(max(high - low, 1)))],
         RealWorldValueMappingSequence=[real],
     )
 
 
 def _frame(grid: Grid, k: int) -> Dataset:
     """What is one frame's own: its place."""
-    content = _item(StackID="1", InStackPositionNumber=k + 1, DimensionIndexValues=[k + 1], FrameAcquisitionNumber=1)
-    return _item(
+    content = item(StackID="1", InStackPositionNumber=k + 1, DimensionIndexValues=[k + 1], FrameAcquisitionNumber=1)
+    return item(
         FrameContentSequence=[content],
-        PlanePositionSequence=[_item(ImagePositionPatient=_place(grid, k))],
+        PlanePositionSequence=[item(ImagePositionPatient=decimals(grid.points([k, 0, 0])))],
         XRay3DFrameTypeSequence=[
-            _item(
+            item(
                 FrameType=["DERIVED", "PRIMARY", "TOMOSYNTHESIS", "NONE"],
                 PixelPresentation="MONOCHROME",
                 VolumetricProperties="VOLUME",
@@ -237,10 +204,15 @@ def _frame(grid: Grid, k: int) -> Dataset:
     )
 
 
-def _view(position: str) -> Dataset:
-    if position not in VIEWS:
-        raise DataError(f"tags: ViewPosition is one of {', '.join(VIEWS)}, got {position!r}")
-    view = _code(VIEWS[position][0], "SCT", VIEWS[position][1])
+def _axes(grid: Grid) -> Float64:
+    """(2, 3): the direction of a row, along which x grows, then that of a column."""
+    return grid.direction[:, :2].T
+
+
+def _view(name: str) -> Dataset:
+    if name not in VIEWS:
+        raise DataError(f"tags: ViewPosition is one of {', '.join(VIEWS)}, got {name!r}")
+    view = code(VIEWS[name][0], "SCT", VIEWS[name][1])
     view.ViewModifierCodeSequence = []
     return view
 
@@ -253,38 +225,3 @@ def _image(dataset: Dataset, q: AnyArray) -> None:
     body = q.astype("<u2").tobytes()
     dataset.PixelData = body
     dataset["PixelData"].VR = "OW"
-
-
-def _save(path: Path, dataset: Dataset) -> None:
-    meta = FileMetaDataset()
-    meta.MediaStorageSOPClassUID, meta.MediaStorageSOPInstanceUID = dataset.SOPClassUID, dataset.SOPInstanceUID
-    meta.TransferSyntaxUID, meta.ImplementationClassUID = ExplicitVRLittleEndian, PYDICOM_IMPLEMENTATION_UID
-    FileDataset(str(path), dataset, file_meta=meta, preamble=b"\0" * 128).save_as(path, enforce_file_format=True)
-
-
-def _place(grid: Grid, k: int) -> list[str]:
-    return [_ds(v) for v in grid.points([k, 0, 0])[0]]
-
-
-def _axes(grid: Grid) -> list[str]:
-    """Direction of a row (along which x grows), then of a column."""
-    return [_ds(v) for v in (*grid.direction[:, 0], *grid.direction[:, 1])]
-
-
-def _ds(value: float) -> str:
-    """The best decimal text of at most 16 characters."""
-    return str(format_number_as_ds(float(value) + 0.0))
-
-
-def _code(value: str, scheme: str, meaning: str) -> Dataset:
-    return _item(CodeValue=value, CodingSchemeDesignator=scheme, CodeMeaning=meaning)
-
-
-def _item(**values: object) -> Dataset:
-    return _fill(Dataset(), values)
-
-
-def _fill(dataset: Dataset, values: Mapping[str, object]) -> Dataset:
-    for keyword, value in values.items():
-        setattr(dataset, keyword, value)
-    return dataset
