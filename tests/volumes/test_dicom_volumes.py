@@ -358,7 +358,7 @@ def test_a_folder_with_files_is_never_written_over(tmp_path):
     (tmp_path / "plain").write_text("kept")
     with pytest.raises(FileError, match="plain: is a file"):
         pp.write_volume(tmp_path / "plain", marked())
-    with pytest.raises(FileError, match=r"labels are not|cannot tell"):
-        pp.write_labels(tmp_path / "l.dcm", pp.Labels(np.zeros(GRID.shape, int), GRID))
+    with pytest.raises(FileError, match=r"cannot tell"):
+        pp.write_labels(tmp_path / "labels", pp.Labels(np.zeros(GRID.shape, int), GRID))
     assert pydicom.dcmread(files(tmp_path / "ct")[0]).SOPClassUID == CT
     assert sorted(p.name for p in tmp_path.iterdir()) == ["ct", "plain"]

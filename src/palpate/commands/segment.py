@@ -21,7 +21,10 @@ def segment_command(
         Path,
         typer.Argument(help="Volume file, or the folder of a CT series.", show_default=False),
     ],
-    output: Annotated[Path, typer.Option("-o", "--output", help="Labels to write.", show_default=False)],
+    output: Annotated[
+        Path,
+        typer.Option("-o", "--output", help="Labels: .nii.gz, .nrrd, .mha; .dcm beside DICOM.", show_default=False),
+    ],
     lower: Annotated[float | None, typer.Option(help="Lowest value, in the volume's unit. Default: Otsu's.")] = None,
     upper: Annotated[float | None, typer.Option(help="Highest value.")] = None,
     largest: Annotated[bool, typer.Option("--largest", help="Keep the largest connected part only.")] = False,
@@ -34,6 +37,10 @@ def segment_command(
     name: Annotated[str, typer.Option(help="Name of the new label.")] = "organ",
     onto: Annotated[Path | None, typer.Option(help="Labels to which the new one is added.")] = None,
     inside: Annotated[str | None, typer.Option(help="Only within this label of --onto.")] = None,
+    like: Annotated[
+        Path | None,
+        typer.Option(help="For -o NAME.dcm: DICOM images to refer to (folder or file). Default: VOLUME."),
+    ] = None,
     method: Annotated[str, typer.Option(help="threshold, or a segmenter of your own (--plugin).")] = "threshold",
 ) -> None:
     """Example: [bold]palpate segment ct.nii.gz -o labels.nii.gz --lower 150 --largest[/bold]
@@ -43,11 +50,16 @@ def segment_command(
     A lump inside an organ:
     palpate segment breast.nii.gz -o both.nii.gz --onto labels.nii.gz
     --inside organ --lower 0.06 --largest --name lump
+
+    A DICOM segmentation of a CT series:
+    palpate segment ct/ -o seg.dcm --lower 150 --largest --name bone
     """
-    from palpate.atomic_write import writable
+    from palpate.volumes.io import DICOM, writable_labels
     from palpate.volumes.segmentation import label_volumes
 
-    writable(output)
+    if like is None and output.suffix.lower() in DICOM:
+        like = volume
+    writable_labels(output, like)
     with doing(f"segmenting {volume.name}"):
         labels = pp.segment(
             pp.read_volume(volume),
@@ -65,7 +77,7 @@ def segment_command(
             inside=inside,
             method=method,
         )
-    pp.write_labels(output, labels)
+    pp.write_labels(output, labels, like)
     for value, volume_ml in label_volumes(labels).items():
         typer.echo(f"{value} ({labels.names.get(value, value)}): {volume_ml:.2f} ml")
     typer.echo(f"wrote {output}")

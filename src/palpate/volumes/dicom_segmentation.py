@@ -1,6 +1,7 @@
 """Reading DICOM segmentations: one frame for each slice of each segment, or one that holds the labels."""
 
 import math
+import re
 import warnings
 from pathlib import Path
 
@@ -19,12 +20,15 @@ from palpate.volumes.dicom_io import (
     tag_number,
     tag_numbers,
 )
+from palpate.volumes.dicom_items import MANUFACTURER
 from palpate.volumes.file_axes import StoredImage
 
-CLASSES = {"1.2.840.10008.5.1.4.1.1.66.4": "Segmentation", "1.2.840.10008.5.1.4.1.1.66.7": "Label Map Segmentation"}
+SEGMENTATION = "1.2.840.10008.5.1.4.1.1.66.4"
+CLASSES = {SEGMENTATION: "Segmentation", "1.2.840.10008.5.1.4.1.1.66.7": "Label Map Segmentation"}
 MOST_VOXELS = 2**29
 FEWEST_SLICES = 0.02  # of all slices: a file that holds fewer is damaged
 UNEQUAL = 0.01  # of a step between slices
+VALUE = re.compile(r"label value (\d{1,10})(, no name)?")
 
 
 def is_segmentation(dataset: Dataset) -> bool:
@@ -32,16 +36,19 @@ def is_segmentation(dataset: Dataset) -> bool:
     return str(dataset.get("SOPClassUID", "")) in CLASSES
 
 
+def label_value_text(value: int, named: bool) -> str:
+    """Segment Description of a label in a file that palpate writes: numbers of segments have no gaps, labels may."""
+    return f"label value {value}" + ("" if named else ", no name")
+
+
 def read(path: Path, dataset: Dataset) -> StoredImage:
     """Labels (slices, rows, columns) with the segments' names. Where segments overlap, the later one counts, with a warning.
 
-    A fractional segmentation counts from half on. Raises `FileError`, `DataError`.
+    A fractional segmentation counts from half on. Palpate's own files say the labels' values, and hold the first and the
+    last slice of their grid. Raises `FileError`, `DataError`.
     """
-    where = str(path)
-    names = {
-        int(tag_number(where, each, "SegmentNumber")): str(each.get("SegmentLabel") or "segment")
-        for each in dataset.get("SegmentSequence") or []
-    }
+    own = dataset.get("Manufacturer") == MANUFACTURER
+    numbers, names = _segments(path, dataset, own)
     frames = _frames(path, dataset)
     positions, axes, spacing = _places(path, dataset, len(frames))
     normal = np.cross(*axes)
@@ -52,7 +59,8 @@ def read(path: Path, dataset: Dataset) -> StoredImage:
     if off > UNEQUAL * step:
         raise FileError(f"{path}: slices are unequally spaced, up to {off:.3g} mm off {step:.5g} mm; resample it")
     shape = (int(at.max()) + 1, *frames.shape[1:])
-    if math.prod(shape) > MOST_VOXELS or len(np.unique(at)) < FEWEST_SLICES * shape[0]:
+    few = not own and len(np.unique(at)) < FEWEST_SLICES * shape[0]
+    if math.prod(shape) > MOST_VOXELS or few:
         raise DataError(
             f"{path}: {len(np.unique(at))} slices of a volume of {shape} voxels; its positions are damaged, or crop it"
         )
@@ -64,7 +72,9 @@ def read(path: Path, dataset: Dataset) -> StoredImage:
         values[at] = frames
         return StoredImage(values, affine, names={n: name for n, name in names.items() if n})
     values = _labelled(path, dataset, frames, at, shape)
-    if values.any(axis=(1, 2)).all():  # a file that leaves out what is empty: a free slice on both sides
+    if own:
+        values = np.array([numbers.get(n, n) for n in range(int(values.max()) + 1)], np.int32)[values]
+    if not own and values.any(axis=(1, 2)).all():  # a file that leaves out what is empty: a free slice on both sides
         values = np.pad(values, ((1, 1), (0, 0), (0, 0)))
         affine[:3, 3] -= affine[:3, 2]
         warnings.warn(
@@ -73,6 +83,18 @@ def read(path: Path, dataset: Dataset) -> StoredImage:
             stacklevel=4,
         )
     return StoredImage(values, affine, names=names)
+
+
+def _segments(path: Path, dataset: Dataset, own: bool) -> tuple[dict[int, int], dict[int, str]]:
+    """Number of each segment to the value of its label, and that to its name."""
+    values, names = {}, {}
+    for each in dataset.get("SegmentSequence") or []:
+        number = int(tag_number(str(path), each, "SegmentNumber"))
+        told = VALUE.fullmatch(str(each.get("SegmentDescription", ""))) if own else None
+        values[number] = int(told[1]) if told else number
+        if not (told and told[2]):
+            names[values[number]] = str(each.get("SegmentLabel") or "segment")
+    return values, names
 
 
 def _labelled(path: Path, dataset: Dataset, frames: AnyArray, at: AnyArray, shape: tuple[int, ...]) -> AnyArray:

@@ -42,7 +42,8 @@ ALIKE = 1e-4  # cosines and mm
 class Slice:
     """One image of a stack. axes: (2, 3), directions of a row and of a column; spacing: mm between rows, columns.
 
-    values: (rows, columns) as stored; what they mean is slope · value + intercept, in `unit`.
+    values: (rows, columns) as stored; what they mean is slope · value + intercept, in `unit`. header: of its file, without
+    the pixels; frame: its number in that file from 1, None where the file has one image.
     """
 
     where: str
@@ -54,6 +55,8 @@ class Slice:
     intercept: float
     unit: str | None
     between: float | None
+    header: Dataset
+    frame: int | None
 
 
 def read(path: Path) -> StoredImage:
@@ -67,20 +70,36 @@ def read(path: Path) -> StoredImage:
         dataset = read_dataset(path)
         if dicom_segmentation.is_segmentation(dataset):
             return dicom_segmentation.read(path, dataset)
-        _refuse_other_kinds(path, dataset)
-        if frame_count(str(path), dataset) > 1 or has_tag(dataset, "PerFrameFunctionalGroupsSequence"):
-            return _stacked(path, list(_frames(path, dataset)))
-        return _stacked(path, _series(path.parent, path))
+        return _stacked(path, _of_file(path, dataset))
 
 
-def _series(folder: Path, like: Path | None) -> list[Slice]:
+def read_headers(path: Path) -> tuple[list[Slice], Float64]:
+    """The slices of what `read` reads, in the order of their places, without pixels (all are 0); and their affine (4, 4).
+
+    Raises `FileError`, `DataError`.
+    """
+    with reading_dicom(path):
+        if path.is_dir():
+            return _ordered(path, _series(path, None, pixels=False))
+        return _ordered(path, _of_file(path, read_dataset(path, pixels=False), pixels=False))
+
+
+def _of_file(path: Path, dataset: Dataset, pixels: bool = True) -> list[Slice]:
+    """The slices of a multi-frame file, or of the series to which a file of one slice belongs."""
+    _refuse_other_kinds(path, dataset)
+    if frame_count(str(path), dataset) > 1 or has_tag(dataset, "PerFrameFunctionalGroupsSequence"):
+        return list(_frames(path, dataset, pixels))
+    return _series(path.parent, path, pixels)
+
+
+def _series(folder: Path, like: Path | None, pixels: bool = True) -> list[Slice]:
     """The slices of the one series in a folder, or of the series to which the file `like` belongs."""
     slices = []
     for path in series_paths(folder, CLASSES, like):
         with reading_dicom(path):
-            dataset = read_dataset(path)
+            dataset = read_dataset(path, pixels)
             _refuse_other_kinds(path, dataset)
-            slices += list(_frames(path, dataset))
+            slices += list(_frames(path, dataset, pixels))
     return slices
 
 
@@ -96,9 +115,10 @@ def _refuse_other_kinds(path: Path, dataset: Dataset) -> None:
     )
 
 
-def _frames(path: Path, dataset: Dataset) -> Iterator[Slice]:
+def _frames(path: Path, dataset: Dataset, pixels: bool) -> Iterator[Slice]:
     """Each frame of a file, wherever its tags lie: in its functional groups, in the shared ones, or at the top."""
-    values = stored_pixels(path, dataset)
+    values = stored_pixels(path, dataset) if pixels else _no_pixels(path, dataset)
+    dataset.pop("PixelData", None)  # the slices have what they need of it
     many = len(values) > 1
     for frame, image in enumerate(values):
         where = f"{path}, frame {frame + 1}" if many else str(path)
@@ -124,7 +144,17 @@ def _frames(path: Path, dataset: Dataset) -> Iterator[Slice]:
             spacing,
             *_meaning(where, dataset, frame),
             abs(tag_number(where, measures, step)) if step else None,
+            dataset,
+            frame + 1 if many or has_tag(dataset, "NumberOfFrames") else None,
         )
+
+
+def _no_pixels(path: Path, dataset: Dataset) -> AnyArray:
+    """(frames, rows, columns) of zeros that take no memory."""
+    shape = (frame_count(str(path), dataset), *(int(tag_number(str(path), dataset, k)) for k in ("Rows", "Columns")))
+    if min(shape) < 1:
+        raise FileError(f"{path}: its header says {shape} frames, rows, columns; copy or export it again")
+    return np.broadcast_to(np.uint8(0), shape)
 
 
 def _meaning(where: str, dataset: Dataset, frame: int) -> tuple[float, float, str | None]:
@@ -146,7 +176,14 @@ def _meaning(where: str, dataset: Dataset, frame: int) -> tuple[float, float, st
 
 
 def _stacked(path: Path, slices: list[Slice]) -> StoredImage:
-    """Slices in the order of their places, once they are of one kind and equally far apart."""
+    """The volume of slices that are of one kind and equally far apart."""
+    slices, affine = _ordered(path, slices)
+    values = np.stack([np.float32(s.values * np.float64(s.slope) + s.intercept) for s in slices])
+    return StoredImage(values, affine, slices[0].unit)
+
+
+def _ordered(path: Path, slices: list[Slice]) -> tuple[list[Slice], Float64]:
+    """Slices in the order of their places, once they are of one kind and equally far apart, and their affine (4, 4)."""
     if not slices:
         raise FileError(f"{path}: no slices there, only overviews (localizers); name the folder of the slices")
     first = slices[0]
@@ -170,8 +207,7 @@ def _stacked(path: Path, slices: list[Slice]) -> StoredImage:
     affine[:3, 1] = first.axes[1] * first.spacing[0]
     affine[:3, 2] = _step(path, slices, normal)
     affine[:3, 3] = slices[0].position
-    values = np.stack([np.float32(s.values * np.float64(s.slope) + s.intercept) for s in slices])
-    return StoredImage(values, affine, first.unit)
+    return slices, affine
 
 
 def _step(path: Path, slices: list[Slice], normal: Float64) -> Float64:

@@ -10,8 +10,9 @@ from palpate.atomic_write import new_folder, replacing, replacing_folder, writab
 from palpate.bounded_read import existing_file, existing_path
 from palpate.errors import DataError, FileError, GeometryError
 from palpate.plugins import read_by_plugin
-from palpate.volumes import dicom_volumes, dicom_write, metaimage, nifti, nrrd, ome_zarr, tiff
+from palpate.volumes import dicom_segmentation_write, dicom_volumes, dicom_write, metaimage, nifti, nrrd, ome_zarr, tiff
 from palpate.volumes.dicom_io import is_dicom
+from palpate.volumes.dicom_source import source_images
 from palpate.volumes.file_axes import StoredImage, affine_of, right_handed
 from palpate.volumes.suppress_output import suppress_output
 from palpate.volumes.volume import Labels, Volume
@@ -150,33 +151,71 @@ def read_labels(path: str | Path, names: Mapping[int, str] | None = None) -> Lab
         raise type(problem)(f"{path}: {problem}") from None
 
 
-def write_labels(path: str | Path, labels: Labels) -> None:
-    """Write labels, their grid and their names, as the smallest integer type that holds them.
+def write_labels(path: str | Path, labels: Labels, like: str | Path | None = None) -> None:
+    """Write labels, their grid and their names, as the smallest integer type that holds them, or as a DICOM segmentation.
 
     Parameters
     ----------
     path : str or Path
-        A file in .nii, .nii.gz, .nrrd or .mha.
+        A file in .nii, .nii.gz, .nrrd, .mha or .dcm.
     labels : Labels
         What to write.
+    like : str or Path, optional
+        Needed for .dcm alone: the folder of the DICOM series on whose grid the labels lie, one file of it, or a
+        multi-frame file. The segmentation has its patient, study and frame of reference, and refers to its images. Axes
+        of the labels may be swapped or reversed against it.
 
     Raises
     ------
     FileError
-        If the file cannot be written or the format holds no labels.
+        If the file cannot be written, the format holds no labels, or `like` cannot be read or lacks an identifier.
+    DataError
+        If `like` is missing, is given for another format or is no volume, or if DICOM cannot hold the labels: none,
+        negative ones, more than 65,535, names of more than 64 characters.
+    GeometryError
+        If the labels do not lie on the grid of `like`.
 
     Examples
     --------
     >>> pp.write_labels("labels.nrrd", labels)
+    >>> pp.write_volume("ct", volume)
+    >>> pp.write_labels("labels.dcm", labels, like="ct")
+    >>> pp.read_labels("labels.dcm").names
+    {1: 'organ', 2: 'lump'}
     """
-    path, form = _form(path, writing=True)
-    if form in (ome_zarr, tiff):
-        raise FileError(f"{path}: labels are not written in this format; name it .nii.gz, .nrrd or .mha")
+    path, form = _labels_form(path, like)
+    if form is None:
+        dicom_segmentation_write.write(path, labels, like)
+        return
     low, high = int(labels.values.min()), int(labels.values.max())
     kinds = (np.uint8, np.int16, np.int32)
     kind = next(k for k in kinds if np.iinfo(k).min <= low and high <= np.iinfo(k).max)
     with replacing(path) as temporary:
         form.write(temporary, StoredImage(labels.values.astype(kind), affine_of(labels.grid), names=labels.names))
+
+
+def writable_labels(path: str | Path, like: str | Path | None = None) -> None:
+    """Returns if labels can be written to `path`, like those images. Call before long work.
+
+    Raises `FileError`, `DataError`.
+    """
+    path, form = _labels_form(path, like)
+    writable(path)
+    if form is None:
+        source_images(like)
+
+
+def _labels_form(path: str | Path, like: str | Path | None) -> tuple[Path, ModuleType | None]:
+    """The format in which labels are written; None for a DICOM segmentation."""
+    path = Path(path)
+    if path.suffix.lower() in DICOM:
+        return path, None
+    if like is not None:
+        raise DataError(f"{path}: like is for DICOM segmentations; name a .dcm file, or leave it out")
+    path, form = _form(path, writing=True)
+    if form in (ome_zarr, tiff):
+        raise FileError(f"{path}: labels are not written in this format; name it .nii.gz, .nrrd, .mha or .dcm")
+    return path, form
 
 
 def writable_volume(path: str | Path) -> Path:

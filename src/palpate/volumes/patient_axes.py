@@ -1,11 +1,11 @@
-"""Reorders the axes of a volume along those of the patient."""
+"""Reorders the axes of a volume along those of the patient, or of another grid."""
 
 from itertools import permutations, product
 from typing import Protocol
 
 import numpy as np
 
-from palpate.arrays import AnyArray, Float32, Int32
+from palpate.arrays import AnyArray, Float32, Float64, Int32
 from palpate.volumes.grid import Grid
 
 
@@ -47,14 +47,24 @@ def reorient_to_patient(volume: VoxelImage) -> tuple[Float32, Grid]:
 
 def patient_view(values: AnyArray, grid: Grid) -> AnyArray:
     """Values (z, y, x) on a grid, as a view with the axes of `patient_grid`."""
-    order, signs = _nearest_axes(grid)
-    flips = tuple(slice(None, None, signs[2 - a]) for a in range(3))
-    return values.transpose([2 - order[2 - a] for a in range(3)])[flips]
+    return reordered_view(values, grid, np.eye(3))
 
 
 def patient_grid(grid: Grid) -> Grid:
     """The same voxels as a grid whose axes x, y, z are nearest to left, posterior, superior."""
-    order, signs = _nearest_axes(grid)
+    return reordered_grid(grid, np.eye(3))
+
+
+def reordered_view(values: AnyArray, grid: Grid, direction: Float64) -> AnyArray:
+    """Values (z, y, x) on a grid, as a view with the axes of `reordered_grid`."""
+    order, signs = _nearest_axes(grid, direction)
+    flips = tuple(slice(None, None, signs[2 - a]) for a in range(3))
+    return values.transpose([2 - order[2 - a] for a in range(3)])[flips]
+
+
+def reordered_grid(grid: Grid, direction: Float64) -> Grid:
+    """The same voxels as a grid whose axes x, y, z, swapped and reversed, are nearest to the columns of `direction`."""
+    order, signs = _nearest_axes(grid, direction)
     axes = [2 - order[2 - a] for a in range(3)]  # of the array, (z, y, x)
     corner = np.zeros(3)
     for a in range(3):
@@ -64,7 +74,7 @@ def patient_grid(grid: Grid) -> Grid:
     return Grid(shape, spacing, grid.points(corner)[0], grid.direction[:, order] * signs)
 
 
-def _nearest_axes(grid: Grid) -> tuple[list[int], list[int]]:
+def _nearest_axes(grid: Grid, direction: Float64) -> tuple[list[int], list[int]]:
     """For x, y and z the grid's axis that is nearest, and its sign: of all rotations the one with the largest trace."""
     ways = [
         (list(order), list(signs))
@@ -72,7 +82,7 @@ def _nearest_axes(grid: Grid) -> tuple[list[int], list[int]]:
         for signs in product((1, -1), repeat=3)
         if np.linalg.det(np.eye(3)[:, order] * signs) > 0
     ]
-    return max(ways, key=lambda way: float(np.trace(grid.direction[:, way[0]] * way[1])))
+    return max(ways, key=lambda way: float(np.trace(direction.T @ (grid.direction[:, way[0]] * way[1]))))
 
 
 def has_patient_axes(volume: VoxelImage) -> bool:
