@@ -1,9 +1,11 @@
 """An archive of scans on workers: how much two do in the time of one, what kills cost, and the memory of the client.
 
     python -m benchmarks.archive [--scans 200] [--kills 20] [--tiny 1000] [--seed 1]
+    python -m benchmarks.archive --slurm 20
 
 Scans are small and differ by their noise. Every run has one thread. Outputs of two workers, and those that come about
-with kills between, are compared with those of one worker, bit for bit.
+with kills between, are compared with those of one worker, bit for bit. The second command needs a Slurm of one node: it
+drains the node and cancels its jobs midway, and lets it go on after ten seconds.
 """
 
 import argparse
@@ -189,6 +191,33 @@ def client_memory(folder: Path, count: int) -> None:
     )
 
 
+def drained(folder: Path, count: int) -> None:
+    """Drains the node of a real Slurm midway."""
+    study, volumes, serial = (
+        make_scans(folder / "slurm", count, SIDE),
+        folder / "slurm-volumes",
+        folder / "slurm-serial",
+    )
+    timed(words(study, serial, OPTIONS, 1))
+    node = subprocess.run(["sinfo", "-hN", "-o", "%N"], check=True, capture_output=True, text=True).stdout.split()[0]
+    client = subprocess.Popen(words(study, volumes, OPTIONS, "slurm:2"), stderr=subprocess.PIPE, text=True)
+    while len(list(volumes.glob("*.nii.gz"))) < count // 4:
+        time.sleep(0.1)
+    for line in (
+        f"scontrol update nodename={node} state=drain reason=benchmark",
+        "scancel -n dask-worker",
+        "sleep 10",
+        f"scontrol update nodename={node} state=resume",
+    ):
+        subprocess.run(line.split(), check=True)
+    said = client.communicate()[1]
+    print(said, end="")
+    same = bits(volumes) == bits(serial)
+    print(
+        f"{count} scans on Slurm, drained midway: ended with {client.returncode}, {'the same' if same else 'OTHER'} bits"
+    )
+
+
 def main() -> None:
     """Measures all."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -196,10 +225,14 @@ def main() -> None:
     parser.add_argument("--kills", type=int, default=20)
     parser.add_argument("--tiny", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--slurm", type=int, default=0)
     given = parser.parse_args()
     os.environ["PALPATE_THREADS"] = "1"
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
+        if given.slurm:
+            drained(folder, given.slurm)
+            return
         if given.scans:
             throughput(folder, given.scans)
         if given.kills:

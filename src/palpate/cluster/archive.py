@@ -1,10 +1,12 @@
 """Many runs at once, spread by Dask's scheduler, which carries paths and records, never images."""
 
+import contextlib
 import hashlib
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from palpate.atomic_write import writable
 from palpate.bounded_read import existing_path
@@ -13,6 +15,11 @@ from palpate.cluster.command_run import CommandRun, RunRecord, absolute_run, com
 from palpate.cluster.connection import check_on, connected, is_shared
 from palpate.errors import ClusterError, DataError
 
+if TYPE_CHECKING:
+    from distributed import Future
+
+INTERVAL = 0.1  # s between two looks at what has ended
+LOOK = 5.0  # s between two looks at whether there are workers
 DEATHS = 3  # of workers during one run, before it counts as failed
 
 
@@ -60,7 +67,6 @@ def run_archive(
     if not runs:
         return []
     from distributed import as_completed
-    from distributed.client import FutureCancelledError
 
     places = [absolute_run(run) for run in runs]
     records: dict[int, RunRecord] = {}
@@ -75,20 +81,38 @@ def run_archive(
             client.submit(run_command, run, threads, key=_name(run), pure=False, retries=DEATHS): k
             for k, run in enumerate(places)
         }
-        for future in as_completed(futures):
-            k = futures[future]
-            try:
-                records[k] = future.result()
-            except (FutureCancelledError, OSError):
-                raise ClusterError(
-                    f"on: the scheduler is gone; {len(records)} of {len(runs)} runs are done: the same command goes on"
-                ) from None
-            except Exception as problem:  # its workers died, or the run does not fit them
-                records[k] = RunRecord("", "failed", f"{type(problem).__name__}: {problem}"[:400])
-            future.release()
-            left = (time.monotonic() - began) / len(records) * (len(runs) - len(records))
-            say(f"{summary(records.values())}{f', {left:.0f} s left' if left >= 1 else ''}", len(records) / len(runs))
+        ended, looked = as_completed(futures), time.monotonic()
+        while len(records) < len(runs):
+            batch = ended.next_batch(block=False)
+            for future in batch:
+                records[futures[future]] = record_of(future, len(records), len(runs))
+                future.release()
+                left = (time.monotonic() - began) / len(records) * (len(runs) - len(records))
+                rest = f", {left:.0f} s left" if left >= 1 else ""
+                say(f"{summary(records.values())}{rest}", len(records) / len(runs))
+            if not batch:
+                time.sleep(INTERVAL)
+                if time.monotonic() > looked + LOOK:
+                    looked = time.monotonic()
+                    with contextlib.suppress(OSError):  # the futures say it if the scheduler is gone
+                        if not client.nthreads():
+                            say(f"{summary(records.values())}; there is no worker now", len(records) / len(runs))
     return [records[k] for k in range(len(runs))]
+
+
+def record_of(future: "Future", done: int, count: int) -> RunRecord:
+    """What became of the run of a future that has ended. Raises `ClusterError` if the scheduler is gone."""
+    from distributed.client import FutureCancelledError
+
+    try:
+        record: RunRecord = future.result()
+    except (FutureCancelledError, OSError):
+        raise ClusterError(
+            f"on: the scheduler is gone; {done} of {count} runs are done: the same command goes on"
+        ) from None
+    except Exception as problem:  # its workers died, or the run does not fit them
+        return RunRecord("", "failed", f"{type(problem).__name__}: {problem}"[:400])
+    return record
 
 
 def summary(records: Iterable[RunRecord]) -> str:

@@ -74,7 +74,8 @@ def connected(on: int | str) -> "Iterator[tuple[Client, int]]":
                     "on: Slurm needs dask-jobqueue, which is not installed: pip install 'palpate[slurm]'"
                 ) from None
             cluster = stack.enter_context(SLURMCluster(cores=1, processes=1, **_memory()))
-            cluster.scale(jobs=int(on.partition(":")[2]))
+            jobs = int(on.partition(":")[2])
+            cluster.adapt(minimum_jobs=jobs, maximum_jobs=jobs)  # a job that ends or is cancelled is sent anew
             client = stack.enter_context(Client(cluster))
         else:
             where = {"scheduler_file": on} if on.endswith(".json") else {"address": on}
