@@ -15,8 +15,9 @@ from palpate.atomic_write import output_folder
 from palpate.errors import DataError, FileError
 
 UNITS = {"": 1, "B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12, "KIB": 2**10, "MIB": 2**20, "GIB": 2**30}
-SMALLEST = 500 * 10**6  # bytes: Python, its libraries and the kernels' own need most of that
-ARRAYS = 0.5  # share of the limit that arrays take in memory; the rest is for what passes through from files
+SMALLEST = 500 * 10**6  # bytes
+OTHERS = 250 * 10**6  # bytes that Python, its libraries and the kernels need beside arrays
+ARRAYS = 0.5  # share of the rest that arrays take in memory; the other is for what passes through from files
 TMPFS = {"tmpfs", "ramfs"}  # files there are memory
 
 
@@ -35,7 +36,7 @@ def bytes_of(words: str | float) -> int:
 def memory_limit(memory: str | float, folder: str | Path | None = None) -> Iterator[None]:
     """Limit the memory of what is made in a block.
 
-    Half of the limit is for arrays in memory. All further ones lie in files without a name in the folder, and go with the
+    Half of what Python itself leaves of it is for arrays in memory. All further ones lie in files without a name in the folder, and go with the
     process. The system keeps of the files what it has room for. Results are the same, to the bit.
 
     Parameters
@@ -69,7 +70,7 @@ def memory_limit(memory: str | float, folder: str | Path | None = None) -> Itera
     if file_system(folder) in TMPFS:
         raise FileError(f"{folder}: lies in memory itself; name a folder on a disk with --scratch")
     before = _core.base.set_allocator(_numpy_table(), _core.base.scratch_allocator())
-    _core.base.set_scratch(str(folder), int(amount * ARRAYS))
+    _core.base.set_scratch(str(folder), int((amount - OTHERS) * ARRAYS))
     try:
         yield
     except MemoryError:
