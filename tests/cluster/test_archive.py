@@ -25,7 +25,7 @@ from palpate.commands import app
 from palpate.errors import ClusterError, DataError, FileError
 
 OPTIONS = ("--thickness", "20", "--iterations", "4", "--no-check")
-LONG = ("--thickness", "20", "--iterations", "60", "--tolerance", "0", "--no-check", "--spacing", "0.7")
+LONG = ("--thickness", "20", "--iterations", "40", "--tolerance", "0", "--no-check", "--spacing", "0.7")
 
 
 @pytest.fixture(scope="module")

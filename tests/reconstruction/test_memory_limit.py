@@ -18,7 +18,7 @@ from palpate.reconstruction.memory_limit import bytes_of, file_system, scratch_b
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="no limit of memory on Windows")
 MB = 10**6
-GRANTED = 620 * MB  # bytes of private memory that the system gives a process below
+GRANTED = 460 * MB  # bytes of private memory that the system gives a process below
 
 
 def private_in_use():
@@ -95,14 +95,14 @@ with open(out, "wb") as file:
 """
 
 
-def reconstruct(limit, granted, out, side=800):
+def reconstruct(limit, granted, out, side=620):
     """In a process to which the system grants so many bytes of private memory; 0: all."""
     words = [sys.executable, "-c", CODE, limit, str(granted), str(side), str(out)]
     return subprocess.run(words, capture_output=True, text=True, timeout=300)
 
 
 def test_a_reconstruction_that_the_system_has_no_memory_for_is_made_and_has_the_same_bits(tmp_path):
-    """Volumes of 150 MB, several at a time, where fewer fit; the limit is the operating system's, not ours."""
+    """Volumes of 90 MB, several at a time, where fewer fit; the limit is the operating system's, not ours."""
     whole = reconstruct("none", 0, tmp_path / "whole")
     assert whole.returncode == 0, whole.stderr
     assert "MemoryError" in reconstruct("none", GRANTED, tmp_path / "lacking").stderr
