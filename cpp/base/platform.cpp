@@ -71,12 +71,6 @@ void* map_file(const std::string& folder, size_t size, int& error) {
 #endif
     void* memory = error ? MAP_FAILED : mmap(nullptr, size, PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
     if (memory == MAP_FAILED && !error) error = errno;
-#ifdef __linux__
-    // The kernels pass over volumes in order. Read ahead, the disk works while they do; otherwise they wait for each
-    // piece.
-    posix_fadvise(file, 0, 0, POSIX_FADV_SEQUENTIAL);
-    if (memory != MAP_FAILED) madvise(memory, size, MADV_SEQUENTIAL);
-#endif
     close(file);
     return memory == MAP_FAILED ? nullptr : memory;
 }
