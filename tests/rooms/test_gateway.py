@@ -212,6 +212,22 @@ def test_a_room_that_dies_is_back_with_its_cuts_and_its_notes_each_time(rooms, f
     assert [len(record.cuts) > 0 for record in records] == [True, True]
 
 
+def test_a_room_that_dies_in_its_first_second_is_back_too(folder):
+    """Its journal holds nothing yet."""
+    organs = (folder / "kidney.vtu",)
+    with open_rooms([pp.RoomFile("young", organs, record=folder / "young.h5")], folder) as opened:
+        room, address = opened.rooms["young"], opened.address("young", "trainee")
+        for _ in range(3):
+            with socket_of(address) as page:
+                until_message(page, lambda data: data[0] == FRAME)
+                room._process.kill()
+                with pytest.raises(ConnectionClosed):
+                    until_message(page, lambda data: False)
+            until(lambda: room.port != 0)
+        assert room.deaths == 3
+        assert room.problem == ""
+
+
 def test_a_room_that_cannot_be_opened_says_why(folder):
     (folder / "broken.vtu").write_text("no mesh")
     bad = [pp.RoomFile("bad", (folder / "broken.vtu",))]

@@ -21,7 +21,7 @@ from palpate.server.live_session import LiveSession
 from palpate.server.loopback_server import loopback_socket
 from palpate.server.touch import running_session, write_records
 from palpate.simulation.pointer import Pointer
-from palpate.simulation.recording import Record, read_record
+from palpate.simulation.recording import Record, recovered
 from palpate.simulation.session import Session
 from palpate.simulation.session_journal import journal_path
 from palpate.simulation.session_notes import SessionNote
@@ -55,7 +55,7 @@ def opened(room: dict[str, Any]) -> tuple[LiveSession, list[Blade]]:
     organs = {Path(path).stem: read_tissue(path) for path in room["organs"]}
     first = next(iter(organs.values()))
     record = None if room["record"] is None else Path(room["record"])
-    left = None if record is None or not journal_path(record).is_file() else read_record(record)
+    left = None if record is None or not journal_path(record).is_file() else recovered(journal_path(record))
     given = [Blade(np.array(points), np.array(triangles)) for points, triangles in room["cuts"]]
     cuts = given if left is None else [*given, *active_cuts(left)]
     tissue = with_cuts(first, cuts)

@@ -184,7 +184,7 @@ def read_record(path: str | Path) -> Record:
     if path.suffix == ".json":
         return _checked(Record(**read_page_record(path)), path)
     journal = journal_path(path)
-    if journal.is_file() and (record := _recovered(journal)) is not None:
+    if journal.is_file() and (record := recovered(journal)) is not None:
         warnings.warn(
             f"{journal}: a session that was cut short; its first {record.length / 1000:g} s are read", stacklevel=2
         )
@@ -235,7 +235,7 @@ def start_journal(path: str | Path, head: dict[str, Any]) -> SessionJournal:
     path = Path(path)
     journal = SessionJournal(journal_path(path))
     try:
-        if (left := _recovered(journal.path)) is not None:
+        if (left := recovered(journal.path)) is not None:
             numbered = (path.with_stem(f"{path.stem}-recovered-{number}") for number in count(1))
             free = next(name for name in numbered if not name.exists())
             write_record(free, left)
@@ -247,7 +247,7 @@ def start_journal(path: str | Path, head: dict[str, Any]) -> SessionJournal:
     return journal
 
 
-def _recovered(journal: Path) -> Record | None:
+def recovered(journal: Path) -> Record | None:
     """The record in a journal; None if its session died before the first digest. Raises `FileError`."""
     try:
         if (left := read_journal(journal)) is None:
