@@ -36,8 +36,8 @@ def bytes_of(words: str | float) -> int:
 def memory_limit(memory: str | float, folder: str | Path | None = None) -> Iterator[None]:
     """Limit the memory of what is made in a block.
 
-    Half of what Python itself leaves of it is for arrays in memory. All further ones lie in files without a name in the folder, and go with the
-    process. The system keeps of the files what it has room for. Results are the same, to the bit.
+    Half of what Python itself leaves of it is for arrays in memory. All further ones lie in files without a name in the
+    folder, and go with the process. The system keeps of the files what it has room for. Results are the same, to the bit.
 
     Parameters
     ----------
