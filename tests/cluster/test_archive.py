@@ -85,7 +85,7 @@ def states(table):
 
 
 def test_an_archive_has_the_bits_of_one_command_after_the_other(study, serial, workers, tmp_path):
-    result = reconstruct(study, tmp_path / "volumes", workers.scheduler_address, *OPTIONS)
+    result = reconstruct(study, tmp_path / "volumes", workers.scheduler_address, *OPTIONS, "--resume")
     assert result.exit_code == 0, result.output
     assert bits(tmp_path / "volumes") == bits(serial)
     assert states(tmp_path / "volumes" / "results.csv") == ["done"] * 4

@@ -12,7 +12,7 @@ import typer
 import palpate as pp
 from palpate.commands.progress import progress
 
-MORE = ("on", "suffix", "results", "report")  # options that a run of its own is not given
+MORE = ("on", "suffix", "results", "report", "resume")  # options of which each run decides itself
 FOR_ONE = ("error_map",)  # options that name a file to write, which all runs would
 LISTS = (".csv", ".txt")
 

@@ -38,6 +38,7 @@ def memory_limit(memory: str | float, folder: str | Path | None = None) -> Itera
 
     Half of what Python itself leaves of it is for arrays in memory. All further ones lie in files without a name in the
     folder, and go with the process. The system keeps of the files what it has room for. Results are the same, to the bit.
+    Blocks may not lie in each other.
 
     Parameters
     ----------
