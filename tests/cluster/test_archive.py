@@ -426,6 +426,23 @@ def test_volumes_become_labels_and_labels_meshes_the_same_way(serial, workers, t
     for path in made:
         expected = pp.segment(pp.read_volume(serial / path.name), 0.02)
         np.testing.assert_array_equal(pp.read_labels(path).values, expected.values)
+    z, y, x = np.indices((14, 14, 14)) - 6.5
+    ball = pp.Labels(
+        (z * z + y * y + x * x < 25).astype(np.int32), pp.Grid((14, 14, 14), (2, 2, 2), (0, 0, 0)), {1: "ball"}
+    )
+    (tmp_path / "balls").mkdir()
+    pp.write_labels(tmp_path / "balls" / "ball.nii.gz", ball)
+    options = ["--label", "1", "--edge", "4"]
+    for source, target, more in (
+        ("balls/ball.nii.gz", "ball.vtu", []),
+        ("balls", "meshes", ["--on", workers.scheduler_address]),
+    ):
+        words = ["mesh", str(tmp_path / source), "-o", str(tmp_path / target), *options, *more]
+        result = CliRunner().invoke(app, words)
+        assert result.exit_code == 0, result.output
+    alone, many = pp.read_mesh(tmp_path / "ball.vtu"), pp.read_mesh(tmp_path / "meshes" / "ball.vtu")
+    np.testing.assert_array_equal(alone.nodes, many.nodes)
+    np.testing.assert_array_equal(alone.tets, many.tets)
 
 
 def test_a_table_for_other_programs_holds_the_same(study, tmp_path):

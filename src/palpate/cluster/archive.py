@@ -12,7 +12,7 @@ from palpate.atomic_write import writable
 from palpate.bounded_read import existing_path
 from palpate.cluster.command_process import run_command
 from palpate.cluster.command_run import CommandRun, RunRecord, absolute_run, command_line
-from palpate.cluster.connection import check_on, connected, is_shared
+from palpate.cluster.connection import check_on, connected, workers_without
 from palpate.errors import ClusterError, DataError
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ def run_archive(
     say = progress or (lambda what, share: None)
     with connected(on) as (client, threads):
         say(f"0 of {len(runs)}{_dashboard(client.dashboard_link)}", 0.0)
-        blind = is_shared(places[0].output.parent, client)
+        blind = workers_without(places[0].output.parent, client)
         if blind:
             raise ClusterError(f"on: {', '.join(blind[:3])} cannot see {places[0].output.parent}; share that folder")
         futures = {

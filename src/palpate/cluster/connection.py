@@ -94,7 +94,7 @@ def _memory() -> dict[str, str]:
     return {} if dask.config.get("jobqueue.slurm.memory", None) else {"memory": "4GB"}
 
 
-def is_shared(folder: Path, workers: "Client") -> list[str]:
+def workers_without(folder: Path, client: "Client") -> list[str]:
     """The workers that do not see a folder of this machine."""
-    seen: dict[str, bool] = workers.run(folder.is_dir)
+    seen: dict[str, bool] = client.run(folder.is_dir)
     return [worker for worker, sees in seen.items() if not sees]
