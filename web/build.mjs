@@ -15,7 +15,7 @@ const how = {
 };
 await rm("dist", { recursive: true, force: true });
 await mkdir("dist");
-const touch = await build({ ...how, entryPoints: [{ in: "src/touch/main.ts", out: "main" }, { in: "src/worker.ts", out: "worker" }] });
+const touch = await build({ ...how, entryPoints: [{ in: "src/touch/main.ts", out: "main" }, { in: "src/worker.ts", out: "worker" }, { in: "src/engine/prediction-worker.ts", out: "predict" }] });
 const view = await build({
   ...how,
   entryPoints: [{ in: "src/slices/main.ts", out: "view" }],

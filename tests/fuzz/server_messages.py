@@ -37,7 +37,8 @@ LENGTHS = {
     8: 8,
     12: 12,
     15: 8,
-}  # of a tool, a selection, a mark, a wish to compare, a scalpel, a choice in an experiment, a player, a teacher's lead
+    18: 4,
+}  # of a tool, a selection, a mark, a wish to compare, a scalpel, a choice in an experiment, a player, a lead, detail
 NOTE = 10
 FRAME = 2
 LARGEST, POLICY, TOO_BIG = 1024, 1008, 1009
@@ -55,7 +56,7 @@ def good(data, reach):
         return data[1] < 2 and data[2] < (MODELS, ORGANS)[data[1]]
     if data[0] == 4:
         return data[1] < 2 and data[2] < 4
-    if data[0] == 5:
+    if data[0] in (5, 18):
         return data[1] < 2
     if data[0] == 7:
         depth, *place = struct.unpack_from("<4f", data, 2)

@@ -170,7 +170,9 @@ def test_random_messages_harm_nothing():
     assert told["taken"] > 1200
     assert told["refused with 1008"] > 200
     assert told["refused with 1009"] > 5
-    assert late < early + 16  # MB
+    # MB. Frames that pile up for the page that reads all along would be more: 20 kB each, in 10 s and longer. The
+    # allocator's own arenas have taken 16 on a busy machine.
+    assert late < early + 32
 
 
 def test_no_more_pages_than_the_limit(address):

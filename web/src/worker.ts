@@ -3,14 +3,15 @@
 import { openness } from "./organ/ambient-occlusion";
 import { ColorMap, FIRST_ENDS } from "./organ/color-map";
 import { LocalSession } from "./engine/local-session";
+import { Prediction } from "./engine/prediction";
 import { TouchEngine } from "./engine/touch-engine";
 import { borderEdges, normalize, normals, packNormals, uniqueEdges } from "./organ/mesh-geometry";
 import { noteMessage, readNotes, readTimeline } from "./protocol/text-messages";
-import { readHands, readPeople, type OtherHand } from "./protocol/room-messages";
+import { readHands, readPeople, type OtherHand, type RoomState } from "./protocol/room-messages";
 import { buffersOf, type ColorMode, type FromWorker, type NodeArrays, type Organ, type Scale, type ToWorker } from "./protocol/worker-messages";
 import {
   CloseCode, ComparisonState, DIFFERENCE_BYTES, DIFFERENCE_KIND, DISTANCE_STEPS, FRAME_BYTES, decodeDifference, decodeFrame,
-  HANDS_KIND, NOTES_KIND, PEOPLE_KIND, POSITION_KIND, TIMELINE_KIND, TRIALSTATUS_KIND, decodePosition, decodeTrialStatus, encodeChoice, encodePlay, encodeCompare, encodeMark,
+  HANDS_KIND, NOTES_KIND, PEOPLE_KIND, POSITION_KIND, TIMELINE_KIND, TRIALSTATUS_KIND, Role, decodePosition, decodeTrialStatus, encodeChoice, encodePlay, encodeCompare, encodeMark,
   encodeLead, encodeScalpel, encodeSelection, encodeToolCommand, type Frame, type Scene,
 } from "./protocol/server-messages";
 
@@ -37,7 +38,10 @@ let mode: ColorMode = "plain";
 let scale: Scale = null; // of the colors sent last
 const ends = { ...FIRST_ENDS }; // of the scales
 let waiting = false; // the page has asked for a frame
-let hands: OtherHand[] = []; // in a room, of the newest frame
+let told: OtherHand[] = []; // in a room, of the frame that comes next
+let hands: OtherHand[] = []; // of the newest frame
+let prediction: Prediction | null = null; // in a room
+let frozen = false; // the room has stopped this hand
 let heard = 0; // ms, when the server was heard last
 let silence: "none" | "stale" | "lost" = "none";
 let asked: { serial: number; at: number } | null = null; // the command whose answer is being timed
@@ -91,10 +95,18 @@ function show(data: ArrayBuffer, cut = false): void {
   normalSums = new Float32Array(rest.length);
   pool.length = 0;
   last = newest = null;
-  hands = [];
+  hands = told = [];
   lastAtRest = false;
   page.postMessage({ kind: "organ", organ, cut });
+  prediction?.close();
+  prediction = scene.room && sceneAddress ? new Prediction(scene, rest, predictionAddresses(), showFrame, (state) => page.postMessage({ kind: "prediction", state }), send) : null;
+  prediction?.stop(frozen);
 }
+
+const predictionAddresses = (): [string, string] => {
+  const query = new URL(sceneAddress, self.location.origin).search;
+  return [`/engine${query}`, `/solid${query}`];
+};
 
 function connect(address: string): void {
   socket = new WebSocket(address);
@@ -118,6 +130,7 @@ function connect(address: string): void {
 function hear(): void {
   heard = performance.now();
   if (silence === "lost") page.postMessage({ kind: "status", good: true, text: "" });
+  if (silence !== "none") prediction?.hush(false);
   silence = "none";
 }
 
@@ -129,9 +142,11 @@ function watchSilence(): void {
   const since = performance.now() - heard, { mean, deviation } = roundTrip;
   if (since > MOST_SILENCE) {
     silence = "lost";
+    prediction?.hush(true);
     page.postMessage({ kind: "status", good: false, text: "The room does not answer. Waiting…" });
   } else if (silence === "none" && since > 3 * (mean + 4 * deviation) + LEAST_SILENCE) {
     silence = "stale";
+    prediction?.hush(true);
     page.postMessage({ kind: "stale" });
   }
 }
@@ -144,23 +159,38 @@ function timeRoundTrip(serial: number): void {
   const { mean, deviation } = roundTrip, first = mean === MOST_SILENCE && deviation === 0;
   roundTrip = first ? { mean: took, deviation: took / 2 } : { mean: mean + (took - mean) / 8, deviation: deviation + (Math.abs(took - mean) - deviation) / 4 };
   asked = null;
+  prediction?.measure(roundTrip.mean);
+  page.postMessage({ kind: "way", milliseconds: roundTrip.mean });
 }
 
 function takeMessage(data: ArrayBuffer): void {
   const kind = new DataView(data).getUint8(0);
   if (kind === DIFFERENCE_KIND) takeDifference(data);
   else if (kind === TRIALSTATUS_KIND) page.postMessage({ kind: "trial", status: decodeTrialStatus(new DataView(data)) });
-  else if (kind === HANDS_KIND) hands = readHands(data);
-  else if (kind === PEOPLE_KIND) page.postMessage({ kind: "people", room: readPeople(data) });
+  else if (kind === HANDS_KIND) told = readHands(data);
+  else if (kind === PEOPLE_KIND) takePeople(readPeople(data));
   else if (kind === NOTES_KIND) page.postMessage({ kind: "notes", notes: readNotes(data) });
   else if (kind === TIMELINE_KIND) page.postMessage({ kind: "timeline", tracks: readTimeline(data) });
   else if (kind === POSITION_KIND) page.postMessage({ kind: "position", position: decodePosition(new DataView(data)) });
   else takeFrame(data);
 }
 
+function takePeople(room: RoomState): void {
+  frozen = room.frozen && room.people.find(({ number }) => number === room.you)?.role !== Role.teacher;
+  prediction?.stop(frozen);
+  page.postMessage({ kind: "people", room });
+}
+
+/** A frame of the room or of the session in the page. */
 function takeFrame(data: ArrayBuffer): void {
-  newest = data;
   if (asked) timeRoundTrip(decodeFrame(new DataView(data)).serial);
+  prediction?.hear(data, told);
+  if (!prediction?.active) showFrame(data, told);
+}
+
+function showFrame(data: ArrayBuffer, others: OtherHand[]): void {
+  newest = data;
+  hands = others;
   if (waiting || supersedes(data)) sendFrame();
 }
 
@@ -230,6 +260,7 @@ function sendFrame(): void {
   const began = performance.now();
   const frame = decodeFrame(new DataView(newest));
   if (frame.body !== organ.scene.body) return followCut();
+  if (frame.step && !frame.count) return; // without displacements: prediction has just ended
   if (frame.count !== 0 && frame.count !== organ.scene.nodes) return; // of another scene
   if (pressing) colorMap.addStiffness(frame);
   const unchanged = frame.count === 0 && lastAtRest && !(pressing && mode === "stiffness");
@@ -301,7 +332,9 @@ page.onmessage = ({ data }) => {
   } else if (data.kind === "command") {
     asked ??= { serial: data.command.serial, at: performance.now() };
     send(encodeToolCommand(data.command));
-  } else if (data.kind === "lead") send(encodeLead(data.lead));
+    prediction?.command(data.command);
+  } else if (data.kind === "predict") prediction?.ask(data.on);
+  else if (data.kind === "lead") send(encodeLead(data.lead));
   else if (data.kind === "select") send(encodeSelection(data.selection));
   else if (data.kind === "choose") send(encodeChoice(data.choice));
   else if (data.kind === "scalpel") send(encodeScalpel(data.scalpel));

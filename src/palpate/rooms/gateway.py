@@ -21,6 +21,7 @@ from palpate.server.access_control import LOOPBACK, Admission, page_application
 from palpate.server.bounded_connections import BoundedConnection
 from palpate.server.live_session import report_failure
 from palpate.server.messages import CloseCode
+from palpate.standalone.organ_page import engine_module
 
 PATIENCE = 20.0  # s that a page waits for a room that is being opened again
 CHUNK = 1 << 20  # bytes
@@ -58,8 +59,12 @@ def gateway(rooms: Mapping[str, RoomProcess], secret: str, hosts: frozenset[str]
             task.cancel()
         await asyncio.gather(*(room.close() for room in rooms.values()))
 
-    paths = ("/scene", "/album", "/values/{image:int}/{stack:int}")
-    routes = [*(Route(path, pass_request) for path in paths), WebSocketRoute("/socket", pass_socket)]
+    paths = ("/scene", "/solid", "/album", "/values/{image:int}/{stack:int}")
+    routes = [
+        *(Route(path, pass_request) for path in paths),
+        Route("/engine", engine),
+        WebSocketRoute("/socket", pass_socket),
+    ]
     app = page_application("index.html", routes, Admission(refused, hosts | LOOPBACK), lifespan)
     app.state.rooms, app.state.secret = rooms, secret
     return app
@@ -76,6 +81,11 @@ def invited_by(connection: HTTPConnection) -> tuple[Invitation, RoomProcess]:
     """The invitation of a request that was let in, and its room."""
     one = read_invitation(connection.query_params["token"], connection.app.state.secret)
     return one, connection.app.state.rooms[one.room]
+
+
+async def engine(request: Request) -> Response:
+    """The engine with which a page predicts what its room will answer."""
+    return Response(engine_module(), media_type="application/wasm")
 
 
 async def pass_request(request: Request) -> Response:

@@ -31,6 +31,8 @@ HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "Cache-Control": "no-store",
 }
+# A worker has a policy of its own. This one compiles the engine, and asks nobody for anything.
+PREDICTION, PREDICTION_POLICY = "/static/predict.js", "default-src 'none'; script-src 'wasm-unsafe-eval'"
 WAY_OUT = "open the address that palpate printed when it started"
 
 
@@ -92,7 +94,10 @@ class AccessControl:
 
         async def send_with_headers(message: Message) -> None:
             if message["type"].endswith("http.response.start"):
-                MutableHeaders(scope=message).update(HEADERS)
+                headers = MutableHeaders(scope=message)
+                headers.update(HEADERS)
+                if scope["path"] == PREDICTION:
+                    headers["Content-Security-Policy"] = PREDICTION_POLICY
             await send(message)
 
         refused = None if scope["type"] == "lifespan" else refusal(HTTPConnection(scope))

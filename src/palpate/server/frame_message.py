@@ -45,6 +45,15 @@ def hand_frame(frame: bytes, tools: Sequence[int | None], serial: int) -> bytes:
     return bytes(own)
 
 
+def without_displacements(frame: bytes) -> bytes:
+    """A frame's head, for a page that computes displacements by itself: count 0, and a step that is not 0."""
+    head = bytearray(frame[: PLACES["count"][0] + PLACES["count"][1]])
+    head += bytes(-len(head) % 4)
+    struct.pack_into("<f", head, PLACES["step"][0], 1.0)
+    struct.pack_into("<I", head, PLACES["count"][0], 0)
+    return bytes(head)
+
+
 def serial_in(frame: bytes) -> int:
     """Of the newest command that a frame obeys."""
     return int(struct.unpack_from("<I", frame, PLACES["serial"][0])[0])

@@ -316,6 +316,16 @@ class Hands:
 
 
 @dataclass(frozen=True)
+class Detail:
+    """Page to server, in a room: 0 asks for frames without displacements, since it computes them, 1 for whole ones.
+
+    A frame without them has count 0 and a step that is not 0.
+    """
+
+    whole: U8
+
+
+@dataclass(frozen=True)
 class Frame:
     """Server to page: the state after one tick. Lengths in mm; force in N, of the tissue on the tool.
 
@@ -505,8 +515,9 @@ BINARY: list[type] = [
     Lead,
     People,
     Hands,
+    Detail,
 ]
-FROM_PAGE: list[type] = [ToolCommand, Selection, Mark, Compare, Scalpel, Choice, Note, Play, Lead]
+FROM_PAGE: list[type] = [ToolCommand, Selection, Mark, Compare, Scalpel, Choice, Note, Play, Lead, Detail]
 JSON: list[type] = [Part, NoteText, TimelineEvent, TimelineTrack, Person, Scene, Window, Stack, Image, Album]
 ENUMS: list[type[IntEnum]] = [
     CommandKind, ContactState, SelectionKind, MarkKind, NoteStep, PlayStep, CutStep, ComparisonState, TrialState, Feedback,

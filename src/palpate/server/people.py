@@ -5,13 +5,14 @@ from dataclasses import asdict
 
 from starlette.websockets import WebSocket
 
-from palpate.server.frame_message import hand_frame, hands_bytes, serial_in
+from palpate.server.frame_message import hand_frame, hands_bytes, serial_in, without_displacements
 from palpate.server.held_tools import HeldTools
 from palpate.server.message_checks import FromPage
 from palpate.server.messages import (
     Choice,
     Compare,
     CutStep,
+    Detail,
     Lead,
     LeadStep,
     Mark,
@@ -35,6 +36,7 @@ LEAST_ROLE: dict[type, Role] = {  # who may send a message
     Scalpel: Role.trainee,
     Note: Role.trainee,
     Compare: Role.teacher,
+    Detail: Role.viewer,
     Selection: Role.teacher,
     Choice: Role.teacher,
     Play: Role.teacher,
@@ -43,12 +45,16 @@ LEAST_ROLE: dict[type, Role] = {  # who may send a message
 
 
 class Room:
-    """Used on the event loop's thread only. tools: who holds each. frozen: those of all but teachers stay as they are."""
+    """Used on the event loop's thread only.
+
+    tools: who holds each. frozen: those of all but teachers stay as they are. predicting: pages that compute displacements.
+    """
 
     def __init__(self, tools: HeldTools) -> None:
         self.tools = tools
         self.people: dict[WebSocket, Person] = {}
         self.frozen = False
+        self.predicting: set[WebSocket] = set()
         self._came = 0
 
     def enter(self, page: WebSocket, name: str, role: Role) -> None:
@@ -59,6 +65,7 @@ class Room:
     def leave(self, page: WebSocket) -> None:
         """A page has gone, and its tools were let go. Without a teacher, nothing stays frozen."""
         self.people.pop(page, None)
+        self.predicting.discard(page)
         if not any(person.role == Role.teacher for person in self.people.values()):
             self._freeze(False)
 
@@ -77,6 +84,10 @@ class Room:
         self.frozen = frozen
         if not frozen:
             self.tools.resume()
+
+    def detail(self, page: WebSocket, detail: Detail) -> None:
+        """A page wants whole frames, or frames without displacements."""
+        (self.predicting.discard if detail.whole else self.predicting.add)(page)
 
     def stops(self, page: WebSocket) -> bool:
         """Whether the tools of a page stay where they are."""
@@ -113,7 +124,8 @@ class Room:
                 own[number] = tool
             elif holder in self.people:
                 others.append((tool, self.people[holder].number, number))
-        return [hands_bytes(frame, others), hand_frame(frame, own, self.tools.obeyed(page, serial_in(frame)))]
+        mine = hand_frame(frame, own, self.tools.obeyed(page, serial_in(frame)))
+        return [hands_bytes(frame, others), without_displacements(mine) if page in self.predicting else mine]
 
 
 def shown_name(name: str) -> str:

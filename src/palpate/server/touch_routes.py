@@ -10,7 +10,7 @@ from starlette.responses import Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from palpate.errors import DataError
+from palpate.errors import DataError, PalpateError
 from palpate.server.access_control import by_token, page_application
 from palpate.server.frame_message import frame_bytes
 from palpate.server.live_session import LiveSession, report_failure
@@ -19,6 +19,7 @@ from palpate.server.messages import (
     Choice,
     CloseCode,
     Compare,
+    Detail,
     Lead,
     Mark,
     Play,
@@ -30,6 +31,7 @@ from palpate.server.messages import (
 )
 from palpate.server.people import MOST_PEOPLE
 from palpate.server.playback import Playback
+from palpate.server.solid_message import predicted_solid
 from palpate.server.view import image_routes
 from palpate.tissue.models.registry import names_in_sessions
 
@@ -57,7 +59,12 @@ def application(live: LiveSession, token: str) -> Starlette:
         for task in tasks:
             task.cancel()
 
-    routes = [Route("/scene", scene), WebSocketRoute("/socket", socket), *image_routes(live.images)]
+    routes = [
+        Route("/scene", scene),
+        Route("/solid", solid),
+        WebSocketRoute("/socket", socket),
+        *image_routes(live.images),
+    ]
     app = page_application("index.html", routes, by_token(token), lifespan)
     app.state.lives, app.state.playback = lives, playback
     return app
@@ -73,6 +80,16 @@ async def scene(request: Request) -> Response:
     """Nodes at rest and triangles."""
     live = shown_by(request)
     return Response(live.scene, media_type="application/octet-stream")
+
+
+async def solid(request: Request) -> Response:
+    """The organ for the engine of a page that answers its own hand; status 409 and the reason if it cannot."""
+    live = shown_by(request)
+    try:
+        data = await asyncio.to_thread(predicted_solid, live.session)
+    except PalpateError as problem:
+        return Response(str(problem), 409, media_type="text/plain")
+    return Response(data, media_type="application/octet-stream")
 
 
 async def publish_frames(live: LiveSession) -> None:
@@ -170,6 +187,9 @@ async def receive_messages(page: WebSocket, live: LiveSession, playback: Playbac
             live.choose(message)
         elif isinstance(message, Lead):
             live.lead(page, message)
+        elif isinstance(message, Detail):
+            if live.people:
+                live.people.detail(page, message)
         elif isinstance(message, tuple):
             live.note(*message)
         elif isinstance(message, Play):

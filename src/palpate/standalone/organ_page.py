@@ -97,7 +97,11 @@ def export(
 
 def one_file(data: bytes, title: str, host: str = "") -> str:
     """A page with all in it, around the data of `organ_data`. host: as in `embedded_page`. Raises `FileError`."""
-    parts = {"worker-code": inline(static(WORKER)), "engine-module": packed(_engine()), "organ-data": packed(data)}
+    parts = {
+        "worker-code": inline(static(WORKER)),
+        "engine-module": packed(engine_module()),
+        "organ-data": packed(data),
+    }
     return embedded_page("index.html", title, FILE_POLICY, MAIN, parts, NOTE, host)
 
 
@@ -108,10 +112,11 @@ def separate_files(data: bytes, title: str) -> dict[str, bytes]:
     page = head("index.html", title, FOLDER_POLICY)
     page = page.replace("static/", "").replace("</body>", "\n".join([*parts, "</body>"]))
     texts = {name: static(name) for name in (*STYLES, MAIN, WORKER)} | {"index.html": page, LICENCES: licences(NOTE)}
-    return {name: text.encode() for name, text in texts.items()} | {"organ.bin": data, MODULE.name: _engine()}
+    return {name: text.encode() for name, text in texts.items()} | {"organ.bin": data, MODULE.name: engine_module()}
 
 
-def _engine() -> bytes:
+def engine_module() -> bytes:
+    """The engine as WebAssembly. Raises `FileError` if it is missing."""
     if not MODULE.is_file():
         raise FileError(f"{MODULE}: the engine is missing; install the wheel, or build it with: make wasm")
     return MODULE.read_bytes()

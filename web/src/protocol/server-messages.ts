@@ -506,6 +506,24 @@ export function decodeHands(view: DataView): Hands {
   };
 }
 
+/** Page to server, in a room: 0 asks for frames without displacements, since it computes them, 1 for whole ones. */
+export interface Detail {
+  whole: number;
+}
+export const DETAIL_KIND = 18, DETAIL_BYTES = 4;
+export function encodeDetail(message: Detail): ArrayBuffer {
+  const view = new DataView(new ArrayBuffer(DETAIL_BYTES));
+  view.setUint8(0, 18);
+  view.setUint8(1, message.whole);
+  return view.buffer;
+}
+export function decodeDetail(view: DataView): Detail {
+  if (view.getUint8(0) !== 18) throw new Error(`not a Detail: kind ${view.getUint8(0)}`);
+  return {
+    whole: view.getUint8(1),
+  };
+}
+
 /** Triangles first to first + count of a `DisplayedSurface` or a scene: the organ, or a region inside it. */
 export interface Part {
   name: string;

@@ -1,4 +1,5 @@
 // Messages between the page and its worker.
+import type { PredictionState } from "./prediction-messages";
 import type { OtherHand, RoomState } from "./room-messages";
 import type {
   Choice, Difference, Frame, Lead, Mark, Note, NoteText, Play, Position, Scalpel, Scene, Selection, TimelineTrack, ToolCommand, TrialStatus,
@@ -37,7 +38,7 @@ export type Ends = [low: number, high: number];
  * unknown); null if there is no scale. */
 export type Scale = { ends: Ends; range: Ends; limit: number | null } | null;
 
-/** organ: cut: another one, or the same after a cut. stale: what was shown last is not of now. */
+/** organ: cut: another one, or the same after a cut. stale: what was shown last is not of now. way: to the room and back. */
 export type FromWorker =
   | { kind: "organ"; organ: Organ; cut: boolean }
   | { kind: "frame"; frame: Frame; arrays: NodeArrays | null; hands: OtherHand[]; scale: Scale; work: number }
@@ -48,11 +49,13 @@ export type FromWorker =
   | { kind: "timeline"; tracks: TimelineTrack[] }
   | { kind: "position"; position: Position }
   | { kind: "stale" }
+  | { kind: "prediction"; state: PredictionState }
+  | { kind: "way"; milliseconds: number }
   | { kind: "notice"; text: string }
   | { kind: "status"; good: boolean; text: string }
   | { kind: "record"; text: string; file: boolean };
 
-/** open-file: an exported organ and its engine, instead of a server; save: asks for its record, to write into a file or not. ends: of the scale of a mode, from now on. next: asks for the next frame; pressing: whether the first tool measures stiffness. return: arrays to use again. */
+/** open-file: an exported organ and its engine, instead of a server; save: asks for its record, to write into a file or not. predict: whether the page shall predict what the room will answer. ends: of the scale of a mode, from now on. next: asks for the next frame; pressing: whether the first tool measures stiffness. return: arrays to use again. */
 export type ToWorker =
   | { kind: "open"; scene: string; socket: string }
   | { kind: "open-file"; organ: ArrayBuffer; engine: ArrayBuffer }
@@ -67,5 +70,6 @@ export type ToWorker =
   | { kind: "color"; mode: ColorMode }
   | { kind: "ends"; mode: ColorMode; ends: Ends }
   | { kind: "save"; file: boolean }
+  | { kind: "predict"; on: boolean }
   | { kind: "return"; arrays: NodeArrays }
   | { kind: "next"; arrays: NodeArrays | null; pressing: boolean };

@@ -60,7 +60,7 @@ const trials = new TrialPanel(view, (choice) => post({ kind: "choose", choice })
 const room: RoomPanel = new RoomPanel(view, (lead) => post({ kind: "lead", lead }), () => scene && describe(scene), () => {
   releaseAll();
   newest?.contact.forEach((state, tool) => state !== ContactState.idle && commands.release(tool, true)); // what was taken over
-});
+}, (on) => post({ kind: "predict", on }));
 const webxr = new WebXRInput(view, commands, () => newest);
 
 const endoscope = new Endoscope(view, commands, () => controller.kind === "grasp");
@@ -77,6 +77,7 @@ const pictures = new Pictures(() => [view, ...replay.views], () => ({
 
 let scene: Scene | null = null;
 let newest: Frame | null = null;
+let hands: OtherHand[] = []; // of others in a room
 let pending: { frame: Frame; arrays: NodeArrays | null; hands: OtherHand[] } | null = null; // arrived, not drawn yet
 let colorMode: ColorMode = "plain";
 
@@ -115,6 +116,10 @@ worker.onmessage = ({ data }: MessageEvent<FromWorker>) => {
     replay.take(data);
   } else if (data.kind === "people") {
     room.take(data.room);
+  } else if (data.kind === "prediction") {
+    room.predicts(data.state);
+  } else if (data.kind === "way") {
+    room.setWay(data.milliseconds);
   } else if (data.kind === "notes") {
     notes.take(data.notes);
   } else if (data.kind === "stale") {
@@ -205,8 +210,9 @@ function renderLoop(now: number): void {
   if (frame) testHooks.recordWork(performance.now() - began);
 }
 
-function takeFrame({ frame, arrays, hands }: { frame: Frame; arrays: NodeArrays | null; hands: OtherHand[] }): Frame {
+function takeFrame({ frame, arrays, hands: others }: { frame: Frame; arrays: NodeArrays | null; hands: OtherHand[] }): Frame {
   newest = frame;
+  hands = others;
   view.showHands(hands);
   const replaced = view.update(frame, arrays);
   const pressing = controller.pressing || scene?.replay === true;
@@ -342,6 +348,7 @@ const testHooks = exposeTestHooks({
   view, controller, cursor, commands, endoscope, measuring, replay, sideSlices, readout, sound,
   frame: () => newest,
   scene: () => scene,
+  hands: () => hands,
 });
 void WebXRInput.isSupported().then((supported) => (element("headset").hidden = !supported));
 if (isExported) {

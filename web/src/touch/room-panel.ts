@@ -1,5 +1,6 @@
 // A room: who is in it, whose hand is where, and what a teacher can do.
 import { LeadStep, Role, type Lead, type Person } from "../protocol/server-messages";
+import type { PredictionState } from "../protocol/prediction-messages";
 import type { RoomState } from "../protocol/room-messages";
 import type { OrganView } from "../rendering/organ-view";
 import { personCss } from "../rendering/person-colors";
@@ -21,8 +22,9 @@ export class RoomPanel {
   private readonly names = new Map<number, HTMLElement>(); // beside the hands in the picture
   private updated = 0; // ms
 
-  /** onChange: called when the page's own role is known, or another one. letGo: of everything that this hand holds. */
-  constructor(private readonly view: OrganView, private readonly send: (lead: Lead) => void, private readonly onChange: () => void, letGo: () => void) {
+  /** predict: asks for prediction, or for none. onChange: called when the page's own role is known, or another one. letGo: of everything that this hand holds. */
+  constructor(private readonly view: OrganView, private readonly send: (lead: Lead) => void, private readonly onChange: () => void, letGo: () => void, predict: (on: boolean) => void) {
+    element("predict").addEventListener("click", () => predict(element("predict").getAttribute("aria-pressed") !== "true"));
     element("freeze").addEventListener("click", () => this.toggleFreeze());
     element("begin-again").addEventListener("click", () => send({ step: LeadStep.reset, person: 0 }));
     element("let-go").addEventListener("click", letGo);
@@ -58,6 +60,20 @@ export class RoomPanel {
     this.rows = [...room.people].sort((a, b) => b.role - a.role || a.number - b.number).map((person) => this.row(person, leads && person.number !== room.you));
     element("people").replaceChildren(...this.rows.map(({ item }) => item));
     if (before !== this.role) this.onChange();
+  }
+
+  /** Where prediction is. */
+  predicts({ state, problem }: PredictionState): void {
+    const button = element("predict");
+    button.setAttribute("aria-pressed", String(state !== "off"));
+    button.textContent = state === "preparing" ? "Predict…" : "Predict";
+    element("prediction-note").hidden = !problem;
+    write("prediction-note", problem && `Not predicted: ${problem}.`);
+  }
+
+  /** To the room and back it takes so long, ms. */
+  setWay(milliseconds: number): void {
+    write("way", `${Math.round(milliseconds)} ms away`);
   }
 
   private row(person: Person, led: boolean): Row {

@@ -6,7 +6,8 @@ import type { SideSlices } from "./side-slices";
 import type { CommandQueue } from "../tools/command-queue";
 import type { SurfaceCursor } from "../input/surface-cursor";
 import type { ToolController } from "../tools/tool-controller";
-import type { Frame, Scene, Vector } from "../protocol/server-messages";
+import type { OtherHand } from "../protocol/room-messages";
+import { CommandKind, type Frame, type Scene, type Vector } from "../protocol/server-messages";
 import type { AudioFeedback } from "../sound/audio-feedback";
 import type { SoundEvent } from "../sound/sound-events";
 import { pitch, renderOffline } from "../sound/synthesizer";
@@ -27,6 +28,7 @@ interface Parts {
   sound: AudioFeedback;
   frame(): Frame | null;
   scene(): Scene | null;
+  hands(): OtherHand[];
 }
 
 declare global {
@@ -34,6 +36,13 @@ declare global {
     palpate: {
       readonly frame: Frame | null;
       readonly scene: Scene | null;
+      /** Tools of others in a room. */
+      readonly hands: OtherHand[];
+      /** Shown nodes as they are drawn, (nodes, 3) mm. */
+      positions(): number[];
+      /** Commands a tool to hold the material point at `point` and displace it, mm. */
+      hold(tool: number, point: Vector, displacement: Vector): void;
+      release(tool: number): void;
       /** Pixel at which a shown node is drawn. */
       nodePixel(node: number): [number, number];
       /** The newest frame of a second replay. */
@@ -85,6 +94,12 @@ export function exposeTestHooks(parts: Parts): { recordWork(ms: number): void } 
     get scene() {
       return parts.scene();
     },
+    get hands() {
+      return parts.hands();
+    },
+    positions: () => [...view.positions],
+    hold: (tool, point, displacement) => parts.commands.send(tool, CommandKind.hold, point, displacement, performance.now()),
+    release: (tool) => parts.commands.release(tool, true),
     get framesDrawn() {
       return view.renderer.info.render.frame;
     },

@@ -1,0 +1,77 @@
+"""What the engine in a page needs of an organ to answer as model `compliance` does here, as bytes."""
+
+import json
+import struct
+
+import numpy as np
+
+from palpate.errors import MaterialError
+from palpate.meshes.cutting.cut_mesh import refuse_cut
+from palpate.simulation.session import Session
+from palpate.tissue.models.compliance import ComplianceModel
+from palpate.tissue.reference.linear_elasticity import lame
+from palpate.tissue.tissue import Tissue
+
+INSTRUCTIONS = "wasm simd128"
+
+
+def refuse_unfollowed(tissue: Tissue, what: str, instead: str) -> None:
+    """Refuses a tissue that the engine of the page does not follow.
+
+    what, instead: for whom, and what serves this tissue. Raises `MaterialError`, or `DataError` for one that was cut.
+    """
+    refuse_cut(tissue.mesh, what, instead)
+    for found, lacking in (
+        (tissue.element != "smoothed", f'element "{tissue.element}"; fit it again: palpate fit'),
+        (tissue.relaxation is not None, "a tissue that relaxes; leave out its relaxation: palpate fit"),
+        (tissue.inertia is not None, "a tissue with inertia; leave it out: palpate fit"),
+    ):
+        if found:
+            raise MaterialError(f"{what}: the engine of the page does not have {lacking}, or {instead}")
+
+
+def followed_model(tissue: Tissue, what: str, instead: str) -> ComplianceModel:
+    """The model that the page's engine repeats. Raises as `refuse_unfollowed`."""
+    refuse_unfollowed(tissue, what, instead)
+    model = ComplianceModel(tissue)
+    if model.gaps is not None:
+        raise MaterialError(f"{what}: the engine of the page does not have organs that touch; {instead}")
+    return model
+
+
+def predicted_solid(session: Session) -> bytes:
+    """The organ for a page that predicts what this session will answer. Raises as `refuse_unfollowed`."""
+    what, instead = "prediction", "wait for the room's answers"
+    refuse_unfollowed(session.tissue, what, instead)
+    if not isinstance(session.model, ComplianceModel):
+        raise MaterialError(f"{what}: the engine of the page has model compliance only; {instead}")
+    if session.model.gaps is not None:
+        raise MaterialError(f"{what}: the engine of the page does not have organs that touch; {instead}")
+    return solid_bytes(session)
+
+
+def solid_bytes(session: Session) -> bytes:
+    """JSON, of a length that comes first (32 bits), then the arrays that web/src/engine/touch-engine.ts reads.
+
+    They are node, lam, mu (float64; mm, N/mm²), tet, region, triangle, shown (int32), fixed (uint8).
+    """
+    mesh, tissue, settings = session.mesh, session.model.tissue, session.settings
+    lam, mu = lame(tissue.young, tissue.poisson)
+    described = session.description() | {"instructions": INSTRUCTIONS}
+    header = {
+        "description": {name: described[name] for name in ("model", "tissue", "settings", "instructions")},
+        "nodes": len(mesh.nodes),
+        "tets": len(mesh.tets),
+        "triangles": len(mesh.surface),
+        "shown": len(session.shown),
+        "radius": settings.radius,
+        "limit": settings.limit,
+        "friction": settings.friction,
+    }
+    text = json.dumps(header).encode()
+    arrays = [
+        *(np.asarray(a, "<f8") for a in (mesh.nodes, lam, mu)),
+        *(np.asarray(a, "<i4") for a in (mesh.tets, mesh.region, mesh.surface, session.shown)),
+        tissue.held.astype(np.uint8),
+    ]
+    return struct.pack("<I", len(text)) + text + b"".join(a.tobytes() for a in arrays)
