@@ -118,6 +118,12 @@ def page_file(tmp_path_factory):
     return folder / "organ.html"
 
 
+DRAWN_AS_LARGE_AS_IT_IS = """(() => {
+    const { width, height, clientWidth, clientHeight } = document.getElementById('view');
+    return Math.abs(width * clientHeight - height * clientWidth) < 2 * (clientWidth + clientHeight);
+})()"""
+
+
 @pytest.fixture(params=[("laptop", "light"), ("phone", "dark")], ids=" ".join)
 def opened(browser, page_file, request):
     device, scheme = request.param
@@ -169,7 +175,8 @@ def test_it_is_measured_offline(opened):
     page, nodes = opened.page, organ(11).mesh.nodes[organ(11).mesh.surface_nodes]
     ends = [nodes[np.argmin(np.linalg.norm(nodes - point, axis=1))] for point in ((-16, -12, 18), (14, -10, 18))]
     page.click("#tool >> text=Measure")
-    page.wait_for_timeout(500)  # the panel grows, and the organ's picture with it gets smaller
+    page.locator("#measure-row").wait_for()
+    opened.wait(DRAWN_AS_LARGE_AS_IT_IS)  # the panel grows, and the organ's picture with it gets smaller
     for end in ends:
         page.mouse.click(*opened.see(f"palpate.pixel({end.tolist()})"))
     opened.wait("palpate.measured && document.querySelectorAll('#measurement-list li').length === 1")

@@ -41,6 +41,7 @@ let waiting = false; // the page has asked for a frame
 let told: OtherHand[] = []; // in a room, of the frame that comes next
 let hands: OtherHand[] = []; // of the newest frame
 let prediction: Prediction | null = null; // in a room
+let predictionWanted: boolean | null = null; // by the person
 let frozen = false; // the room has stopped this hand
 let heard = 0; // ms, when the server was heard last
 let silence: "none" | "stale" | "lost" = "none";
@@ -99,7 +100,7 @@ function show(data: ArrayBuffer, cut = false): void {
   lastAtRest = false;
   page.postMessage({ kind: "organ", organ, cut });
   prediction?.close();
-  prediction = scene.room && sceneAddress ? new Prediction(scene, rest, predictionAddresses(), showFrame, (state) => page.postMessage({ kind: "prediction", state }), send) : null;
+  prediction = scene.room && sceneAddress ? new Prediction(scene, rest, predictionAddresses(), showFrame, (state) => page.postMessage({ kind: "prediction", state }), send, predictionWanted) : null;
   prediction?.stop(frozen);
 }
 
@@ -333,7 +334,7 @@ page.onmessage = ({ data }) => {
     asked ??= { serial: data.command.serial, at: performance.now() };
     send(encodeToolCommand(data.command));
     prediction?.command(data.command);
-  } else if (data.kind === "predict") prediction?.ask(data.on);
+  } else if (data.kind === "predict") prediction?.ask((predictionWanted = data.on));
   else if (data.kind === "lead") send(encodeLead(data.lead));
   else if (data.kind === "select") send(encodeSelection(data.selection));
   else if (data.kind === "choose") send(encodeChoice(data.choice));

@@ -12,16 +12,16 @@ export class Prediction {
   private ready = false;
   private on = false;
   private problem = "";
-  private asked: boolean | null = null; // by the person; null: by the way's length
   private truth: ArrayBuffer | null = null; // head of the room's newest frame
   private frozen = false;
   private silent = false;
 
-  /** addresses: of the engine and the organ. post: takes a predicted frame. tell: is told where it is. request: sends the room a message. */
+  /** addresses: of the engine and the organ. post: takes a predicted frame. tell: is told where it is. request: sends the room a message. asked: as `ask` was told before. */
   constructor(
     private readonly scene: Scene, private readonly rest: Float32Array, private readonly addresses: [engine: string, solid: string],
     private readonly post: (data: ArrayBuffer, hands: OtherHand[]) => void, private readonly tell: (state: PredictionState) => void,
     private readonly request: (message: ArrayBuffer) => void,
+    private asked: boolean | null, // by the person; null: by the way's length
   ) {
     this.report();
   }
@@ -51,7 +51,7 @@ export class Prediction {
   /** A frame of the room. */
   hear(data: ArrayBuffer, hands: OtherHand[]): void {
     this.truth = data.slice(0, FRAME_BYTES);
-    if (!this.ready) return;
+    if (!this.ready) return this.asked ? this.begin() : undefined;
     const frame = decodeFrame(new DataView(data));
     if (!this.follows(frame)) return this.close("the organ was cut, or has another model");
     this.send({ kind: "hear", frame: this.truth, hands });
