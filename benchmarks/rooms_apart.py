@@ -26,7 +26,7 @@ from urllib.parse import urlsplit
 import numpy as np
 
 sys.path.append(str(Path(__file__).parents[1] / "tests"))
-from support.browser import LAPTOP, launched
+from support.browser import PLAIN, draw_plainly, launched
 from support.delayed_link import delayed_link
 from support.example_organs import organ
 from support.open_rooms import open_rooms
@@ -37,11 +37,12 @@ import palpate as pp
 
 POINTS = [[-10.0, 0.0, 25.0], [10.0, 0.0, 25.0]]  # mm
 DIRECTIONS = [[-0.8, 0.0, 0.6], [0.8, 0.0, 0.6]]
-STILL, SETTLED, END = 3.0, 1.5, 6.0  # s of a contact: hands come to rest, both see one organ, hands let go
+STILL = 3.0  # s of a contact, after which the hands come to rest
+SMALL = {"width": 420, "height": 320}  # pixels: the processor draws, and the hand is at the rate of the pictures
 HAND = """([point, direction, size, tug, phase, still, back]) => {
     const MASS = 0.1, STIFFNESS = 0.5, DAMPING = 1.4 * Math.sqrt(MASS * STIFFNESS * 1000) / 1000;
     const hand = window.hand = { energy: 0, largest: 0, step: 0, done: false };
-    const x = [0, 0, 0], v = [0, 0, 0], began = performance.now();
+    const x = [0, 0, 0], v = [0, 0, 0], began = performance.now(), drawn = palpate.framesDrawn;
     let ticks = 0, before = null, sent = 0;
     const timer = setInterval(() => {
         const held = palpate.frame.contact[0] === 1, force = held ? palpate.frame.force.slice(0, 3) : [0, 0, 0];
@@ -58,12 +59,14 @@ HAND = """([point, direction, size, tug, phase, still, back]) => {
                 hand.energy += force[k] * moved;
             }
         }
+        if (!hand.seen && ticks / 1000 > back - 0.5) hand.seen = palpate.positions();
         const now = performance.now();
         if (now - sent < 16) return;
         sent = now;
         if (ticks / 1000 < back + 0.4) return palpate.hold(0, point, [...x]);
         palpate.release(0);
         clearInterval(timer);
+        hand.pictures = (palpate.framesDrawn - drawn) / (ticks / 1000);
         hand.done = true;
     }, 4);
 }"""
@@ -109,7 +112,7 @@ def two_pages(chromium: Any, delay: int, predicted: bool) -> Iterator[list[Any]]
         for k in range(2):
             address = urlsplit(rooms.address("far", "trainee"))
             link = closing.enter_context(delayed_link(address.port, delay / 1000, seed=k))
-            page = Touched(None, chromium.new_page(viewport=LAPTOP))  # type: ignore[no-untyped-call]
+            page = Touched(None, chromium.new_page(viewport=SMALL))  # type: ignore[no-untyped-call]
             closing.callback(page.page.context.close)
             page.open(address._replace(netloc=f"{address.hostname}:{link.port}").geturl())  # type: ignore[no-untyped-call]
             page.wait("document.querySelectorAll('#people li').length > 0")  # type: ignore[no-untyped-call]
@@ -128,16 +131,16 @@ def in_chromium(chromium: Any, delay: int, predicted: bool, contacts: int) -> st
     settling = STILL + 2.4 * delay / 1000 + 0.2 + max(0.2, 3 * delay / 1000)
     with two_pages(chromium, delay, predicted) as pages:
         for _ in range(contacts):
-            began = time.monotonic()
             for page, point, direction in zip(pages, POINTS, DIRECTIONS, strict=True):
                 size, tug, phase = 8 * rng.uniform(0.7, 1), rng.uniform(0.5, 1.5), rng.uniform(0, 6.28)
                 page.page.evaluate(HAND, [point, direction, size, tug, phase, STILL, settling + 0.9])
-            time.sleep(max(0.0, began + settling + 0.4 - time.monotonic()))
-            first, second = (np.reshape(page.see("palpate.positions()"), (-1, 3)) for page in pages)
-            apart.append(float(np.linalg.norm(first - second, axis=1).max()))
+            told = []
             for page in pages:
                 page.wait("hand.done")
-                felt.append(page.see("hand"))
+                told.append(page.see("hand"))
+            felt.extend(told)
+            first, second = (np.reshape(one["seen"], (-1, 3)) for one in told)
+            apart.append(float(np.linalg.norm(first - second, axis=1).max()))
             time.sleep(1 + 6 * delay / 1000)
     return row("Chromium", delay, predicted, felt, "frame", apart)
 
@@ -156,7 +159,7 @@ def main() -> None:
         for predicted in (True, False):
             print(in_virtual_time(delay, predicted, given.contacts), flush=True)
     if given.chromium:
-        with launched() as chromium:  # type: ignore[no-untyped-call]
+        with launched(lambda chromium: draw_plainly(chromium, (PLAIN,))) as chromium:  # type: ignore[no-untyped-call]
             for delay in delays:
                 for predicted in (True, False):
                     print(in_chromium(chromium, delay, predicted, given.chromium), flush=True)

@@ -22,25 +22,6 @@ PATIENCE = 90  # s: on a busy machine without a graphics card a picture takes se
 LAPTOP, PHONE = {"width": 1280, "height": 800}, {"width": 390, "height": 844}
 
 
-@contextmanager
-def launched():
-    """Chromium, or a skip that says what is missing; a failure where a browser is required."""
-    try:
-        from playwright.sync_api import sync_playwright
-    except ImportError:
-        missing = "the Python package playwright is missing: pip install playwright"
-    else:
-        found = next(filter(None, map(shutil.which, BROWSERS)), None)
-        missing = None if found else "no Chromium on the PATH: apt-get install chromium"
-    if missing:
-        (pytest.fail if os.environ.get("PALPATE_REQUIRE_BROWSER") == "1" else pytest.skip)(missing)
-    with sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=found, args=ARGUMENTS)
-        draw_plainly(chromium)
-        yield chromium
-        chromium.close()
-
-
 # Pages begin with the plain look, which a processor draws in less time; the tests of tissue choose it.
 PLAIN = "try { localStorage.getItem('palpate-look') ?? localStorage.setItem('palpate-look', 'plain'); } catch {}"
 # They draw some 15 times a second: without a graphics card drawing takes most of a test's work.
@@ -64,18 +45,37 @@ RARELY = """(() => {
 })()"""
 
 
-def draw_plainly(chromium):
+def draw_plainly(chromium, scripts=(PLAIN, RARELY)):
     """Pages are drawn with less work."""
     make_context = chromium.new_context
 
     def new_context(**options):
         context = make_context(**options)
-        context.add_init_script(PLAIN)
-        context.add_init_script(RARELY)
+        for script in scripts:
+            context.add_init_script(script)
         return context
 
     chromium.new_context = new_context
     chromium.new_page = lambda **options: new_context(**options).new_page()
+
+
+@contextmanager
+def launched(draws=draw_plainly):
+    """Chromium, or a skip that says what is missing; a failure where a browser is required. draws: how its pages draw."""
+    try:
+        from playwright.sync_api import sync_playwright
+    except ImportError:
+        missing = "the Python package playwright is missing: pip install playwright"
+    else:
+        found = next(filter(None, map(shutil.which, BROWSERS)), None)
+        missing = None if found else "no Chromium on the PATH: apt-get install chromium"
+    if missing:
+        (pytest.fail if os.environ.get("PALPATE_REQUIRE_BROWSER") == "1" else pytest.skip)(missing)
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=found, args=ARGUMENTS)
+        draws(chromium)
+        yield chromium
+        chromium.close()
 
 
 class Seen:

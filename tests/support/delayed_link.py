@@ -39,8 +39,9 @@ class DelayedLink:
                 if at > clock():
                     await asyncio.sleep(at - clock())
                 if not self.cut:
-                    writer.write(data)
-                    await writer.drain()
+                    with contextlib.suppress(OSError):  # who listens there has gone
+                        writer.write(data)
+                        await writer.drain()
 
         delivery = asyncio.create_task(deliver())
         with contextlib.suppress(OSError):

@@ -23,12 +23,13 @@ interface OwnTool {
   confirmed: boolean; // the room has obeyed it
   ended: number; // serial number of the command that let go
   given: FollowedTool | null; // it goes where the room has it: hands are stopped, or it was somebody else's
+  felt: Vector; // N, shown last
   readonly account: EnergyAccount;
 }
 
 export class PredictedSession {
   private readonly own: OwnTool[] = Array.from({ length: TOOLS }, () => ({
-    slot: null, command: null, since: 0, began: 0, confirmed: false, ended: 0, given: null, account: new EnergyAccount(),
+    slot: null, command: null, since: 0, began: 0, confirmed: false, ended: 0, given: null, felt: [0, 0, 0], account: new EnergyAccount(),
   }));
   private readonly others = new Map<string, { slot: number; tool: FollowedTool; there: boolean }>();
   private readonly free = [...Array(TOOLS).keys()];
@@ -70,10 +71,11 @@ export class PredictedSession {
       own.began = this.clock.ticks;
       own.confirmed = false;
       own.account.begin();
+      own.felt = [0, 0, 0];
       if (!this.frozen) own.given = null;
     }
     own.command = command;
-    own.account.move(position(command), this.shownForce(own));
+    own.account.move(position(command), own.felt);
   }
 
   /** Stopped hands stay where the room has them. */
@@ -216,7 +218,7 @@ export class PredictedSession {
       frame.contact.push(slot === null ? refused : state.contact[slot]);
       frame.point.push(...of(state.point));
       frame.displacement.push(...of(state.displacement));
-      frame.force.push(...this.shownForce(own));
+      frame.force.push(...(own.felt = this.shownForce(own)));
       frame.insertion.push(slot === null ? 0 : state.insertion[slot]);
     });
     return frame;
