@@ -119,7 +119,8 @@ export class PredictedSession {
       const at = vector(truth.point, number), displacement = vector(truth.displacement, number);
       if (own.given) return own.given.follow(at, displacement);
       if (own.slot === null) own.account.begin();
-      own.given = own.command && own.slot !== null ? new FollowedTool([...own.command.point], [...own.command.displacement]) : new FollowedTool(at, displacement);
+      const here = own.slot === null ? null : this.engine.frame(); // it goes on from where it is
+      own.given = here ? new FollowedTool(vector(here.point, own.slot!), vector(here.displacement, own.slot!)) : new FollowedTool([...at], [...displacement]);
       own.given.follow(at, displacement);
     } else if (own.given) {
       own.given = null;
