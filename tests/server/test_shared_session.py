@@ -34,7 +34,7 @@ class Somebody:
         self.socket = closing.enter_context(socket)
         self.serial = 0
         self.told = []
-        self.people = self.hands = self.you = self.frozen = None
+        self.people = self.hands = self.you = self.frozen = self.displaced = None
 
     def send(self, message):
         self.socket.send(messages.encode(message))
@@ -60,6 +60,8 @@ class Somebody:
                 self.hands = np.frombuffer(data, "<f4", 13 * count, 8).reshape(count, 13)
             elif data[0] == 2:
                 values = FRAME.unpack_from(data)
+                self.length, (step, count) = len(data), struct.unpack_from("<fI", data, 231)
+                self.displaced = step, count
                 three = [np.array(values[13 + 12 * k : 25 + 12 * k]).reshape(4, 3) for k in range(3)]
                 return values[5], values[9:13], three[1], three[2]
 
@@ -115,6 +117,25 @@ def test_two_hands_hold_the_same_number_and_feel_what_push_says_of_both(enter, l
     np.testing.assert_allclose(second.hands[0, 8:11], ones[3][0], rtol=1e-3, atol=1e-3)
     first.socket.close()  # its tools let go
     second.until(lambda *_: len(second.hands) == 0 and len(second.people) == 1)
+
+
+def test_a_page_that_computes_displacements_gets_frames_without_them(enter, live):
+    """It, not the others; whoever watches may ask for them; and again as before when it asks for that."""
+    first, second = enter("viewer"), enter("trainee")
+    second.press(0, TOP, (0.0, 0.0, -3.0))
+    second.settled()
+    first.until(lambda *_: first.displaced[1] > 0)
+    whole, shown = first.length, first.displaced[1]
+    assert shown == len(live.session.shown)
+    first.send(messages.Detail(0))
+    first.until(lambda *_: first.displaced[1] == 0)
+    assert first.displaced[0] != 0  # it is not at rest
+    assert first.length == whole - 6 * shown
+    assert len(first.hands) == 1
+    second.until(lambda *_: second.displaced[1] == shown, 1)
+    first.send(messages.Detail(1))
+    first.until(lambda *_: first.displaced[1] == shown)
+    assert first.length == whole
 
 
 def test_a_hand_too_many_is_told_and_gets_a_tool_that_is_let_go(enter):
