@@ -81,7 +81,7 @@ def test_a_role_a_name_and_a_room_are_those_of_the_invitation_alone(rooms):
     assert httpx.get(address.replace("?", "scene?").replace("&token=", "")).status_code == 200
 
 
-@pytest.mark.parametrize("path", ["scene", "album", "values/0/0", "socket"])
+@pytest.mark.parametrize("path", ["scene", "solid", "engine", "album", "values/0/0", "socket"])
 def test_nobody_enters_without_an_invitation_to_that_server(rooms, path):
     room_token = rooms.rooms["anatomy"].token
     later = time.time() + 3600
