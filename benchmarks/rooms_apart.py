@@ -142,7 +142,8 @@ def in_chromium(chromium: Any, delay: int, predicted: bool, contacts: int) -> st
             first, second = (np.reshape(one["seen"], (-1, 3)) for one in told)
             apart.append(float(np.linalg.norm(first - second, axis=1).max()))
             time.sleep(1 + 6 * delay / 1000)
-    return row("Chromium", delay, predicted, felt, "frame", apart)
+    pictures = np.median([one["pictures"] for one in felt])
+    return row(f"Chromium, {pictures:.0f} pictures/s", delay, predicted, felt, "frame", apart)
 
 
 def main() -> None:

@@ -22,7 +22,6 @@ class DelayedLink:
         self.rng = np.random.default_rng(seed)
         self.port = 0
         self.cut = False  # nothing passes any more, without a word
-        self.passed = 0  # bytes
 
     def _release(self, now, before):
         """When a packet that comes now is there, and not before the one in front of it."""
@@ -47,7 +46,6 @@ class DelayedLink:
         with contextlib.suppress(OSError):
             while data := await reader.read(PACKET):
                 before = self._release(clock(), before)
-                self.passed += len(data)
                 waiting.put_nowait((before, data))
         waiting.put_nowait(None)
         with contextlib.suppress(OSError):

@@ -94,7 +94,7 @@ class Hand {
   restart() {
     const { chance } = this;
     Object.assign(this, {
-      x: [0, 0, 0], v: [0, 0, 0], felt: [0, 0, 0], holding: false, energy: 0, least: 0, largest: 0, step: 0, before: null,
+      x: [0, 0, 0], v: [0, 0, 0], felt: [0, 0, 0], holding: false, energy: 0, largest: 0, step: 0, before: null,
       tug: 0.5 + chance(), phase: 6.28 * chance(), size: options.size * (0.7 + 0.3 * chance()), wait: Math.floor(400 * chance()),
     });
   }
@@ -114,7 +114,6 @@ class Hand {
     }
     if (!this.holding) return;
     for (let k = 0; k < 3; k++) this.energy += this.felt[k] * (this.x[k] - before[k]);
-    this.least = Math.max(this.least, this.energy);
   }
   feel(force) {
     const size = Math.hypot(...force);
@@ -180,7 +179,7 @@ for (let contact = 0; contact < options.contacts; contact++) {
       up[i].send(32, command);
       sites[i]?.send({ kind: "command", command });
       if (!holds) {
-        hand.contacts.push({ energy: hand.energy, most: hand.least, largest: hand.largest, step: hand.step });
+        hand.contacts.push({ energy: hand.energy, largest: hand.largest, step: hand.step });
         hand.feel([0, 0, 0]);
       }
     }

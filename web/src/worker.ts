@@ -241,6 +241,7 @@ async function stayConnected(scene: string, address: string): Promise<void> {
       connect(address);
       pause = FIRST_RETRY;
       const code = await new Promise<number>((closed) => (socket!.onclose = (event) => closed(event.code)));
+      prediction?.hush(true); // until there is another one, with the scene
       if (code === CloseCode.scene_changed) {
         page.postMessage({ kind: "status", good: false, text: "Loading another mesh…" });
         continue;

@@ -7,18 +7,12 @@ import { TickClock } from "./tick-clock";
 import type { EngineFrame, TouchEngine } from "./touch-engine";
 
 const RATE = 1000; // ticks a second
-const FRAME_TIME = 12; // ms between two frames at least
-const ANSWER_TIME = 3; // ms, if it is the first to obey a command
 
 export class LocalSession {
   private ticks = 0;
-  private answered = 0; // serial number that the last frame obeys
-  private serial = 0; // of the newest command
-  private shownAt = -Infinity; // ms, the last frame
-  private frameTime = 0; // ms that it took
   private readonly waiting: (ToolCommand | null)[] = Array(TOOLS).fill(null); // newest commands, for the next tick
   private readonly record: SessionRecord;
-  private readonly clock = new TickClock((ticks) => this.run(ticks), (now, ran) => this.showOrPrepare(now, ran));
+  private readonly clock = new TickClock((ticks) => this.run(ticks), () => this.show(), () => this.engine.prepare());
 
   constructor(private readonly engine: TouchEngine, private readonly post: (message: ArrayBuffer) => void) {
     this.record = new SessionRecord(engine);
@@ -37,7 +31,7 @@ export class LocalSession {
     if (kind !== TOOLCOMMAND_KIND) return; // there is nothing to compare with and nothing to select
     const command = decodeToolCommand(new DataView(data));
     this.waiting[command.tool] = command;
-    this.serial = command.serial;
+    this.clock.asked = command.serial;
   }
 
   /** Keeps a note, or removes one, and says which there are. The page has cleaned its text. */
@@ -70,19 +64,10 @@ export class LocalSession {
     }
   }
 
-  private showOrPrepare(now: number, ran: boolean): boolean {
-    const interval = this.serial === this.answered ? FRAME_TIME : ANSWER_TIME;
-    if (now - this.shownAt > Math.max(interval, 2 * this.frameTime)) this.show(now);
-    else if (!ran) return this.engine.prepare();
-    return true;
-  }
-
-  private show(now: number): void {
+  private show(): number {
     const state = this.engine.frame();
     this.post(this.message(state));
-    this.answered = state.serial;
-    this.frameTime = performance.now() - now;
-    this.shownAt = performance.now();
+    return state.serial;
   }
 
   private message({ shown, ...state }: EngineFrame): ArrayBuffer {

@@ -9,8 +9,6 @@ import { frameMessage } from "./frame-message";
 import { TickClock } from "./tick-clock";
 import type { EngineFrame, TouchEngine } from "./touch-engine";
 
-const FRAME_TIME = 12; // ms between two frames at least
-const ANSWER_TIME = 3; // ms, if it is the first to obey a command
 const FADE = 50, RETURN = 200; // ticks in which the force goes while the room is silent, and comes back
 const UNHEARD = 3000; // ticks after which a hold that no frame has obeyed is given up: all tools are in other hands
 
@@ -40,10 +38,7 @@ export class PredictedSession {
   private silent = false;
   private heardShare = 1; // of the force, while the room is silent
   private serial = 0;
-  private answered = 0; // serial number that the last frame obeys
-  private shownAt = -Infinity; // ms, the last frame
-  private frameTime = 0; // ms that it took
-  private readonly clock = new TickClock((ticks) => this.run(ticks), (now, ran) => this.showOrPrepare(now, ran));
+  private readonly clock = new TickClock((ticks) => this.run(ticks), () => this.show(), () => this.engine.prepare());
 
   /** rest: shown nodes, (nodes, 3) mm. truth: the room's newest frame. post: takes a frame as a message, and the hands of others. */
   constructor(
@@ -58,7 +53,7 @@ export class PredictedSession {
   /** The page's own hand. */
   command(command: ToolCommand): void {
     const own = this.own[command.tool];
-    this.serial = command.serial;
+    this.serial = this.clock.asked = command.serial;
     if (command.kind === CommandKind.away) {
       own.command = null;
       own.ended = command.serial;
@@ -195,19 +190,10 @@ export class PredictedSession {
     return slot === null ? [0, 0, 0] : (this.forces[slot].map((x) => share * x) as Vector);
   }
 
-  private showOrPrepare(now: number, ran: boolean): boolean {
-    const interval = this.serial === this.answered ? FRAME_TIME : ANSWER_TIME;
-    if (now - this.shownAt > Math.max(interval, 2 * this.frameTime)) this.show(now);
-    else if (!ran) return this.engine.prepare();
-    return true;
-  }
-
-  private show(now: number): void {
+  private show(): number {
     const state = this.engine.frame();
     this.post(frameMessage(this.frame(state), state.shown), this.handsHere());
-    this.answered = this.serial;
-    this.frameTime = performance.now() - now;
-    this.shownAt = performance.now();
+    return this.serial;
   }
 
   /** The room's newest frame with the tools as they are here. */
