@@ -8,11 +8,11 @@ import struct
 import time
 
 import httpx
-import numpy as np
 import pytest
 from support.example_organs import organ
 from support.open_rooms import SECRET, open_rooms
 from support.running_server import until
+from support.several_hosts import cut_over_the_top
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
@@ -21,7 +21,7 @@ from palpate.rooms.gateway import gateway
 from palpate.rooms.invitation import Invitation, sign
 from palpate.rooms.room_process import RoomProcess
 from palpate.server import messages
-from palpate.server.messages import CutStep, Role
+from palpate.server.messages import Role
 from palpate.simulation.session_journal import journal_path
 
 TOP = (0.0, 0.0, 25.0)
@@ -170,14 +170,6 @@ def test_a_wrong_message_closes_with_the_room_s_own_code_and_words(rooms):
             until_message(page, lambda data: False)
     assert closed.value.rcvd.code == 1008
     assert "reload the page" in closed.value.rcvd.reason
-
-
-def cut_over_the_top(page, y=0.0):
-    x = np.linspace(-12, 12, 12)
-    way = [(float(a), y, float(25 * np.sqrt(1 - (a / 40) ** 2 - (y / 30) ** 2))) for a in x]
-    for i, point in enumerate(way):
-        step = CutStep.begin if i == 0 else CutStep.end if i == len(way) - 1 else CutStep.move
-        page.send(messages.encode(messages.Scalpel(step, 12.0, point)))
 
 
 def scene(address):

@@ -22,7 +22,7 @@ const page = self as unknown as {
 
 const FAST_DECODE = 4; // ms
 const FIRST_RETRY = 250, LAST_RETRY = 4000; // ms
-const LOOK_INTERVAL = 50, MOST_SILENCE = 1500, LEAST_SILENCE = 100; // ms
+const LOOK_INTERVAL = 50, MOST_SILENCE = 1500, LEAST_SILENCE = 100, GIVEN_UP = 4000, NO_ANSWER = 8000; // ms
 
 let organ: Organ | null = null;
 let colorMap: ColorMap | null = null;
@@ -45,6 +45,7 @@ let predictionWanted: boolean | null = null; // by the person
 let frozen = false; // the room has stopped this hand
 let heard = 0; // ms, when the server was heard last
 let silence: "none" | "stale" | "lost" = "none";
+let giveUp: (code: number) => void = () => {}; // the connection, and begin another one
 let asked: { serial: number; at: number } | null = null; // the command whose answer is being timed
 let roundTrip = { mean: MOST_SILENCE, deviation: 0 }; // ms, smoothed
 let lastSerial = 0; // of the newest command that the last frame obeys
@@ -57,7 +58,9 @@ class Refused extends Error {}
 
 async function load(address: string, cut = false): Promise<void> {
   sceneAddress = address;
-  const answer = await fetch(address);
+  const ended = new AbortController(), late = setTimeout(() => ended.abort(), NO_ANSWER); // a lost host's connection may stay open
+  const answer = await fetch(address, { signal: ended.signal });
+  clearTimeout(late);
   if (answer.status === 403) throw new Refused((await answer.text()).replace("refused: ", ""));
   if (!answer.ok) throw new Error(`the server answers ${answer.status}`);
   show(await answer.arrayBuffer(), cut);
@@ -137,11 +140,16 @@ function hear(): void {
 
 /** In a room frames come all the time. When none has come for three times the way to the server and back, as long as that usually
  * takes at most, and some more, the force is not that of now, and none is shown. A hand goes on if it was a packet that came late;
- * after MOST_SILENCE its tools let go. */
+ * after MOST_SILENCE its tools let go. After GIVEN_UP the page connects anew: a host that lost its power closes nothing, and another
+ * one may have the room. */
 function watchSilence(): void {
-  if (!organ?.scene.room || silence === "lost" || socket?.readyState !== WebSocket.OPEN) return;
+  if (!organ?.scene.room || socket?.readyState !== WebSocket.OPEN) return;
   const since = performance.now() - heard, { mean, deviation } = roundTrip;
-  if (since > MOST_SILENCE) {
+  if (since > GIVEN_UP) {
+    socket.onmessage = socket.onclose = null;
+    socket.close();
+    giveUp(CloseCode.room_lost);
+  } else if (since > MOST_SILENCE && silence !== "lost") {
     silence = "lost";
     prediction?.hush(true);
     page.postMessage({ kind: "status", good: false, text: "The room does not answer. Waiting…" });
@@ -240,7 +248,10 @@ async function stayConnected(scene: string, address: string): Promise<void> {
       await load(scene);
       connect(address);
       pause = FIRST_RETRY;
-      const code = await new Promise<number>((closed) => (socket!.onclose = (event) => closed(event.code)));
+      const code = await new Promise<number>((closed) => {
+        giveUp = closed;
+        socket!.onclose = (event) => closed(event.code);
+      });
       prediction?.hush(true); // until there is another one, with the scene
       if (code === CloseCode.scene_changed) {
         page.postMessage({ kind: "status", good: false, text: "Loading another mesh…" });

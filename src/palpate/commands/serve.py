@@ -27,6 +27,10 @@ def serve_command(
     key: Annotated[Path | None, typer.Option(help="For https: its key (.pem).")] = None,
     hours: Annotated[float, typer.Option(help="How long the printed invitations last.")] = 12.0,
     browser: Annotated[bool, typer.Option(help="Open the first room here as its teacher.")] = True,
+    registry: Annotated[
+        str | None, typer.Option(help="If several hosts serve these rooms: redis://HOST:6379 or nats://HOST:4222")
+    ] = None,
+    peer: Annotated[str | None, typer.Option(help="How the other hosts reach this one: http://10.0.0.7:8765")] = None,
 ) -> None:
     """Example: [bold]palpate serve kidney.vtu[/bold]
 
@@ -35,6 +39,8 @@ def serve_command(
     From another machine over TLS:
     palpate serve kidney.vtu --host 0.0.0.0 --certificate cert.pem
     --key key.pem --address https://simulator.example.org:8765
+    On several hosts, of which one may be lost: the same on each, with
+    --registry redis://host:6379 --peer http://10.0.0.7:8765
     """
     if (certificate is None) != (key is None):
         raise pp.errors.DataError("certificate, key: one without the other; give both")
@@ -45,7 +51,17 @@ def serve_command(
         else:
             rooms.append(pp.RoomFile(room_name(name), (path,)))
     pair = None if certificate is None or key is None else (certificate, key)
-    pp.serve(rooms, host=host, port=port, address=address, certificate=pair, hours=hours, open_browser=browser)
+    pp.serve(
+        rooms,
+        host=host,
+        port=port,
+        address=address,
+        certificate=pair,
+        hours=hours,
+        open_browser=browser,
+        registry=registry,
+        peer=peer,
+    )
 
 
 def room_name(text: str) -> str:

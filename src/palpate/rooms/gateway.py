@@ -3,8 +3,9 @@
 import asyncio
 import contextlib
 import http.client
-from collections.abc import AsyncIterator, Mapping
-from urllib.parse import urlencode
+from collections.abc import AsyncIterator, Coroutine, Mapping
+from typing import Any, TypeVar
+from urllib.parse import urlencode, urlsplit
 
 from starlette.applications import Starlette
 from starlette.requests import HTTPConnection, Request
@@ -16,6 +17,7 @@ from websockets.exceptions import ConnectionClosed, InvalidHandshake
 
 from palpate.errors import DataError
 from palpate.rooms.invitation import Invitation, read_invitation
+from palpate.rooms.room_claim import Host, hold, keep_open
 from palpate.rooms.room_process import RoomProcess
 from palpate.server.access_control import LOOPBACK, Admission, page_application
 from palpate.server.bounded_connections import BoundedConnection
@@ -23,7 +25,11 @@ from palpate.server.live_session import report_failure
 from palpate.server.messages import CloseCode
 from palpate.standalone.organ_page import engine_module
 
+Answer = TypeVar("Answer")
 PATIENCE = 20.0  # s that a page waits for a room that is being opened again
+FAREWELL = 1.0  # s that a host which is lost may take to answer it
+LOOK = 0.2  # s between looks whether a room has moved to another host
+PASSED = "passed"  # in a request of another host: it is answered here or nowhere
 CHUNK = 1 << 20  # bytes
 MOST_CONNECTIONS = 2048
 HEADERS = ("content-type", "content-length")
@@ -39,8 +45,13 @@ class GatewayConnection(BoundedConnection):
         return MOST_CONNECTIONS
 
 
-def gateway(rooms: Mapping[str, RoomProcess], secret: str, hosts: frozenset[str] = LOOPBACK) -> Starlette:
-    """The web application in front of rooms by name, which it keeps open. hosts: names that it goes by."""
+def gateway(
+    rooms: Mapping[str, RoomProcess], secret: str, hosts: frozenset[str] = LOOPBACK, host: Host | None = None
+) -> Starlette:
+    """The web application in front of rooms by name, which it keeps open. hosts: names that it goes by.
+
+    host: this one, if there are others with the same rooms: it keeps those open that it can claim.
+    """
 
     def refused(token: str) -> str:
         try:
@@ -51,13 +62,16 @@ def gateway(rooms: Mapping[str, RoomProcess], secret: str, hosts: frozenset[str]
 
     @contextlib.asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:
-        tasks = [asyncio.create_task(_opened(room)) for room in rooms.values()]
+        kept = (keep_open(room) if host is None else hold(room, host) for room in rooms.values())
+        tasks = [asyncio.create_task(one) for one in kept]
         for task in tasks:
             task.add_done_callback(report_failure)
         yield
         for task in tasks:
             task.cancel()
-        await asyncio.gather(*(room.close() for room in rooms.values()))
+        await asyncio.gather(*tasks, return_exceptions=True)
+        if host is not None:
+            await host.registry.close()
 
     paths = ("/scene", "/solid", "/album", "/values/{image:int}/{stack:int}")
     routes = [
@@ -68,13 +82,6 @@ def gateway(rooms: Mapping[str, RoomProcess], secret: str, hosts: frozenset[str]
     app = page_application("index.html", routes, Admission(refused, hosts | LOOPBACK), lifespan)
     app.state.rooms, app.state.secret = rooms, secret
     return app
-
-
-async def _opened(room: RoomProcess) -> None:
-    """Keeps a room open. One that cannot be opened at first stays closed, and its `problem` says why."""
-    with contextlib.suppress(DataError):
-        await room.open()
-        await room.keep()
 
 
 def invited_by(connection: HTTPConnection) -> tuple[Invitation, RoomProcess]:
@@ -88,55 +95,94 @@ async def engine(request: Request) -> Response:
     return Response(engine_module(), media_type="application/wasm")
 
 
+def way_to(room: RoomProcess, connection: HTTPConnection, asked: dict[str, str]) -> tuple[str, str]:
+    """Address of the server that has the room, and what to ask it with: on this host what was asked, else the invitation."""
+    if room.port:
+        return room.place, urlencode({"token": room.token, **asked})
+    return room.place, urlencode({"token": connection.query_params["token"], PASSED: "1"})
+
+
+async def reachable(room: RoomProcess, connection: HTTPConnection) -> bool:
+    """Whether the room is here, or on another host and nobody has passed that on already."""
+    return await room.there(PATIENCE) and (room.port != 0 or PASSED not in connection.query_params)
+
+
 async def pass_request(request: Request) -> Response:
     """Gets from the room what a page asks for."""
     _, room = invited_by(request)
-    if not await room.there(PATIENCE):
+    if not await reachable(room, request):
         return Response(f"the room {room.room.name} is not there; try again", 503)
-    connection = http.client.HTTPConnection("127.0.0.1", room.port, timeout=PATIENCE)
+    place, query = way_to(room, request, {})
+    parts = urlsplit(place)
+    kind = http.client.HTTPSConnection if parts.scheme == "https" else http.client.HTTPConnection
+    connection = kind(parts.netloc, timeout=PATIENCE)
 
     def ask() -> http.client.HTTPResponse:
-        connection.request("GET", f"{request.url.path}?{urlencode({'token': room.token})}")
+        connection.request("GET", f"{request.url.path}?{query}")
         return connection.getresponse()
 
-    async def parts() -> AsyncIterator[bytes]:
+    async def content() -> AsyncIterator[bytes]:
         with contextlib.closing(connection):
             while part := await asyncio.to_thread(answer.read, CHUNK):
                 yield part
 
     try:
-        answer = await asyncio.to_thread(ask)
+        answer = await unless_moved(room, place, asyncio.to_thread(ask))
     except (OSError, http.client.HTTPException):
         connection.close()
         return Response(f"the room {room.room.name} has just closed; try again", 503)
     headers = {name: answer.headers[name] for name in HEADERS if name in answer.headers}
-    return StreamingResponse(parts(), answer.status, headers)
+    return StreamingResponse(content(), answer.status, headers)
 
 
 async def pass_socket(page: WebSocket) -> None:
-    """Passes messages between a page and its room until either closes."""
+    """Passes messages between a page and its room until either closes, or the room has moved."""
     one, room = invited_by(page)
     await page.accept()
-    if not await room.there(PATIENCE):
+    if not await reachable(room, page):
         await page.close(CloseCode.room_lost, "the room is not there")
         return
-    query = urlencode({"token": room.token, "name": one.name, "role": one.role.name})
+    place, query = way_to(room, page, {"name": one.name, "role": one.role.name})
     try:
-        async with connect(
-            f"ws://127.0.0.1:{room.port}/socket?{query}", compression=None, max_size=None, max_queue=2, proxy=None
-        ) as inner:
-            ways = [asyncio.create_task(to_page(inner, page)), asyncio.create_task(to_room(page, inner))]
-            await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
-            for way in ways:
-                way.cancel()
-            await asyncio.gather(*ways, return_exceptions=True)
-        code, reason = inner.close_code or CloseCode.room_lost, inner.close_reason or ""
+        address = f"{place.replace('http', 'ws', 1)}/socket?{query}"
+        way = connect(address, compression=None, max_size=None, max_queue=2, close_timeout=FAREWELL, proxy=None)
+        inner = await unless_moved(room, place, opened(way))
     except LOST:
+        await page.close(CloseCode.room_lost, "the room was lost")
+        return
+    ends = [asyncio.create_task(end) for end in (to_page(inner, page), to_room(page, inner), moved(room, place))]
+    await asyncio.wait(ends, return_when=asyncio.FIRST_COMPLETED)
+    for end in ends:
+        end.cancel()
+    await asyncio.gather(*ends, return_exceptions=True)
+    code, reason = inner.close_code, inner.close_reason or ""
+    if code in (None, 1005, 1006):  # none that can be sent
         code, reason = CloseCode.room_lost, "the room was lost"
-    if code in (1005, 1006):  # no code, which cannot be sent
-        code = CloseCode.room_lost
     with contextlib.suppress(RuntimeError, WebSocketDisconnect):  # the page has gone
         await page.close(code, reason)
+    await inner.close()
+
+
+async def opened(way: connect) -> ClientConnection:
+    """A connection once it is open."""
+    return await way
+
+
+async def unless_moved(room: RoomProcess, place: str, answer: Coroutine[Any, Any, Answer]) -> Answer:
+    """An answer of the room at a place. Raises `ConnectionError` if it moves away before: a lost host never answers."""
+    asked, left = asyncio.create_task(answer), asyncio.create_task(moved(room, place))
+    await asyncio.wait((asked, left), return_when=asyncio.FIRST_COMPLETED)
+    left.cancel()
+    if asked.done():
+        return asked.result()
+    asked.cancel()
+    raise ConnectionError("the room has moved")
+
+
+async def moved(room: RoomProcess, place: str) -> None:
+    """Ends once the room is elsewhere."""
+    while room.place == place:
+        await asyncio.sleep(LOOK)
 
 
 async def to_page(inner: ClientConnection, page: WebSocket) -> None:

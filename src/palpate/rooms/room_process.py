@@ -1,4 +1,4 @@
-"""Rooms in processes of their own: started, started again when they die, and ended."""
+"""Rooms in processes of their own: started, started again with what they held when they die, and ended."""
 
 import asyncio
 import contextlib
@@ -15,22 +15,25 @@ from palpate.rooms.rooms_file import RoomFile
 FIRST_PAUSE, LAST_PAUSE = 0.2, 10.0  # s before a room that died is started again
 STEADY = 30.0  # s after which a room is taken for well again
 CLOSING = 20.0  # s for a record to be written
-LINE = 1 << 26  # bytes, of the longest line that a room writes: its cuts
+LINE = 1 << 26  # bytes, of the longest line that a room writes: its state
 
 
 @dataclass(eq=False)
 class RoomProcess:
-    """A room's process. Used on the event loop's thread only.
+    """A room, and its process if it is this host's. Used on the event loop's thread only.
 
-    record: where its session goes; a journal beside it holds what is not lost when it dies. token: of the gateway. port: of
-    the room on loopback, or 0 while it is not there. cuts: those that it began with. problem: why it cannot be opened.
+    record: where its session goes. token: of the gateway. port: of the room on loopback, or 0 while it is not there. state:
+    the cuts and notes that it had last, or None at first. news: set when the state has changed. elsewhere: address of the
+    host that has the room, if it is another. problem: why it cannot be opened.
     """
 
     room: RoomFile
     record: Path
     token: str = field(default_factory=lambda: secrets.token_urlsafe(16))
     port: int = 0
-    cuts: list[Any] = field(default_factory=list)
+    state: dict[str, Any] | None = None
+    news: asyncio.Event = field(default_factory=asyncio.Event)
+    elsewhere: str = ""
     deaths: int = 0
     problem: str = ""
     _process: asyncio.subprocess.Process | None = None
@@ -54,7 +57,7 @@ class RoomProcess:
             "tension": self.room.tension,
             "record": str(self.record.resolve()),
             "token": self.token,
-            "cuts": self.cuts,
+            "state": self.state,
         }
         assert self._process.stdin
         assert self._process.stdout
@@ -67,7 +70,7 @@ class RoomProcess:
         if "problem" in answer:
             self.problem = f"room {self.room.name}: {answer['problem']}"
             raise DataError(self.problem)
-        self.port, self.cuts, self.problem = answer["port"], answer["cuts"], ""
+        self.port, self.elsewhere, self.problem = answer["port"], "", ""
         self._changed.set()
 
     async def keep(self) -> None:
@@ -76,6 +79,7 @@ class RoomProcess:
         while True:
             assert self._process
             began = loop.time()
+            await self._listen()
             code = await self._process.wait()
             self.port = 0
             self._changed.clear()
@@ -86,21 +90,43 @@ class RoomProcess:
             with contextlib.suppress(DataError):
                 await self.open()
 
+    async def _listen(self) -> None:
+        """Takes its state whenever it tells it, until it ends."""
+        assert self._process
+        assert self._process.stdout
+        while line := await self._process.stdout.readline():
+            with contextlib.suppress(ValueError, KeyError):  # cut off as it died
+                self.state = json.loads(line)["state"]
+                self.news.set()
+
+    def move(self, address: str) -> None:
+        """Another host has it."""
+        self.elsewhere = address
+        self._changed.set()
+
+    @property
+    def place(self) -> str:
+        """Address of the server that has it, or nothing."""
+        return f"http://127.0.0.1:{self.port}" if self.port else self.elsewhere
+
     async def there(self, seconds: float) -> bool:
-        """Whether it is there within that time."""
+        """Whether it is anywhere within that time."""
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(self._changed.wait(), seconds)
-        return self.port != 0
+        return self.place != ""
 
     async def close(self) -> None:
-        """Ends it: it writes its record."""
+        """Ends it: it tells its state and writes its record."""
         process, self.port = self._process, 0
-        if process is None or process.returncode is not None:
+        self._changed.clear()
+        if process is None:
             return
         assert process.stdin
         process.stdin.close()
+        if process.returncode is not None:
+            return
         try:
-            await asyncio.wait_for(process.wait(), CLOSING)
+            await asyncio.wait_for(asyncio.gather(self._listen(), process.wait()), CLOSING)
         except TimeoutError:
             process.kill()
             await process.wait()

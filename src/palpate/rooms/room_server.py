@@ -3,13 +3,16 @@
     python -m palpate.rooms.room_server
 
 It reads one line of JSON from its standard input: what the room holds, and the gateway's token. Once pages can come it writes
-a line with its port and with the cuts that it began with, which it is given again if it dies; or a line with what is wrong.
-When its input ends, as it does when the gateway dies, it writes its record and ends.
+a line with its port, or with what is wrong. Whenever a cut or a note is made or taken back it writes a line with all of
+them, which it is given again if it dies. When its input ends, as it does when the gateway dies, it writes its record and
+ends.
 """
 
 import contextlib
 import json
+import select
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +24,9 @@ from palpate.server.live_session import LiveSession
 from palpate.server.loopback_server import loopback_socket
 from palpate.server.touch import running_session, write_records
 from palpate.simulation.pointer import Pointer
-from palpate.simulation.recording import Record, recovered
+from palpate.simulation.recording import recovered
 from palpate.simulation.session import Session
+from palpate.simulation.session_cuts import RecordedCut
 from palpate.simulation.session_journal import journal_path
 from palpate.simulation.session_notes import SessionNote
 from palpate.simulation.starting_model import starting_model
@@ -30,6 +34,8 @@ from palpate.tissue.cutting import cut
 from palpate.tissue.io import read_tissue
 from palpate.tissue.models.registry import model as build
 from palpate.tissue.tissue import Tissue
+
+LOOK = 0.2  # s between looks whether a cut or a note has been made
 
 
 def main() -> None:
@@ -40,9 +46,14 @@ def main() -> None:
     try:
         live, blades = opened(room)
         with contextlib.closing(loopback_socket(0)) as listener, running_session(live, listener, room["token"]):
-            cuts = [[blade.points.tolist(), blade.triangles.tolist()] for blade in blades]
-            print(json.dumps({"port": listener.getsockname()[1], "cuts": cuts}), file=out, flush=True)
-            sys.stdin.read()
+            print(json.dumps({"port": listener.getsockname()[1]}), file=out, flush=True)
+            told = ""
+            ending = False
+            while not ending:
+                ending = bool(select.select([sys.stdin], [], [], LOOK)[0])  # nothing but its end comes any more
+                if (state := json.dumps({"state": state_of(live, blades)})) != told:
+                    print(state, file=out, flush=True)
+                    told = state
         if live.record is not None:
             write_records(live.record, [*live.finished, live.session])
     except PalpateError as problem:
@@ -55,9 +66,8 @@ def opened(room: dict[str, Any]) -> tuple[LiveSession, list[Blade]]:
     organs = {Path(path).stem: read_tissue(path) for path in room["organs"]}
     first = next(iter(organs.values()))
     record = None if room["record"] is None else Path(room["record"])
-    left = None if record is None or not journal_path(record).is_file() else recovered(journal_path(record))
-    given = [Blade(np.array(points), np.array(triangles)) for points, triangles in room["cuts"]]
-    cuts = given if left is None else [*given, *active_cuts(left)]
+    state = room["state"] or state_before(record)
+    cuts = [Blade(np.array(points), np.array(triangles)) for points, triangles in state["cuts"]]
     tissue = with_cuts(first, cuts)
     options = {"radius": room["radius"], "tension": room["tension"]}
     reason = successor = ""
@@ -69,16 +79,35 @@ def opened(room: dict[str, Any]) -> tuple[LiveSession, list[Blade]]:
         reason, successor = found.reason, found.successor
     if cuts:
         organs = {**organs, next(iter(organs)): tissue}
-    if left is not None:
-        session.events.notes = tuple(SessionNote(0, note.point, note.text) for note in left.notes)
+    session.events.notes = tuple(SessionNote(0, tuple(point), text) for point, text in state["notes"])
     named = {"reason": reason, "successor": successor, "room": room["name"]}
     return LiveSession(session, Pointer(), room["title"], organs, record=record, **named), cuts
 
 
-def active_cuts(record: Record) -> list[Blade]:
-    """The blades of a record's cuts that are there at its end."""
+def state_of(live: LiveSession, before: list[Blade]) -> dict[str, Any]:
+    """The cuts of the room's first organ and the notes, as JSON can hold them. before: cuts that it began with."""
+    first = (*live.finished, live.session)[0]
+    return described([*before, *active_cuts(first.events.cuts)], live.notes)
+
+
+def state_before(record: Path | None) -> dict[str, Any]:
+    """That of a session whose server died with all that it knew: from its journal, if there is one."""
+    left = None if record is None or not journal_path(record).is_file() else recovered(journal_path(record))
+    return described([], ()) if left is None else described(active_cuts(left.cuts), left.notes)
+
+
+def described(cuts: Sequence[Blade], notes: Sequence[SessionNote]) -> dict[str, Any]:
+    """Cuts and notes, as JSON can hold them."""
+    return {
+        "cuts": [[blade.points.tolist(), blade.triangles.tolist()] for blade in cuts],
+        "notes": [[note.point, note.text] for note in notes],
+    }
+
+
+def active_cuts(cuts: Sequence[RecordedCut]) -> list[Blade]:
+    """The blades of the cuts that are there at the end of a session."""
     blades: list[Blade] = []
-    for one in record.cuts:
+    for one in cuts:
         if one.kind != "cut":
             blades.pop()
         if one.blade is not None:
@@ -92,7 +121,9 @@ def with_cuts(tissue: Tissue, blades: list[Blade]) -> Tissue:
         for blade in blades:
             tissue = cut(tissue, blade)
     except PalpateError as problem:
-        raise DataError(f"journal: its cuts do not fit this organ ({problem}); move it away to begin anew") from None
+        raise DataError(
+            f"the cuts that were kept do not fit this organ ({problem}); give the room another name"
+        ) from None
     return tissue
 
 

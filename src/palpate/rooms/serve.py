@@ -1,7 +1,9 @@
 """Serves rooms until Ctrl-C, and makes invitations to them."""
 
+import asyncio
 import contextlib
 import json
+import secrets
 import ssl
 import tempfile
 import time
@@ -13,6 +15,9 @@ from palpate.atomic_write import replacing, writable
 from palpate.errors import DataError, FileError, PortError
 from palpate.rooms.gateway import GatewayConnection, gateway
 from palpate.rooms.invitation import HOURS, invitation, sign
+from palpate.rooms.registry import RegistryLost, without_password
+from palpate.rooms.registry import registry as opened_registry
+from palpate.rooms.room_claim import Host
 from palpate.rooms.room_process import RoomProcess
 from palpate.rooms.rooms_file import RoomFile
 from palpate.server.access_control import check_page
@@ -35,6 +40,8 @@ def serve(
     certificate: tuple[str | Path, str | Path] | None = None,
     hours: float = HOURS,
     open_browser: bool = False,
+    registry: str | None = None,
+    peer: str | None = None,
 ) -> None:
     """Open rooms in which several people touch one organ, each in a browser of their own, and wait for Ctrl-C.
 
@@ -57,6 +64,12 @@ def serve(
         How long the printed invitations last.
     open_browser : bool, optional
         Whether to open the first room here, as its teacher.
+    registry : str, optional
+        Redis or NATS, such as "redis://:password@host:6379", if several hosts serve the same rooms. Each room is open on one
+        of them, and all let people in. When a host is lost, another goes on with its rooms, their cuts and their notes.
+    peer : str, optional
+        How the other hosts reach this one, such as "http://10.0.0.7:8765". The default is host and port, if the registry is
+        on this machine.
 
     Raises
     ------
@@ -65,7 +78,9 @@ def serve(
     FileError
         If a file is missing, or a record cannot be written.
     PortError
-        If the port is taken. All of these are raised before anything starts.
+        If the port is taken, or the registry does not answer. All of these are raised before anything starts.
+    ExtraError
+        If the package for the registry is not installed.
 
     Examples
     --------
@@ -83,12 +98,17 @@ def serve(
         folder = Path(after.enter_context(tempfile.TemporaryDirectory(prefix="palpate-rooms-")))
         processes = checked_rooms(rooms, folder)
         invitations = {name: {role.name: invitation(name, role.name, "", hours) for role in Role} for name in processes}
-        secret = kept_secret(SECRET)
-        app = gateway(processes, secret, frozenset({host_of(base)}))
+        secret, others = kept_secret(SECRET), None
+        if registry is not None:
+            opened = opened_registry(registry)
+            link = checked_peer(peer, registry, host, number, certificate is not None)
+            others, secret = Host(opened, link, secrets.token_hex(4)), shared_secret(registry, secret)
+        names = {host_of(base), *(() if others is None else (host_of(others.address),))}
+        app = gateway(processes, secret, frozenset(names), others)
         with (
             shutdown_requests() as ended,
             running(app, listener, MESSAGE_BYTES, GatewayConnection, pair, PING) as own,
-            known_address(base, list(processes)),
+            known_address(base, list(processes), secret),
         ):
             wait_for(processes)
             for name, roles in invitations.items():
@@ -141,12 +161,12 @@ def invite(room: str, role: str = "trainee", name: str = "", hours: float = HOUR
     one = invitation(room, role, name, hours)
     try:
         served = json.loads((state_folder() / ADDRESS).read_text(encoding="utf-8"))
-        base, rooms = str(served["address"]), list(served["rooms"])
+        base, rooms, secret = str(served["address"]), list(served["rooms"]), str(served["secret"])
     except (OSError, ValueError, KeyError, TypeError):
         raise DataError("no rooms are served here; start them with: palpate serve tissue.vtu") from None
     if room not in rooms:
         raise DataError(f"room {room}: not there; rooms: {', '.join(map(str, rooms))}")
-    return f"{base}?token={sign(one, kept_secret(SECRET))}"
+    return f"{base}?token={sign(one, secret)}"
 
 
 def checked_address(address: str | None, host: str, port: int, encrypted: bool) -> str:
@@ -166,6 +186,38 @@ def checked_address(address: str | None, host: str, port: int, encrypted: bool) 
             "https address that a server in front of this one answers"
         )
     return f"{parts.scheme}://{parts.netloc}/"
+
+
+def checked_peer(peer: str | None, registry: str, host: str, port: int, encrypted: bool) -> str:
+    """How other hosts reach this one, without a slash at its end. Raises `DataError`."""
+    if peer is None:
+        if host == "0.0.0.0" or (host == HOST and (urlsplit(registry).hostname or HOST) not in ("localhost", HOST)):
+            raise DataError(
+                f"peer: the other hosts cannot reach {host}; give this one's address: --peer http://10.0.0.7:{port}"
+            )
+        peer = f"http{'s' if encrypted else ''}://{host}:{port}"
+    parts = urlsplit(peer)
+    if parts.scheme not in ("http", "https") or not parts.hostname or parts.path.strip("/") or parts.query:
+        raise DataError(f"peer {peer}: expected http://HOST:PORT or https://HOST:PORT")
+    return f"{parts.scheme}://{parts.netloc}"
+
+
+def shared_secret(address: str, own: str) -> str:
+    """The secret of all hosts, so that each lets in whom another has invited. Raises `PortError`."""
+
+    async def ask() -> str:
+        registry = opened_registry(address)
+        try:
+            return await registry.secret(own)
+        finally:
+            await registry.close()
+
+    try:
+        return asyncio.run(ask())
+    except RegistryLost as problem:
+        raise PortError(
+            f"registry {without_password(address)}: no answer ({problem}); start it, or correct the address"
+        ) from None
 
 
 def host_of(address: str) -> str:
@@ -206,7 +258,7 @@ def checked_rooms(rooms: Sequence[RoomFile], folder: Path) -> dict[str, RoomProc
 def wait_for(rooms: dict[str, RoomProcess]) -> None:
     """Until all rooms are open. Raises `DataError` with what is wrong with one, and `PortError` if it takes too long."""
     end = time.monotonic() + OPENING
-    while missing := [name for name, room in rooms.items() if not room.port]:
+    while missing := [name for name, room in rooms.items() if not room.place]:
         for room in rooms.values():
             if room.problem:
                 raise DataError(room.problem)
@@ -216,13 +268,14 @@ def wait_for(rooms: dict[str, RoomProcess]) -> None:
 
 
 @contextlib.contextmanager
-def known_address(address: str, rooms: list[str]) -> Iterator[None]:
-    """Keeps the address for `invite` during the block."""
+def known_address(address: str, rooms: list[str], secret: str) -> Iterator[None]:
+    """Keeps the address and the secret for `invite` during the block, in a file that only this user can read."""
     path = state_folder() / ADDRESS
-    text = json.dumps({"address": address, "rooms": rooms})
+    text = json.dumps({"address": address, "rooms": rooms, "secret": secret})
     with contextlib.suppress(OSError):  # without it `invite` says that no rooms are served
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
         with replacing(path) as temporary:
+            temporary.touch(0o600)
             temporary.write_text(text, encoding="utf-8")
     try:
         yield
