@@ -184,6 +184,8 @@ from .tissue.boundary_conditions import fixed_beyond as fixed_beyond
 from .tissue.boundary_conditions import fixed_near as fixed_near
 from .tissue.boundary_conditions import resting_on as resting_on
 from .tissue.cutting import cut as cut
+from .tissue.cutting_work import CuttingWork as CuttingWork
+from .tissue.cutting_work import cutting_work as cutting_work
 from .tissue.force_error_map import force_error_map as force_error_map
 from .tissue.gaping import gape as gape
 from .tissue.incision import incision as incision

@@ -302,3 +302,29 @@ def test_tension_opens_the_picture_alone(whole, top, model, blade):
     drawn = tense.displayed
     assert np.abs(drawn.gape).max() > 0.5
     assert np.allclose(drawn.gape, drawn.carried(moved[drawn.nodes].astype(np.float32)), atol=1e-4)
+
+
+@pytest.mark.parametrize("pieces", [1, 3])
+def test_a_closed_loop_through_a_cut_costs_what_the_cut_takes(whole, top, model, pieces):
+    """A hand pulls beside a way, a blade passes there, the hand lets go: all hands have done the work of the cut."""
+    session = pp.Session(model, radius=RADIUS, sweeps=4, toughness=0.2, blade_friction=2e-5)
+    point = tuple(map(float, top + (0, 8, 0)))
+    depth = np.concatenate([np.linspace(0, 3, 600)[1:], np.full(400, 3.0)])
+    ways = np.outer(depth, (0.2, 0.9, 0.4))
+    pressed = session.step([pp.Command(True, point, tuple(way)) for way in ways])
+    for piece in range(pieces):
+        end = top + (-15 + 30 * (piece + 1) / pieces, 0, 0)
+        assert session.cut(pp.incision(whole, [top - (15, 0, 0), end], depth=12), extend=piece > 0)
+        session.step([pp.Command(True, point, tuple(ways[-1]))] * 1200)
+    back = ways[::-1]
+    let_go = session.step([pp.Command(True, point, tuple(way)) for way in back])
+
+    def work(force, way):  # of the hand, against the tissue's force
+        return -float(((force[1:] + force[:-1]) / 2 * np.diff(way, axis=0)).sum())
+
+    (cut,) = session.cutting_work
+    net = work(pressed, ways) + work(let_go, back) + cut.total
+    assert cut.released > 0.05 * cut.fracture, "what was pulled is felt by the blade"
+    assert net == pytest.approx(1e-3 * 0.2 * cut.area + 2e-5 * cut.area, rel=0.02)
+    assert session.undo()
+    assert session.cutting_work == ()

@@ -14,6 +14,7 @@ import time
 
 import httpx
 import numpy as np
+import psutil
 from websockets.exceptions import ConnectionClosed, InvalidHandshake
 from websockets.sync.client import connect
 
@@ -56,8 +57,10 @@ class ServingHost:
 
     def rooms(self):
         """The processes of its rooms."""
-        listed = subprocess.run(["pgrep", "-P", str(self.process.pid)], capture_output=True, text=True, check=False)
-        return [int(number) for number in listed.stdout.split()]
+        with contextlib.suppress(psutil.NoSuchProcess):
+            children = psutil.Process(self.process.pid).children()
+            return [one.pid for one in children if one.status() != psutil.STATUS_ZOMBIE]
+        return []
 
     def lose(self):
         """As when its power fails, but that its connections are closed."""

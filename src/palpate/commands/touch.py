@@ -39,6 +39,9 @@ def touch_command(
     tension: Annotated[
         float, typer.Option(help="Of the tissue at rest, kPa: cuts gape by it in the picture.", show_default=False)
     ] = 0.0,
+    toughness: Annotated[
+        float | None, typer.Option(help="Energy of a cut, J/m². Default: of the tissues that were fitted by name.")
+    ] = None,
     save: Annotated[
         Path | None, typer.Option(help="Write the tissue with its cuts here when the session ends (.vtu).")
     ] = None,
@@ -80,6 +83,7 @@ def touch_command(
         device=device,
         task=asked.text,
         tension=tension,
+        toughness=toughness,
         save=save,
     )
     if record is not None and task != "touch":

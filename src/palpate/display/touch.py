@@ -43,6 +43,7 @@ def touch(
     task: str = "",
     device: str | None = None,
     tension: float = 0.0,
+    toughness: float | None = None,
     save: str | Path | None = None,
 ) -> "TouchWidget | None":
     """Open the simulator: in a notebook as a widget, elsewhere in a browser.
@@ -80,6 +81,8 @@ def touch(
         "open-haptics", "force-dimension" or "haply"; it then moves the tool, and the page only shows it.
     tension : float, optional
         Of the tissue at rest, kPa: cuts gape by it in the picture.
+    toughness : float, optional
+        Energy that a cut takes for each area, J/m². The default is that of the tissues that `fit` was given by name.
     save : str or Path, optional
         File (.vtu) for the tissue with its cuts, written at the end.
 
@@ -113,7 +116,9 @@ def touch(
     ...     print("too many images")
     too many images
     """
-    asked = any(each is not None for each in (port, record, replay, device, save))  # for what a server alone can do
+    asked = any(
+        each is not None for each in (port, record, replay, device, save, toughness)
+    )  # for what a server alone can do
     needs_server = asked or model not in (None, "compliance") or bool(images) or tension != 0 or not open_browser
     if in_notebook() and isinstance(tissue, Tissue) and not needs_server:
         return touch_widget(tissue, radius, title, task)
@@ -141,10 +146,10 @@ def touch(
             live, lines = replayed(replays, organs, tension, payloads), []
         else:
             if model is not None:
-                session = Session(build(first, model), radius=radius, tension=tension)
+                session = Session(build(first, model), radius=radius, tension=tension, toughness=toughness)
             else:
                 found = starting_model(first, radius)
-                session = Session(found.model, radius=radius, tension=tension)
+                session = Session(found.model, radius=radius, tension=tension, toughness=toughness)
                 reason, successor = found.reason, found.successor
             haptic = None if device is None else open_device(device, session.mesh)
             where = None if record is None else Path(record)

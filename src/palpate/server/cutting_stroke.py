@@ -14,6 +14,7 @@ from palpate.server.messages import CutStep, Scalpel
 from palpate.server.scene_message import reach
 from palpate.simulation.session import Session
 from palpate.tissue.cutting import may_be_cut
+from palpate.tissue.cutting_work import CuttingWork
 from palpate.tissue.incision import incision
 from palpate.tissue.tissue import Tissue
 
@@ -66,7 +67,7 @@ class Cutting:
         lock: asyncio.Lock,
         present: Callable[[], Session],
         changed: Callable[[], None],
-        tell: Callable[[str], Awaitable[None]],
+        tell: Callable[..., Awaitable[None]],
     ) -> None:
         self.lock, self.present, self.changed, self.tell = lock, present, changed, tell
         self.stroke: Stroke | None = None
@@ -107,6 +108,9 @@ class Cutting:
                 if not await self._change(stroke.session, cut):
                     return
                 stroke.cut = done
+            if stroke.cut:
+                length = float(np.linalg.norm(np.diff(stroke.way[: stroke.cut], axis=0), axis=1).sum())
+                await self.tell(told(stroke.session.cutting_work[-1], length), stroke.page)
         except PalpateError as problem:
             await self.tell(str(problem))
         finally:
@@ -132,6 +136,14 @@ class Cutting:
                 await asyncio.sleep(RETRY)
             self.changed()
             return True
+
+
+def told(work: CuttingWork, way: float) -> str:
+    """What the hand on a blade has done along a way of so many mm."""
+    size = f"Cut of {work.area:.0f} mm²"
+    if work.unknown and not work.total:
+        return f"{size}; how tough {', '.join(work.unknown)} is, nobody has said (--toughness)."
+    return f"{size}: {work.total:.1f} mJ, {work.total / way:.2f} N on the blade."
 
 
 def simplified(way: ArrayLike, tolerance: float) -> Float64:

@@ -1,6 +1,6 @@
 """A session: a tissue under tools at 1000 ticks a second, by the clock with a device, or in lockstep."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from threading import Event, Lock, Thread
 from types import TracebackType
 from typing import Any, Protocol, Self
@@ -32,6 +32,7 @@ from palpate.simulation.session_events import SessionEvents
 from palpate.simulation.session_journal import SessionJournal
 from palpate.simulation.session_notes import MOST_NOTES, checked_note
 from palpate.simulation.session_replay import ReplaySteps
+from palpate.tissue.cutting_work import CuttingWork, cutting_work, together
 from palpate.tissue.models.registry import model as build
 from palpate.tissue.models.registry import name_of
 from palpate.tissue.models.tissue_model import TissueModel
@@ -71,6 +72,10 @@ class Session:
         Of the tissue at rest, kPa: how far a display opens cuts, as `gape` does. No force depends on it.
     regions : bool, optional
         Whether a display may draw what is inside.
+    toughness : float or dict, optional
+        Energy that a cut takes for each area, J/m², as `cutting_work` takes it. The default is that of the named tissues.
+    blade_friction : float, optional
+        Force on each mm of a blade's edge in the tissue, N/mm.
 
     Raises
     ------
@@ -97,10 +102,15 @@ class Session:
         friction: float = 0.3,
         tension: float = 0.0,
         regions: bool = True,
+        toughness: float | Mapping[int | str, float] | None = None,
+        blade_friction: float = 0.0,
     ) -> None:
         _require_time_dependence(model)
         self.first = self.model = model
         self._tissues = CutTissues(model.tissue)
+        self.toughness, self.blade_friction = toughness, float(blade_friction)
+        cutting_work(model.tissue, model.tissue, toughness, self.blade_friction)  # refuses what cannot be
+        self.cutting_work: tuple[CuttingWork, ...] = ()  # of each cut that there is, of an extended one all of it
         self.lesson = ""  # of the record
         self.bodies = 0  # how often the body has been changed
         self._surfaces = DisplayedBodies(tension, regions)
@@ -324,6 +334,7 @@ class Session:
         tissue = tissues[-1]
         model = self.first if tissue is self.first.tissue and name_of(self.first) == name else build(tissue, name)
         displayed = self._surfaces.add(self.bodies + 1, model)
+        works = self._works_after(kind, tissue, model)
         with self._lock:
             try:
                 done = self.loop.change_body(model.native, tissue.surface, displayed.nodes, self.settings.sweeps)
@@ -332,10 +343,33 @@ class Session:
             if not done:
                 return False
             self._tissues.take(tissues)
+            self.cutting_work = works
             self.model, self.displayed = model, displayed
             self.bodies += 1
             self.events.cut(kind, blade)
         return True
+
+    def _works_after(self, kind: CutKind, tissue: Tissue, model: TissueModel) -> tuple[CuttingWork, ...]:
+        """Of each cut after one more change."""
+        if kind == "undo":
+            return self.cutting_work[:-1]
+        released = self._held_energy(self.model) - self._held_energy(model)
+        new = cutting_work(self.tissue, tissue, self.toughness, self.blade_friction, released)
+        return (
+            (*self.cutting_work, new)
+            if kind == "cut"
+            else (*self.cutting_work[:-1], together(self.cutting_work[-1], new))
+        )
+
+    def _held_energy(self, model: TissueModel) -> float:
+        """Elastic energy, mJ, of a linear model as the tools hold it now: half of their forces times their ways."""
+        frame, closed = self.loop.frame(), _core.simulation.ContactState.closed
+        held = [tool for tool in range(TOOLS) if frame.contact[tool] == closed and np.any(frame.displacement[tool])]
+        if not held:
+            return 0.0
+        points, ways = np.array(frame.point)[held], np.array(frame.displacement)[held]
+        force = model.push(points, ways, np.full(len(held), self.settings.radius)).force
+        return float(-(np.reshape(force, (-1, 3)) * ways).sum() / 2)
 
     @property
     def shown(self) -> Int32:
