@@ -4,12 +4,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
+from palpate.arrays import Int32, Int64
 from palpate.errors import MaterialError
 from palpate.meshes.cutting.cut_mesh import CutMesh
 from palpate.tissue.named_tissues import tissue_properties
 from palpate.tissue.tissue import Tissue
 
+NEAREST = 32  # tetrahedra around a point: their copies count too
 MJ = 1e-3  # of 1 J/m² on 1 mm²
 
 
@@ -152,5 +155,16 @@ def lip_areas(tissue: Tissue) -> dict[int, float]:
     lips = mesh.skin.triangles[mesh.skin.lip]
     a, b, c = (mesh.places[lips[:, k]] for k in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 4  # a half of the triangle, of which each lip has one
-    region = mesh.region[mesh.skin.tet[lips]]  # of each corner
-    return {int(r): float((area[:, None] * (region == r)).sum() / 3) for r in np.unique(region)}
+    region = mesh.region[tets_of(mesh, lips)]
+    return {int(r): float(area[region == r].sum()) for r in np.unique(region)}
+
+
+def tets_of(mesh: CutMesh, triangles: Int32) -> Int64:
+    """(T,) the tetrahedron in which the middle of each triangle lies, of those whose centroids are nearest."""
+    corners = mesh.nodes[mesh.tets]  # (M, 4, 3)
+    middle = mesh.places[triangles].mean(axis=1)
+    near = np.asarray(cKDTree(corners.mean(axis=1)).query(middle, k=min(NEAREST, len(corners)))[1])  # (T, k)
+    edges = np.swapaxes(corners[near][:, :, 1:] - corners[near][:, :, :1], 2, 3)
+    share = np.linalg.solve(edges, (middle[:, None] - corners[near][:, :, 0])[..., None])[..., 0]
+    least = np.minimum(share.min(axis=2), 1 - share.sum(axis=2))
+    return np.asarray(near[np.arange(len(middle)), least.argmax(axis=1)])
