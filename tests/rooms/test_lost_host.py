@@ -13,7 +13,7 @@ from support.several_hosts import TOP, ServingHost, back, cut_over_the_top, page
 from websockets.exceptions import ConnectionClosed
 
 import palpate as pp
-from palpate.rooms.registry import registry
+from palpate.rooms.open_registry import open_registry
 from palpate.server import messages
 
 NOTE = messages.encode(messages.Note(0, 0, TOP)) + b"hard here"
@@ -42,7 +42,7 @@ def kept(server, room="kidney"):
     """What the registry keeps of a room."""
 
     async def ask():
-        one = registry(server.address)
+        one = open_registry(server.address)
         try:
             return await one.kept(room)
         finally:
@@ -70,6 +70,8 @@ def test_the_room_of_a_lost_host_goes_on_elsewhere_with_its_cuts_and_notes(kind,
         whole = scene_of(second, token)["triangles"]
         with page_of(second, token) as page:
             cut_over_the_top(page)
+            while not str(page.recv(timeout=60)).startswith("Cut of"):  # the stroke has ended
+                pass
             page.send(NOTE)
             until(lambda: len(kept(server)["cuts"]) == 1 and len(kept(server)["notes"]) == 1, 60)
             cut = scene_of(second, token)["triangles"]

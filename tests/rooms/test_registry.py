@@ -7,7 +7,8 @@ import pytest
 from support.registries import registry_server
 
 import palpate as pp
-from palpate.rooms.registry import LEASE, RegistryLost, registry, without_password
+from palpate.rooms.open_registry import open_registry
+from palpate.rooms.registry import LEASE, RegistryLost, without_password
 
 
 @pytest.fixture(scope="module", params=["redis", "nats"])
@@ -20,7 +21,7 @@ def with_registries(server, use, count=1):
     """Runs a coroutine function with so many connections, as of so many hosts."""
 
     async def run():
-        several = [registry(server.address) for _ in range(count)]
+        several = [open_registry(server.address) for _ in range(count)]
         try:
             return await use(*several)
         finally:
@@ -120,11 +121,11 @@ def test_a_server_that_is_gone_is_said_in_time_and_found_again(kind, tmp_path):
 @pytest.mark.parametrize("address", ["http://127.0.0.1", "somewhere", "", "redis", "etcd://host"])
 def test_an_address_of_no_registry_is_refused(address):
     with pytest.raises(pp.errors.DataError, match="expected redis"):
-        registry(address)
+        open_registry(address)
 
 
 def test_no_password_is_shown():
     assert without_password("redis://:secret@host:6379/0") == "redis://host:6379/0"
     with pytest.raises(pp.errors.DataError) as said:
-        registry("etcd://ada:secret@host")
+        open_registry("etcd://ada:secret@host")
     assert "secret" not in str(said.value)

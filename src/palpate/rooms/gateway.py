@@ -28,6 +28,7 @@ from palpate.standalone.organ_page import engine_module
 Answer = TypeVar("Answer")
 PATIENCE = 20.0  # s that a page waits for a room that is being opened again
 FAREWELL = 1.0  # s that a host which is lost may take to answer it
+TRIES = 3  # to reach a room
 LOOK = 0.2  # s between looks whether a room has moved to another host
 PASSED = "passed"  # in a request of another host: it is answered here or nowhere
 CHUNK = 1 << 20  # bytes
@@ -139,17 +140,24 @@ async def pass_socket(page: WebSocket) -> None:
     """Passes messages between a page and its room until either closes, or the room has moved."""
     one, room = invited_by(page)
     await page.accept()
-    if not await reachable(room, page):
-        await page.close(CloseCode.room_lost, "the room is not there")
-        return
-    place, query = way_to(room, page, {"name": one.name, "role": one.role.name})
-    try:
+    for _ in range(TRIES):  # a room that has just died may look as if it were there
+        if not await reachable(room, page):
+            break
+        place, query = way_to(room, page, {"name": one.name, "role": one.role.name})
         address = f"{place.replace('http', 'ws', 1)}/socket?{query}"
         way = connect(address, compression=None, max_size=None, max_queue=2, close_timeout=FAREWELL, proxy=None)
-        inner = await unless_moved(room, place, opened(way))
-    except LOST:
-        await page.close(CloseCode.room_lost, "the room was lost")
+        try:
+            inner = await unless_moved(room, place, opened(way))
+        except LOST:
+            await asyncio.sleep(LOOK)
+            continue
+        await passed(page, inner, room, place)
         return
+    await page.close(CloseCode.room_lost, "the room is not there")
+
+
+async def passed(page: WebSocket, inner: ClientConnection, room: RoomProcess, place: str) -> None:
+    """Passes messages until an end closes, or the room has moved from its place; then closes both ends."""
     ends = [asyncio.create_task(end) for end in (to_page(inner, page), to_room(page, inner), moved(room, place))]
     await asyncio.wait(ends, return_when=asyncio.FIRST_COMPLETED)
     for end in ends:

@@ -7,8 +7,6 @@ room next has it, and opens it as it was kept last.
 from typing import Protocol
 from urllib.parse import urlsplit
 
-from palpate.errors import DataError
-
 LEASE = 2.0  # s for which a claim lasts
 BEAT = 0.5  # s between renewals
 PATIENCE = 1.5  # s that an answer may take
@@ -39,24 +37,6 @@ class Registry(Protocol):
 
     async def close(self) -> None:
         """Ends the connection."""
-
-
-def registry(address: str) -> Registry:
-    """The registry at an address.
-
-    Raises `DataError` if no registry goes by such an address, and `ExtraError` if its library is not installed.
-    """
-    # Each needs its own library, which few users have.
-    scheme = urlsplit(address).scheme
-    if scheme in ("redis", "rediss", "unix"):
-        from palpate.rooms.redis_registry import RedisRegistry
-
-        return RedisRegistry(address)
-    if scheme in ("nats", "tls"):
-        from palpate.rooms.nats_registry import NatsRegistry
-
-        return NatsRegistry(address)
-    raise DataError(f"registry {without_password(address)}: expected redis://HOST:6379 or nats://HOST:4222")
 
 
 def without_password(address: str) -> str:

@@ -80,9 +80,9 @@ class RoomProcess:
             assert self._process
             began = loop.time()
             await self._listen()
-            code = await self._process.wait()
             self.port = 0
             self._changed.clear()
+            code = await self._process.wait()
             self.deaths += 1
             pause = FIRST_PAUSE if loop.time() - began > STEADY else min(2 * pause, LAST_PAUSE)
             print(f"palpate: room {self.room.name} ended with {code}; it is opened again", flush=True)
@@ -123,10 +123,10 @@ class RoomProcess:
             return
         assert process.stdin
         process.stdin.close()
-        if process.returncode is not None:
-            return
         try:
             await asyncio.wait_for(asyncio.gather(self._listen(), process.wait()), CLOSING)
         except TimeoutError:
             process.kill()
             await process.wait()
+        with contextlib.suppress(ConnectionError):
+            await process.stdin.wait_closed()

@@ -20,6 +20,7 @@ import numpy as np
 
 from palpate.errors import DataError, PalpateError
 from palpate.meshes.cutting.blade import Blade
+from palpate.meshes.cutting.cut_mesh import CutMesh
 from palpate.server.live_session import LiveSession
 from palpate.server.loopback_server import loopback_socket
 from palpate.server.touch import running_session, write_records
@@ -44,14 +45,14 @@ def main() -> None:
     sys.stdout = sys.stderr  # lines are for the gateway
     room = json.loads(sys.stdin.readline())
     try:
-        live, blades = opened(room)
+        live, own = opened(room)
         with contextlib.closing(loopback_socket(0)) as listener, running_session(live, listener, room["token"]):
             print(json.dumps({"port": listener.getsockname()[1]}), file=out, flush=True)
             told = ""
             ending = False
             while not ending:
                 ending = bool(select.select([sys.stdin], [], [], LOOK)[0])  # nothing but its end comes any more
-                if (state := json.dumps({"state": state_of(live, blades)})) != told:
+                if (state := json.dumps({"state": state_of(live, own)})) != told:
                     print(state, file=out, flush=True)
                     told = state
         if live.record is not None:
@@ -61,8 +62,8 @@ def main() -> None:
         sys.exit(2)
 
 
-def opened(room: dict[str, Any]) -> tuple[LiveSession, list[Blade]]:
-    """The session of a room, with the cuts and notes of one that died; and these cuts. Raises what reading does."""
+def opened(room: dict[str, Any]) -> tuple[LiveSession, int]:
+    """The session of a room, with the cuts and notes of one that died, and how many cuts its file has."""
     organs = {Path(path).stem: read_tissue(path) for path in room["organs"]}
     first = next(iter(organs.values()))
     record = None if room["record"] is None else Path(room["record"])
@@ -81,13 +82,18 @@ def opened(room: dict[str, Any]) -> tuple[LiveSession, list[Blade]]:
         organs = {**organs, next(iter(organs)): tissue}
     session.events.notes = tuple(SessionNote(0, tuple(point), text) for point, text in state["notes"])
     named = {"reason": reason, "successor": successor, "room": room["name"]}
-    return LiveSession(session, Pointer(), room["title"], organs, record=record, **named), cuts
+    return LiveSession(session, Pointer(), room["title"], organs, record=record, **named), len(blades_of(first))
 
 
-def state_of(live: LiveSession, before: list[Blade]) -> dict[str, Any]:
-    """The cuts of the room's first organ and the notes, as JSON can hold them. before: cuts that it began with."""
+def state_of(live: LiveSession, own: int) -> dict[str, Any]:
+    """The cuts of the room's first organ but for its file's `own`, and the notes, as JSON can hold them."""
     first = (*live.finished, live.session)[0]
-    return described([*before, *active_cuts(first.events.cuts)], live.notes)
+    return described(blades_of(first.tissue)[own:], live.notes)
+
+
+def blades_of(tissue: Tissue) -> tuple[Blade, ...]:
+    """What has cut a tissue."""
+    return tissue.mesh.blades if isinstance(tissue.mesh, CutMesh) else ()
 
 
 def state_before(record: Path | None) -> dict[str, Any]:

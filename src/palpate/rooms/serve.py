@@ -15,8 +15,8 @@ from palpate.atomic_write import replacing, writable
 from palpate.errors import DataError, FileError, PortError
 from palpate.rooms.gateway import GatewayConnection, gateway
 from palpate.rooms.invitation import HOURS, invitation, sign
+from palpate.rooms.open_registry import open_registry
 from palpate.rooms.registry import RegistryLost, without_password
-from palpate.rooms.registry import registry as opened_registry
 from palpate.rooms.room_claim import Host
 from palpate.rooms.room_process import RoomProcess
 from palpate.rooms.rooms_file import RoomFile
@@ -100,7 +100,7 @@ def serve(
         invitations = {name: {role.name: invitation(name, role.name, "", hours) for role in Role} for name in processes}
         secret, others = kept_secret(SECRET), None
         if registry is not None:
-            opened = opened_registry(registry)
+            opened = open_registry(registry)
             link = checked_peer(peer, registry, host, number, certificate is not None)
             others, secret = Host(opened, link, secrets.token_hex(4)), shared_secret(registry, secret)
         names = {host_of(base), *(() if others is None else (host_of(others.address),))}
@@ -206,7 +206,7 @@ def shared_secret(address: str, own: str) -> str:
     """The secret of all hosts, so that each lets in whom another has invited. Raises `PortError`."""
 
     async def ask() -> str:
-        registry = opened_registry(address)
+        registry = open_registry(address)
         try:
             return await registry.secret(own)
         finally:

@@ -142,7 +142,7 @@ def told(work: CuttingWork, way: float) -> str:
     """What the hand on a blade has done along a way of so many mm."""
     size = f"Cut of {work.area:.0f} mm²"
     if work.unknown and not work.total:
-        return f"{size}; how tough {', '.join(work.unknown)} is, nobody has said (--toughness)."
+        return f"{size}, of unknown toughness."
     return f"{size}: {work.total:.1f} mJ, {work.total / way:.2f} N on the blade."
 
 

@@ -42,7 +42,7 @@ class CuttingWork:
 
     Examples
     --------
-    >>> work = pp.CuttingWork(area=100, fracture=16.4, friction=2, released=6.4)
+    >>> work = pp.CuttingWork(area=100, fracture=16.5, friction=2, released=6.5)
     >>> work.total
     12.0
     """
