@@ -83,6 +83,8 @@ class RoomProcess:
             self.port = 0
             self._changed.clear()
             code = await self._process.wait()
+            assert self._process.stdin
+            self._process.stdin.close()
             self.deaths += 1
             pause = FIRST_PAUSE if loop.time() - began > STEADY else min(2 * pause, LAST_PAUSE)
             print(f"palpate: room {self.room.name} ended with {code}; it is opened again", flush=True)
