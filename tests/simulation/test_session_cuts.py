@@ -311,9 +311,7 @@ def test_a_closed_loop_through_a_cut_costs_what_the_cut_takes(whole, top, model,
     point = tuple(map(float, top + (0, 8, 0)))
     depth = np.concatenate([np.linspace(0, 3, 8000)[1:], np.full(400, 3.0)])
     ways = np.outer(depth, (0.2, 0.9, 0.4))
-    session.step(
-        [pp.Command(True, point, (0, 0, 0))] * 300
-    )  # a hold begins softly, and goes slowly: tools lag by some ms
+    session.step([pp.Command(True, point, (0, 0, 0))] * 300)  # a hold begins softly; the way is slow, since tools lag
     pressed = session.step([pp.Command(True, point, tuple(way)) for way in ways])
     for piece in range(pieces):
         end = top + (-15 + 30 * (piece + 1) / pieces, 0, 0)

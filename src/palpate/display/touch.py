@@ -116,9 +116,8 @@ def touch(
     ...     print("too many images")
     too many images
     """
-    asked = any(
-        each is not None for each in (port, record, replay, device, save, toughness)
-    )  # for what a server alone can do
+    served_alone = (port, record, replay, device, save, toughness)  # what a server alone can do
+    asked = any(each is not None for each in served_alone)
     needs_server = asked or model not in (None, "compliance") or bool(images) or tension != 0 or not open_browser
     if in_notebook() and isinstance(tissue, Tissue) and not needs_server:
         return touch_widget(tissue, radius, title, task)

@@ -153,7 +153,8 @@ async def pass_socket(page: WebSocket) -> None:
             continue
         await passed(page, inner, room, place)
         return
-    await page.close(CloseCode.room_lost, "the room is not there")
+    with contextlib.suppress(RuntimeError, WebSocketDisconnect):  # the page has gone
+        await page.close(CloseCode.room_lost, "the room is not there")
 
 
 async def passed(page: WebSocket, inner: ClientConnection, room: RoomProcess, place: str) -> None:

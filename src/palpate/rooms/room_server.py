@@ -10,11 +10,11 @@ ends.
 
 import contextlib
 import json
-import select
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from threading import Event, Thread
+from typing import Any, TextIO
 
 import numpy as np
 
@@ -48,18 +48,27 @@ def main() -> None:
         live, own = opened(room)
         with contextlib.closing(loopback_socket(0)) as listener, running_session(live, listener, room["token"]):
             print(json.dumps({"port": listener.getsockname()[1]}), file=out, flush=True)
-            told = ""
-            ending = False
-            while not ending:
-                ending = bool(select.select([sys.stdin], [], [], LOOK)[0])  # nothing but its end comes any more
-                if (state := json.dumps({"state": state_of(live, own)})) != told:
-                    print(state, file=out, flush=True)
-                    told = state
+            ended = Event()
+            teller = Thread(target=tell_states, args=(live, own, out, ended))
+            teller.start()
+            sys.stdin.read()
+            ended.set()
+            teller.join()
         if live.record is not None:
             write_records(live.record, [*live.finished, live.session])
     except PalpateError as problem:
         print(json.dumps({"problem": str(problem)}), file=out, flush=True)
         sys.exit(2)
+
+
+def tell_states(live: LiveSession, own: int, out: TextIO, ended: Event) -> None:
+    """Writes a line whenever a cut or a note has been made or taken back, and a last one at the end, if need be."""
+    told, last = "", False
+    while not last:
+        last = ended.wait(LOOK)
+        if (state := json.dumps({"state": state_of(live, own)})) != told:
+            print(state, file=out, flush=True)
+            told = state
 
 
 def opened(room: dict[str, Any]) -> tuple[LiveSession, int]:

@@ -9,7 +9,7 @@ import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from urllib.parse import urlsplit
+from urllib.parse import SplitResult, urlsplit
 
 from palpate.atomic_write import replacing, writable
 from palpate.errors import DataError, FileError, PortError
@@ -177,9 +177,7 @@ def checked_address(address: str | None, host: str, port: int, encrypted: bool) 
                 f"host {host}: people cannot open that; give the name of this machine: --address https://..."
             )
         address = f"http{'s' if encrypted else ''}://{host}:{port}"
-    parts = urlsplit(address)
-    if parts.scheme not in ("http", "https") or not parts.hostname or parts.path.strip("/") or parts.query:
-        raise DataError(f"address {address}: expected https://NAME or https://NAME:PORT")
+    parts = server_parts("address", address, "https://NAME or https://NAME:PORT")
     if parts.scheme == "http" and parts.hostname not in ("localhost", "127.0.0.1"):
         raise DataError(
             f"address {address}: over http anybody on the way can read the invitations; give --certificate and --key, or an "
@@ -196,10 +194,16 @@ def checked_peer(peer: str | None, registry: str, host: str, port: int, encrypte
                 f"peer: the other hosts cannot reach {host}; give this one's address: --peer http://10.0.0.7:{port}"
             )
         peer = f"http{'s' if encrypted else ''}://{host}:{port}"
-    parts = urlsplit(peer)
-    if parts.scheme not in ("http", "https") or not parts.hostname or parts.path.strip("/") or parts.query:
-        raise DataError(f"peer {peer}: expected http://HOST:PORT or https://HOST:PORT")
+    parts = server_parts("peer", peer, "http://HOST:PORT or https://HOST:PORT")
     return f"{parts.scheme}://{parts.netloc}"
+
+
+def server_parts(what: str, address: str, expected: str) -> SplitResult:
+    """The parts of a server's address, which names no page. Raises `DataError`."""
+    parts = urlsplit(address)
+    if parts.scheme not in ("http", "https") or not parts.hostname or parts.path.strip("/") or parts.query:
+        raise DataError(f"{what} {address}: expected {expected}")
+    return parts
 
 
 def shared_secret(address: str, own: str) -> str:

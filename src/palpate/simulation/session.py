@@ -355,11 +355,9 @@ class Session:
             return self.cutting_work[:-1]
         released = self._held_energy(self.model) - self._held_energy(model)
         new = cutting_work(self.tissue, tissue, self.toughness, self.blade_friction, released)
-        return (
-            (*self.cutting_work, new)
-            if kind == "cut"
-            else (*self.cutting_work[:-1], together(self.cutting_work[-1], new))
-        )
+        if kind == "cut":
+            return (*self.cutting_work, new)
+        return (*self.cutting_work[:-1], together(self.cutting_work[-1], new))
 
     def _held_energy(self, model: TissueModel) -> float:
         """Elastic energy, mJ, of a linear model as the tools hold it now: half of their forces times their ways."""

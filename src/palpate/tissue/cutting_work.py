@@ -38,7 +38,7 @@ class CuttingWork:
 
     References
     ----------
-    T. Azar & V. Hayward, EuroHaptics 2008, 166: the energies that a blade exchanges with tissue.
+    T. Azar & V. Hayward, ISBMS 2008, LNCS 5104, 166: the energies that a tool which breaks tissue exchanges with it.
 
     Examples
     --------
@@ -74,7 +74,7 @@ def cutting_work(
         The tissue before the cut, and after it.
     toughness : float or dict, optional
         Energy for each area of the cut, J/m²: one number, or by region number or name. The default is the value of
-        `tissue_properties` for the tissues that `fit` was given by name.
+        `tissue_properties`, or the lowest of its range, for the tissues that `fit` was given by name.
     friction : float, optional
         Force on each mm of the blade's edge in the tissue, N/mm, as a second pass through a cut measures it.
     released : float, optional
