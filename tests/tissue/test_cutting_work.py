@@ -29,7 +29,7 @@ def double_cantilever(crack):
 def test_the_energy_release_rate_of_a_double_cantilever_is_that_of_beam_theory():
     """G = P²/(2b) dC/da, where a + χh takes the place of a, since the arms turn at their root.
 
-    J. G. Williams, Compos. Sci. Technol. 35 (1989) 367.
+    χ is that of J. G. Williams (1989), which standards of delamination tests take over.
     """
     shear = YOUNG / (2 * (1 + POISSON))
     gamma = 1.18 * YOUNG / shear

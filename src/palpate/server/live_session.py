@@ -354,8 +354,13 @@ class LiveSession:
     async def change_organ(self, model: TissueModel) -> None:
         """Changes to a model of another resolution: a new session. All tools let go, and the pages fetch the new scene."""
         before = self.session
-        kept = {"toughness": before.toughness, "blade_friction": before.blade_friction, "tension": before.tension}
-        after = await asyncio.to_thread(Session, model, **kept)
+        after = await asyncio.to_thread(
+            Session,
+            model,
+            tension=before.tension,
+            toughness=before.toughness,
+            blade_friction=before.blade_friction,
+        )
         self.open_journal(after, len(self.finished) + 1)
         after.events.notes = tuple(replace(note, tick=0) for note in self.session.events.notes)
         self.let_go()
