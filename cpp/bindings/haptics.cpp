@@ -110,9 +110,13 @@ void bind_servo(nb::module_& m) {
             "pose", [](Servo& servo) { return servo.poses.latest(); },
             "The newest one, in the solver's place: from one thread only.")
         .def("status", [](Servo& servo) { return servo.status.latest(); }, "The newest one; from one thread only.");
-    nb::class_<ServoDevice, Device>(m, "ServoDevice",
-                                    "A force-feedback device as the loop sees it: a tool in space; its button holds.")
-        .def(nb::init<Servo&>(), "servo"_a, nb::keep_alive<1, 2>());
+    nb::class_<ServoDevice, Device>(
+        m, "ServoDevice",
+        "A force-feedback device as the loop sees it: a tool in space; its button holds, the second cuts.")
+        .def(nb::init<Servo&>(), "servo"_a, nb::keep_alive<1, 2>())
+        .def_prop_rw(
+            "edge", [](const ServoDevice& device) { return device.edge.load(); },
+            [](ServoDevice& device, double mm) { device.edge = mm; }, "mm that its blade is deep; 0: it has none.");
     nb::class_<VirtualWall>(m, "VirtualWall", "A stand-in for the solver: a flat wall. For tests of devices.")
         .def(
             "__init__",

@@ -64,7 +64,7 @@ struct Driven {                    // the loop, and what it runs on after a cut
 };
 
 CommandKind kind(int number) {
-    expect(within(number, 0, int(CommandKind::free)), "kind: 0 to 3");
+    expect(within(number, 0, int(CommandKind::blade)), "kind: 0 to 4");
     return CommandKind(number);
 }
 
@@ -147,12 +147,14 @@ void bind_devices(nb::module_& m) {
         .value("away", CommandKind::away, "Let go.")
         .value("hold", CommandKind::hold, "Hold the tissue at a point of its surface and displace it.")
         .value("needle", CommandKind::needle, "Enter at a point of the surface.")
-        .value("free", CommandKind::free, "Go to a point in space; contact follows from that.");
+        .value("free", CommandKind::free, "Go to a point in space; contact follows from that.")
+        .value("blade", CommandKind::blade, "Cut along the surface towards a point there.");
     nb::enum_<ContactState>(m, "ContactState", nb::is_arithmetic(), "What a tool's proxy is doing.")
         .value("idle", ContactState::idle, "No command.")
         .value("closed", ContactState::closed, "In contact: the tissue follows it.")
         .value("refused", ContactState::refused, "Cannot hold here; until it is let go.")
-        .value("open", ContactState::open, "Follows the tissue without a force: in space, or about to hold.");
+        .value("open", ContactState::open, "Follows the tissue without a force: in space, or about to hold.")
+        .value("cutting", ContactState::cutting, "A blade in the tissue.");
     nb::class_<Device>(m, "Device", "The other end of the loop.");
     nb::class_<Pointer, Device>(m, "Pointer", "Commands from another thread; the newest wins.")
         .def(nb::init<>())
@@ -234,7 +236,10 @@ void bind_simulation(nb::module_& m) {
             PALPATE_TOOL_SETTING("radius", radius) PALPATE_TOOL_SETTING("friction", friction)
                 PALPATE_TOOL_SETTING("approach", motion.approach) PALPATE_TOOL_SETTING("reach", motion.reach)
                     PALPATE_TOOL_SETTING("puncture", needle.puncture) PALPATE_TOOL_SETTING("cutting", needle.cutting)
-                        PALPATE_TOOL_SETTING("shaft_friction", needle.friction);
+                        PALPATE_TOOL_SETTING("shaft_friction", needle.friction)
+                            PALPATE_TOOL_SETTING("toughness", blade.toughness)
+                                PALPATE_TOOL_SETTING("blade_friction", blade.friction)
+                                    PALPATE_TOOL_SETTING("give", blade.give);
     nb::class_<Driven>(m, "RealtimeLoop",
                        "A model, a surface and a tool: by the clock (start, stop) or in lockstep (step).")
         .def(nb::init<const TissueModel&, const ContactSurface&, In<int32_t, 1>, const SimulationSettings&>(),

@@ -1,9 +1,11 @@
 #pragma once
-// A force-feedback device as the loop sees it: its tip is a tool in space, and with its button down it holds what it
-// touches. Called on the loop's thread; the servo runs in the device's.
+// A force-feedback device as the loop sees it: its tip is a tool in space, with its button down it holds what it
+// touches, and with its second one down it is a blade there. Called on the loop's thread; the servo runs in the
+// device's.
 #include "haptics/servo.h"
 #include "simulation/device.h"
 #include <algorithm>
+#include <atomic>
 
 namespace palpate {
 
@@ -14,19 +16,29 @@ class ServoDevice : public Device {
     int64_t answers = 0;
 
 public:
+    std::atomic<double> edge{0}; // mm that its blade is deep; 0: it has none
+
     explicit ServoDevice(Servo& servo) : servo(servo) {}
 
     const Commands& read_commands(int64_t) override {
         const DevicePose& pose = servo.poses.latest();
         Command& tool = now.tool[0];
         now.serial = pose.serial;
-        const bool holds = pose.present && (pose.buttons & 1) && (last.touching || tool.kind == CommandKind::hold);
+        const double deep = edge.load(std::memory_order_relaxed);
+        const bool cuts =
+            pose.present && (pose.buttons & 2) && deep > 0 && (last.touching || tool.kind == CommandKind::blade);
+        const bool holds =
+            !cuts && pose.present && (pose.buttons & 1) && (last.touching || tool.kind == CommandKind::hold);
         if (holds && tool.kind != CommandKind::hold) std::copy_n(last.anchor, 3, tool.point);
-        tool.kind = holds ? CommandKind::hold : pose.present ? CommandKind::free : CommandKind::away;
+        tool.kind = cuts           ? CommandKind::blade
+                    : holds        ? CommandKind::hold
+                    : pose.present ? CommandKind::free
+                                   : CommandKind::away;
         for (int k = 0; k < 3; k++) {
             if (!holds) tool.point[k] = pose.position[k];
             tool.displacement[k] = holds ? pose.position[k] - tool.point[k] : 0;
         }
+        if (cuts) tool.displacement[2] = -deep;
         return now;
     }
 

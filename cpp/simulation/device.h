@@ -12,7 +12,8 @@ enum class CommandKind : uint8_t {
     away,   // the tool is not there
     hold,   // it holds the tissue at a point of the surface at rest and displaces it
     needle, // it enters at a point of the surface at rest; its tip is to be `displacement` from there
-    free    // its tip is at a point in space; contact follows from that
+    free,   // its tip is at a point in space; contact follows from that
+    blade   // it cuts along the surface towards a point there, as deep as `displacement` is long
 };
 
 // What a user wants of one tool. Complete in itself: only the newest command counts, older ones may be lost.

@@ -95,7 +95,8 @@ bool Simulation::solve_contacts() {
     }
     missing_tables = now.state->stale | now.state->events << 2;
     if (next.model) blend_models();
-    for (int t = 0; t < most_tools; t++) std::fill_n(proxy[t].force, 3, 0.0);
+    for (ToolProxy& p : proxy)
+        if (p.state != ContactState::cutting) std::fill_n(p.force, 3, 0.0);
     for (int c = 0; c < closed + open; c++) {
         ToolProxy& p = proxy[tool_of[c]];
         std::copy_n(force + 3 * c, 3, p.force);
@@ -150,9 +151,9 @@ void Simulation::change_body() {
     bodies++;
     now.model->continue_from(*now.state, *old.state);
     for (ToolProxy& p : proxy) {
-        if (p.state != ContactState::closed && p.state != ContactState::open) continue;
+        if (p.state == ContactState::idle || p.state == ContactState::refused) continue;
         p.at = now.surface->closest(p.at.point);
-        find_patch(p, *now.surface, settings.tools, now.scratch);
+        if (p.state != ContactState::cutting) find_patch(p, *now.surface, settings.tools, now.scratch);
     }
 }
 
@@ -189,13 +190,15 @@ void Simulation::write_feedback() {
         p.total_force(wanted);
         const double size = length(wanted), way = length(p.displacement);
         const double allowed = std::min({size, settings.limit, length(f.force) + settings.ramp});
-        f.touching = p.state == ContactState::closed;
+        f.touching = p.state == ContactState::closed || p.state == ContactState::cutting;
         for (int k = 0; k < 3; k++) f.force[k] = f.touching && size > 0 ? wanted[k] * (allowed / size) : 0;
         std::copy_n(p.tip, 3, f.at);
         std::copy_n(p.at.point, 3, f.anchor);
         std::fill_n(f.normal, 3, 0.0);
         if (f.touching && p.kind == CommandKind::free) now.surface->normal(p.at, f.normal);
         f.stiffness = f.touching && way > 1e-3 ? length(p.force) / way : 0;
+        if (p.state == ContactState::cutting && way > 0.999 * settings.tools.blade.give)
+            f.stiffness = 0; // the cut gives way
     }
     for (int c = 0; c < closed; c++) {
         const double *d = proxy[tool_of[c]].displacement, square = dot(d, d);

@@ -51,7 +51,7 @@ public:
     int64_t ticks = 0;
     int64_t bodies = 0; // that have taken over
     int64_t faults = 0; // ticks whose answer was not finite: force zero, tissue reset
-    double work = 0;    // N mm, of the tools on the tissue
+    double work = 0;    // N mm, of the tools on the tissue, blades too
     ToolProxy proxy[most_tools];
     Feedback feedback[most_tools];
     const SimulationSettings settings;
@@ -77,7 +77,7 @@ private:
     ContactPatch patch[most_tools];
     double displaced[3 * most_tools] = {}, force[3 * most_tools] = {}, next_force[3 * most_tools] = {};
     struct PreviousTick { // of a tool
-        bool closed = false;
+        bool closed = false, cutting = false;
         double point[3] = {}, displacement[3] = {}, force[3] = {}, tip[3] = {}, total[3] = {};
     } previous[most_tools];
     ToolProxy predicted[most_tools]; // look_ahead's

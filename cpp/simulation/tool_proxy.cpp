@@ -150,12 +150,38 @@ struct ProxyUpdate {
         for (int k = 0; k < 3; k++) proxy.displacement[k] = (deep - proxy.insertion) * proxy.axis[k];
     }
 
+    // The blade draws the end of the cut behind it. What a hand puts in is stored in the spring, or has been cut and
+    // rubbed: no loop gives it energy.
+    void cut() {
+        const BladeForces& blade = settings.blade;
+        const double most = length(command.displacement) * (1e-3 * blade.toughness + blade.friction); // N
+        approach(proxy.tip, command.point, settings.motion);
+        std::copy_n(surface.closest(proxy.tip).point, 3, proxy.tip); // a hand that is off the surface cuts no less
+        double ahead = distance(proxy.tip, proxy.at.point);
+        if (most == 0 || ahead > blade.give) {
+            const double part = most == 0 ? 1 : 1 - blade.give / ahead;
+            double point[3];
+            for (int k = 0; k < 3; k++) point[k] = proxy.at.point[k] + part * (proxy.tip[k] - proxy.at.point[k]);
+            proxy.at = surface.closest(point);
+            ahead = distance(proxy.tip, proxy.at.point);
+        }
+        const double stiffness = most / std::max(ahead, blade.give);
+        for (int k = 0; k < 3; k++) {
+            proxy.displacement[k] = proxy.tip[k] - proxy.at.point[k];
+            proxy.force[k] = -stiffness * proxy.displacement[k];
+        }
+    }
+
     void begin(bool others) {
         const bool in_space = command.kind == CommandKind::free;
         proxy = ToolProxy();
         proxy.kind = command.kind;
         proxy.at = surface.closest(command.point);
         std::copy_n(command.point, 3, proxy.tip);
+        if (command.kind == CommandKind::blade) {
+            proxy.state = ContactState::cutting;
+            return;
+        }
         proxy.state = others || command.kind != CommandKind::hold ? ContactState::open : ContactState::closed;
         if (find_patch() && in_space) detect_contact();
     }
@@ -201,6 +227,7 @@ void update_proxy(ToolProxy& proxy, const Command& command, const ContactSurface
         if (proxy.state != ContactState::closed) return;
     }
     if (command.kind == CommandKind::free) return update.follow_in_space();
+    if (command.kind == CommandKind::blade) return update.cut();
     if (command.kind == CommandKind::needle) {
         proxy.pierced ? update.insert_needle() : update.press_needle();
     } else {

@@ -24,27 +24,37 @@ struct NeedleForces {
     double friction = 0.02; // N for each mm of shaft in the tissue
 };
 
+// A blade and the end of its cut, as a bristle and its foot in P. R. Dahl's model of friction (AIAA J. 14 (1976) 1675):
+// the tissue holds the blade back by a spring until the force makes new surface, then the cut follows.
+struct BladeForces {
+    double toughness = 0; // J/m^2, energy of new surface
+    double friction = 0;  // N for each mm of the edge in the tissue
+    double give = 0.5;    // mm that the blade is ahead of the end of its cut where the force is greatest
+};
+
 struct ToolSettings {           // of all tools
     double radius = 5;          // of the contact, mm
     double friction = 0.3;      // Coulomb coefficient of tools in space
     bool nodal_weights = false; // ContactSurface::nodal_patch(), for records of version 0.1
     ToolMotion motion;
     NeedleForces needle;
+    BladeForces blade;
 };
 
 enum class ContactState : uint8_t {
     idle,    // no command
     closed,  // in contact: the tissue under the tool is displaced with it
     refused, // cannot be held here (fixed nodes, a command that is no number); until the tool is taken away
-    open     // follows the tissue without a force: a tool in space, or one about to close
+    open,    // follows the tissue without a force: a tool in space, or one about to close
+    cutting  // a blade in the tissue: its force is that of the cut, and the model knows nothing of it
 };
 
 struct ToolProxy {
     ContactState state = ContactState::idle;
     CommandKind kind = CommandKind::away;
-    SurfacePoint at; // the contact, on the surface at rest
+    SurfacePoint at; // the contact, or the end of a cut, on the surface at rest
     ContactPatch patch;
-    double displacement[3] = {0, 0, 0}; // mm, of the patch's weighted mean
+    double displacement[3] = {0, 0, 0}; // mm, of the patch's weighted mean; of a blade from the end of its cut
     double force[3] = {0, 0, 0};        // N, of the tissue on the tool: the model's last answer
     double tip[3] = {0, 0, 0};          // mm, of the tool, in space
     int64_t contact_tick = 0;           // at which the contact closed

@@ -33,9 +33,9 @@ def opened(browser, model):
     """Gives pages of one session; a page whose context has other options is another window."""
     serving = []
 
-    def start(viewport=LAPTOP, record=None, tension=1.0, **options):
+    def start(viewport=LAPTOP, record=None, tension=1.0, toughness=None, **options):
         if not serving:
-            session = pp.Session(model, radius=8.0, sweeps=2, tension=tension)
+            session = pp.Session(model, radius=8.0, sweeps=2, tension=tension, toughness=toughness)
             live = LiveSession(session, Pointer() if record is None else Replay(record), "Test organ")
             served = running_session(live, loopback_socket(None))
             serving.extend([served, served.__enter__(), live])
@@ -105,6 +105,25 @@ def test_a_stroke_cuts_while_it_goes_on_and_the_cut_opens(opened, album):
     touched.wait("document.getElementById('undo-cut').disabled")
     # The picture is drawn sharp again after a while.
     until(lambda: np.count_nonzero(np.abs(organ_picture(touched) - before).max(axis=2) > 40) < 300)
+    assert touched.problems == []
+
+
+def test_a_hand_reads_and_hears_what_its_blade_takes(opened, album):
+    touched = opened(tension=0.0, toughness=164)
+    touched.page.click("#cut-tool")
+    depth = touched.see("Number(document.getElementById('amount').value)")
+    draw(touched, touched.place(0.36, 0.42), np.array((200, 0)), 40)
+    touched.wait("palpate.frame.contact[0] === 4 && Math.hypot(...palpate.frame.force.slice(0, 3)) > 0.5")
+    force = touched.see("palpate.frame.force.slice(0, 3)")
+    assert np.linalg.norm(force) == pytest.approx(0.164 * depth, rel=0.05)
+    touched.wait(f"Math.abs(Number(document.getElementById('force').textContent) - {np.linalg.norm(force)}) < 0.1")
+    assert touched.see("document.getElementById('depth-name').textContent") == "Ahead by"
+    touched.page.screenshot(path=album / "blade-felt.png")
+    assert touched.see("palpate.played.filter((sound) => sound.event === 'cut').length") > 5
+    touched.page.mouse.up()
+    touched.wait("palpate.frame.contact[0] === 0 && Math.hypot(...palpate.frame.force) === 0")
+    touched.wait("document.getElementById('force').textContent === '0.00'")
+    touched.until_told("N on the blade")
     assert touched.problems == []
 
 

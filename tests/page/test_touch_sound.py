@@ -49,7 +49,7 @@ def onset(samples):
     return np.argmax(size > 0.1 * size.max()) / RATE
 
 
-@pytest.mark.parametrize("event", ["contact", "release", "pierced", "limit"])
+@pytest.mark.parametrize("event", ["contact", "release", "pierced", "cut", "limit"])
 def test_a_sound_begins_within_20_ms_of_its_event_and_ends(touched, event):
     samples = rendered(touched, 1.2, [(event, 0.25)])
     assert np.abs(samples[: int(0.25 * RATE)]).max() == 0
@@ -61,10 +61,10 @@ def test_a_sound_begins_within_20_ms_of_its_event_and_ends(touched, event):
 def test_events_sound_different(touched):
     """Centres of gravity of their spectra, Hz: taps are dull, piercing is bright."""
     centre = {}
-    for event in ("contact", "release", "pierced", "limit"):
+    for event in ("contact", "release", "pierced", "cut", "limit"):
         frequency, power = welch(rendered(touched, 0.4, [(event, 0.0)]), RATE, nperseg=4096)
         centre[event] = (frequency * power).sum() / power.sum()
-    assert centre["release"] < centre["contact"] < centre["limit"] < centre["pierced"]
+    assert centre["release"] < centre["contact"] < centre["limit"] < centre["cut"] < centre["pierced"]
 
 
 def test_pitch_rises_with_the_force_by_two_octaves_up_to_the_limit(touched):

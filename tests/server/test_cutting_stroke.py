@@ -1,17 +1,21 @@
 """The way of a blade on its way to a cut."""
 
 import asyncio
+import itertools
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.example_organs import organ
+from support.fake_devices.servo_rig import settled
 
 import palpate as pp
+from palpate import _core
 from palpate.server.cutting_stroke import MOST_POINTS, Cutting, simplified
+from palpate.server.held_tools import HeldTools
 from palpate.server.message_checks import decode
-from palpate.server.messages import CutStep, Scalpel, encode
+from palpate.server.messages import CutStep, Scalpel, ToolCommand, encode
 
 
 def distance(point, way):
@@ -94,6 +98,85 @@ def test_a_stroke_is_one_cut_of_its_depth():
     assert len(session.mesh.blades) == 1
     assert blade.points[:, 2].min() == pytest.approx(25 * np.sqrt(1 - (15 / 40) ** 2) - 14.0, abs=1.0)
     assert np.ptp(blade.points[:, 0]) == pytest.approx(30, abs=1.5)
+
+
+def test_a_hand_feels_its_blade_while_it_cuts_and_nothing_after_it():
+    """N that the tissue's toughness asks for at this depth, whatever the cut behind it does meanwhile."""
+    session = pp.Session(pp.model(organ(9), "compliance"), radius=9.0, sweeps=4, toughness=164)
+    pointer, forces = pp.Pointer(), []
+
+    async def go():
+        cutting = Cutting(
+            asyncio.Lock(), lambda: session, lambda: None, lambda *_: asyncio.sleep(0), HeldTools(pointer)
+        )
+        tasks = []
+        for page, message in stroke("page", over_the_top(), 12.0):
+            tasks.append(cutting.obey(page, session, message))
+            for _ in range(4):
+                forces.append(session._advance(pointer.core, 5)[-1, 0])
+                await asyncio.sleep(0.002)
+        while cutting.stroke:
+            session._advance(pointer.core, 2)
+            await asyncio.sleep(0.002)
+        await asyncio.gather(*(task for task in tasks if task))
+
+    asyncio.run(go())
+    size = np.linalg.norm(forces, axis=1)
+    assert session.cuts == 1
+    assert np.allclose(size[12:-4], 0.164 * 12, rtol=0.02)
+    assert np.array(forces)[12:-4, 0].max() < 0, "against its way"
+    assert size[-1] == 0
+
+
+def test_a_device_with_motors_cuts_with_its_second_button_and_feels_that():
+    """Its own loop and the session's, tick by tick; the hand presses down, cuts along x, and lets the button go."""
+    whole = organ(9)
+    session = pp.Session(pp.model(whole, "compliance"), radius=9.0, sweeps=4, toughness=164)
+    servo = _core.haptics.Servo(settled(stiffness=2.0))
+    device = _core.haptics.ServoDevice(servo)
+    ticks, felt, told = itertools.count(1000), [], []
+
+    async def tell(text, only=None):
+        told.append(text)
+
+    async def go():
+        cutting = Cutting(asyncio.Lock(), lambda: session, lambda: None, tell)
+        tasks = []
+
+        async def hand(place, buttons):
+            felt.append(servo.tick(place, buttons, 1_000_000 * next(ticks)))
+            session.loop.step(device, 1)
+            if task := cutting.follow(session, session.frame()):
+                tasks.append(task)
+            await asyncio.sleep(0)
+
+        for height in np.linspace(2, -0.5, 200):
+            await hand((-15.0, 0.0, float(25 * np.sqrt(1 - (15 / 40) ** 2) + height)), 0)
+        for _ in range(40):  # without a depth it has no blade
+            await hand((-15.0, 0.0, over_the_top()[0][2] - 0.5), 2)
+        assert not cutting.stroke
+        device.edge = 12.0
+        for x, _, z in over_the_top(800):
+            await hand((x, 0.0, z - 0.5), 2)
+        assert cutting.stroke
+        begun = len(felt)
+        while cutting.stroke:
+            await hand((15.0, 0.0, over_the_top()[-1][2] + 5.0), 0)
+        await asyncio.gather(*tasks)
+        return begun
+
+    begun = asyncio.run(go())
+    assert session.cuts == 1
+    assert [text.startswith("Cut of") for text in told] == [True]
+    along = np.array(felt)[begun - 500 : begun, 0]
+    assert np.allclose(along, -0.164 * 12, rtol=0.1)
+    assert np.ptp(session.mesh.blades[0].points[:, 0]) > 25
+    assert np.linalg.norm(felt[-1]) < 1e-9
+
+
+def test_no_page_commands_a_blade_by_itself():
+    with pytest.raises(pp.errors.DataError, match="kind 4"):
+        decode(encode(ToolCommand(0, 4, 1, (0.0, 0.0, 25.0), (0.0, 0.0, -9.0))))
 
 
 def test_a_page_that_goes_ends_its_stroke_and_another_one_cannot_disturb_it():

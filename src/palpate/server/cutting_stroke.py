@@ -4,14 +4,17 @@ import asyncio
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 from functools import partial
+from typing import Any
 
 import numpy as np
 from starlette.websockets import WebSocket
 
 from palpate.arrays import ArrayLike, Float64
 from palpate.errors import PalpateError
+from palpate.server.held_tools import HeldTools
 from palpate.server.messages import CutStep, Scalpel
 from palpate.server.scene_message import reach
+from palpate.simulation.pointer import Command, ContactState
 from palpate.simulation.session import Session
 from palpate.tissue.cutting import may_be_cut
 from palpate.tissue.cutting_work import CuttingWork
@@ -25,13 +28,16 @@ MOST_POINTS = 400  # of a way
 MOST_CUTS = 100  # in a session, whose cost grows with their number
 RETRY = 0.005  # s, while an earlier change is on its way
 DEPTH = 2.5  # mean edges, of a cut at first
+TOOL = 0  # that the loop has as the blade: it presses or pulls otherwise
 
 
 @dataclass(eq=False)
 class Stroke:
-    """One stroke of a blade. before: the tissue before it. cut: how many points of the way the cut has followed."""
+    """One stroke of a blade. page: whose it is; None: the device's with motors. before: the tissue before it. cut: how many
+    points of the way the cut has followed.
+    """
 
-    page: WebSocket
+    page: WebSocket | None
     session: Session
     before: Tissue
     depth: float
@@ -59,7 +65,7 @@ class Cutting:
     """Used on the event loop's thread only. One stroke at a time, of one page.
 
     lock: of whoever changes the session. present: the session that runs; a stroke ends with its own. changed: called after
-    each cut. tell: shows a text in every page.
+    each cut. tell: shows a text in every page. tools: the loop's, one of which feels as the blade does.
     """
 
     def __init__(
@@ -68,9 +74,12 @@ class Cutting:
         present: Callable[[], Session],
         changed: Callable[[], None],
         tell: Callable[..., Awaitable[None]],
+        tools: HeldTools | None = None,
     ) -> None:
         self.lock, self.present, self.changed, self.tell = lock, present, changed, tell
+        self.tools = tools
         self.stroke: Stroke | None = None
+        self.failed = False  # the device's last stroke, which it has not ended yet
 
     def obey(self, page: WebSocket, session: Session, message: Scalpel) -> "asyncio.Task[None] | None":
         """Begins, goes on with or ends a stroke, or takes a cut back; returns the task that was begun for it."""
@@ -80,10 +89,30 @@ class Cutting:
         if message.step == CutStep.begin and stroke is None:
             depth = min(message.depth, 2 * reach(session))  # through all of it
             self.stroke = Stroke(page, session, session.tissue, depth, [message.point])
+            self._feel(self.stroke, message.point)
             return asyncio.create_task(self._follow(self.stroke))
         if stroke and stroke.page is page and message.step != CutStep.begin:
             stroke.add(message.point, message.step == CutStep.end)
+            self._feel(stroke, message.point)
         return None
+
+    def follow(self, session: Session, frame: Any) -> "asyncio.Task[None] | None":
+        """Cuts behind the blade of a device with motors, whose way frames tell; returns the task that was begun for it."""
+        stroke, cuts = self.stroke, frame.contact[TOOL] == ContactState.cutting
+        self.failed = self.failed and cuts
+        if stroke is None and cuts and not self.failed:
+            depth = min(first_depth(session), 2 * reach(session))
+            self.stroke = Stroke(None, session, session.tissue, depth, [tuple(frame.point[TOOL])])
+            return asyncio.create_task(self._follow(self.stroke))
+        if stroke and stroke.page is None:
+            stroke.add(tuple(frame.point[TOOL]) if cuts else stroke.way[-1], last=not cuts)
+        return None
+
+    def _feel(self, stroke: Stroke, point: tuple[float, float, float]) -> None:
+        """The loop's blade goes to a point, or out of the tissue once the stroke has ended."""
+        if self.tools and stroke.page:
+            cutting = Command(True, point, (0.0, 0.0, -stroke.depth), "blade")
+            self.tools.go_on(stroke.page, TOOL, Command() if stroke.ended else cutting)
 
     def leave(self, page: WebSocket) -> None:
         """Ends the stroke of a page that has gone."""
@@ -114,6 +143,9 @@ class Cutting:
         except PalpateError as problem:
             await self.tell(str(problem))
         finally:
+            self.failed = stroke.page is None and not stroke.ended
+            stroke.ended = True
+            self._feel(stroke, stroke.way[-1])
             self.stroke = None
 
     async def undo_all(self, session: Session) -> None:

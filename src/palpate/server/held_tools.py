@@ -50,6 +50,11 @@ class HeldTools:
         self.pointer.send(command, self._counted(page, serial), tool)
         return True
 
+    def go_on(self, page: WebSocket, number: int, command: Command) -> None:
+        """Commands a tool by another message than its own, which counts none; nothing if all are held by others."""
+        known = self.serials.get(page)
+        self.command(page, number, command, known[-1][1] if known else 0 if self.shared else self.pointer.serial)
+
     def tool(self, page: WebSocket, number: int) -> int | None:
         """The session's tool that this is, if it is held."""
         return next((tool for tool, hand in self.holders.items() if hand == (page, number)), None)

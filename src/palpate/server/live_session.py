@@ -11,6 +11,7 @@ from typing import Any, cast
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from palpate.errors import DataError, PalpateError
+from palpate.haptics.haptic_device import Haptic
 from palpate.server.cutting_stroke import Cutting, first_depth, may_cut
 from palpate.server.exam import Exam
 from palpate.server.force_errors import ForceErrors
@@ -93,7 +94,7 @@ class LiveSession:
         self.tools = HeldTools(self.device, bool(self.room)) if isinstance(self.device, Pointer) else None
         self.people = Room(self.tools) if self.room and self.tools else None
         self.comparison = ReferenceComparison(self.build_model)
-        self.cutting = Cutting(self.changing, lambda: self.session, self.describe, self.tell)
+        self.cutting = Cutting(self.changing, lambda: self.session, self.describe, self.tell, self.tools)
         self.force_errors = ForceErrors()
         self.open_journal(self.session, 0)
         self.choice = self.current
@@ -103,6 +104,8 @@ class LiveSession:
         """Computes what stays constant for a session: the scene, and the longest displacement of a tool, mm."""
         self.reach = reach(self.session)
         self.described = self.session.bodies
+        if isinstance(self.device, Haptic):
+            self.device.core.edge = first_depth(self.session) if self.pages_may_cut else 0.0
         self.scene = scene_bytes(
             self.session,
             self.title,
@@ -219,10 +222,12 @@ class LiveSession:
             event.set()
 
     def watch(self, frame: Any) -> None:
-        """Ends an exam whose time is over: all tools let go. Notes what an experiment's person touches."""
+        """Ends an exam whose time is over: all tools let go. Cuts behind a device. Notes what an experiment's hand does."""
         if isinstance(self.exam, Exam) and isinstance(self.device, Pointer) and self.exam.ends(frame):
             self.let_go()
             self.keep(asyncio.create_task(self.tell("The time is over.")))
+        if not self.tools and self.pages_may_cut:
+            self.keep(self.cutting.follow(self.session, frame))
         if self.experiment and self.experiment.watch(frame, self.session):
             self.keep(asyncio.create_task(self.report()))
 

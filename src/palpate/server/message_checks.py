@@ -108,9 +108,9 @@ def decode(data: bytes) -> FromPage:
             )
         return Scalpel(step, depth, (place[0], place[1], place[2]))
     tool, kind, serial, *numbers = values
-    if tool >= TOOLS or kind >= len(CommandKind):
+    if tool >= TOOLS or kind > CommandKind.free:  # a blade is a `Scalpel`'s
         raise DataError(
-            f"ToolCommand: tool {tool}, kind {kind}, expected less than {TOOLS} and {len(CommandKind)}; reload the page"
+            f"ToolCommand: tool {tool}, kind {kind}, expected less than {TOOLS} and {CommandKind.blade}; reload the page"
         )
     if not np.isfinite(numbers).all():
         raise DataError(f"ToolCommand: {numbers} are not all finite; reload the page")

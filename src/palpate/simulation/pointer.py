@@ -10,7 +10,7 @@ from palpate.errors import DataError
 Vector = tuple[float, float, float]
 
 
-Kind = Literal["hold", "needle", "free"]
+Kind = Literal["hold", "needle", "free", "blade"]
 CommandKind = _core.simulation.CommandKind
 ContactState = _core.simulation.ContactState
 KINDS = tuple(kind.name for kind in CommandKind)
@@ -26,11 +26,13 @@ class Command:
     held : bool, optional
         False releases the tissue.
     point : tuple of float, (3,), optional
-        "hold", "needle": the point on the surface at rest, mm. "free": where the tool's tip is in space, mm.
+        "hold", "needle", "blade": the point on the surface at rest, mm. "free": where the tool's tip is in space, mm.
     displacement : tuple of float, (3,), optional
         "hold": displacement of the tissue, mm. "needle": where the tip is, from `point`, mm.
-    kind : {"hold", "needle", "free"}, optional
-        A free tool touches, sticks and slides as it meets the tissue.
+        "blade": into the tissue, as long as the edge is deep, mm.
+    kind : {"hold", "needle", "free", "blade"}, optional
+        A free tool touches, sticks and slides as it meets the tissue. A blade feels what a cut along the surface takes; the
+        cut itself is made by `Session.cut`.
 
     Attributes
     ----------
@@ -70,7 +72,7 @@ class Pointer:
 
     def __init__(self) -> None:
         self.core = _core.simulation.Pointer()
-        self._serial = 0
+        self.serial = 0  # of the newest command
 
     def send(self, command: Command, serial: int | None = None, tool: int = 0) -> None:
         """Hand over a command without waiting. Only one thread may send.
@@ -84,8 +86,8 @@ class Pointer:
         tool : int, optional
             Which tool.
         """
-        self._serial = self._serial + 1 if serial is None else serial
-        self.core.send(tool, command.number, command.point, command.displacement, self._serial)
+        self.serial = self.serial + 1 if serial is None else serial
+        self.core.send(tool, command.number, command.point, command.displacement, self.serial)
 
 
 def bounded_vector(name: str, vector: Float64 | Vector, most: float) -> Vector:

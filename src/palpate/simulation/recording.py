@@ -37,7 +37,7 @@ class Record:
     tools : ndarray, (n,)
         Which of the four tools.
     kinds : ndarray, (n,)
-        0 releases, 1 holds, 2 is a needle, 3 is a free tool.
+        0 releases, 1 holds, 2 is a needle, 3 is a free tool, 4 is a blade.
     points, displacements : ndarray, (n, 3)
         As in `Command`, mm.
     length : int

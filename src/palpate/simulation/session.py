@@ -32,7 +32,7 @@ from palpate.simulation.session_events import SessionEvents
 from palpate.simulation.session_journal import SessionJournal
 from palpate.simulation.session_notes import MOST_NOTES, checked_note
 from palpate.simulation.session_replay import ReplaySteps
-from palpate.tissue.cutting_work import CuttingWork, cutting_work, together
+from palpate.tissue.cutting_work import CuttingWork, cutting_work, surface_toughness, together
 from palpate.tissue.models.registry import model as build
 from palpate.tissue.models.registry import name_of
 from palpate.tissue.models.tissue_model import TissueModel
@@ -74,6 +74,7 @@ class Session:
         Whether a display may draw what is inside.
     toughness : float or dict, optional
         Energy that a cut takes for each area, J/m², as `cutting_work` takes it. The default is that of the named tissues.
+        A blade feels that of the surface's largest region.
     blade_friction : float, optional
         Force on each mm of a blade's edge in the tissue, N/mm.
 
@@ -125,6 +126,8 @@ class Session:
         self.settings = _core.simulation.SimulationSettings()
         self.settings.sweeps = self._sweeps(sweeps, self.sweep_seconds)
         self.settings.radius, self.settings.limit, self.settings.friction = radius, float(limit), float(friction)
+        self.settings.toughness = surface_toughness(model.tissue, toughness)
+        self.settings.blade_friction = self.blade_friction
         try:
             self.loop = _core.simulation.RealtimeLoop(
                 model.native, model.tissue.surface, self.displayed.nodes, self.settings

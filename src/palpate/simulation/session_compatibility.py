@@ -16,9 +16,10 @@ from palpate.tissue.models.tissue_model import TissueModel
 from palpate.tissue.relaxation import Relaxation
 from palpate.tissue.tissue import SpringLaw, Tissue
 
+_OF_BLADES = ("toughness", "blade_friction", "give")  # unknown to records without a blade's force
 _SETTINGS = (
     "sweeps", "radius", "limit", "ramp", "approach", "reach", "friction", "puncture", "cutting", "shaft_friction",
-    "nodal_weights",
+    "nodal_weights", *_OF_BLADES,
 )  # fmt: skip
 
 
@@ -47,6 +48,8 @@ def check_record(record: Record, model: TissueModel, settings: Any) -> None:
     for name, value in settings_of(model, settings).items():
         if name == "nodal_weights" or (name == "interval" and value == 0 and has_nodal_weights(record)):
             continue  # a replay takes those of its record; version 0.1 knew no other
+        if name in _OF_BLADES and name not in record.settings:
+            continue
         if record.settings.get(name) != value:
             raise DataError(f"record: made with {name} = {record.settings.get(name)}, not {value:g}; use the record's")
 
@@ -106,7 +109,8 @@ def recorded_settings(record: Record) -> dict[str, Any]:
     """Keywords that make a `Session` like the recorded one."""
     try:
         numbers: dict[str, Any] = {name: record.settings[name] for name in ("radius", "limit", "friction")}
-        return {**numbers, "sweeps": int(record.settings["sweeps"])}
+        blade = {name: record.settings.get(name, 0.0) for name in ("toughness", "blade_friction")}
+        return {**numbers, **blade, "sweeps": int(record.settings["sweeps"])}
     except KeyError as missing:
         raise FileError(f"record: it does not say {missing}; record the session again") from None
 

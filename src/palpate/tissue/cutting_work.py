@@ -147,6 +147,16 @@ def toughness_by_region(
     return {region: found.get(region, 0.0) for region in regions}, unknown
 
 
+def surface_toughness(tissue: Tissue, given: float | Mapping[int | str, float] | None = None) -> float:
+    """J/m², of the region that most of the tissue's surface belongs to; 0 if nobody has said it."""
+    tough, _ = toughness_by_region(tissue, given)
+    mesh = tissue.mesh
+    outer = np.zeros(len(mesh.nodes), dtype=bool)
+    outer[np.unique(mesh.surface)] = True
+    faces = outer[mesh.tets].sum(axis=1) >= 3
+    return tough[int(np.bincount(mesh.region[faces]).argmax())]
+
+
 def lip_areas(tissue: Tissue) -> dict[int, float]:
     """mm² of all cuts of a tissue by region: of each cut one lip."""
     mesh = tissue.mesh

@@ -12,10 +12,10 @@ export const SLOWEST = 0.25;
 export const FASTEST = 4.0;
 
 /** What a tool is asked to do. */
-export const CommandKind = { away: 0, hold: 1, needle: 2, free: 3 } as const;
+export const CommandKind = { away: 0, hold: 1, needle: 2, free: 3, blade: 4 } as const;
 
 /** What a tool's proxy is doing. */
-export const ContactState = { idle: 0, closed: 1, refused: 2, open: 3 } as const;
+export const ContactState = { idle: 0, closed: 1, refused: 2, open: 3, cutting: 4 } as const;
 
 /** What a `Selection` selects. */
 export const SelectionKind = { model: 0, organ: 1 } as const;

@@ -72,12 +72,14 @@ export class ToolMeshes {
       this.tips[i].visible = present && !isNeedle && !isCamera && !shaped;
       this.shapes[i].hide();
       this.spheres[i].w = 0;
-      this.arrows[i].visible = present && !isCamera && length(force) > MIN_FORCE;
+      const cutting = frame.contact[i] === ContactState.cutting;
+      this.arrows[i].visible = (present || cutting) && !isCamera && length(force) > MIN_FORCE;
+      const at = toolVector(frame.point, i), contact = add(add(at, gape(at)), displacement); // the displaced contact point
       if (!present) {
+        if (cutting) this.placeArrow(this.arrows[i], new Vector3(...contact), force); // the blade is drawn where the hand is
         this.axes[i] = this.hands[i] = null;
         continue;
       }
-      const at = toolVector(frame.point, i), contact = add(add(at, gape(at)), displacement); // the displaced contact point
       const axis = this.needleAxis(i, displacement, frame.insertion[i]);
       this.tipPositions[i] = isNeedle ? add(contact, scale(axis, frame.insertion[i])) : contact;
       this.tips[i].position.set(...contact);

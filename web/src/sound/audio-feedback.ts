@@ -10,6 +10,7 @@ const RUMBLE: Record<SoundEvent, { duration: number; strongMagnitude: number; we
   contact: { duration: 40, strongMagnitude: 0, weakMagnitude: 0.6 },
   release: { duration: 25, strongMagnitude: 0, weakMagnitude: 0.3 },
   pierced: { duration: 70, strongMagnitude: 0.5, weakMagnitude: 1 },
+  cut: { duration: 20, strongMagnitude: 0, weakMagnitude: 0.4 },
   limit: { duration: 160, strongMagnitude: 1, weakMagnitude: 0.4 },
 };
 

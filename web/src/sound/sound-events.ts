@@ -1,9 +1,11 @@
-// What can be heard of a frame: a tool touches or lets go, a needle pierces the surface, the force passes its limit.
-import { length, toolVector } from "../organ/mesh-geometry";
-import { ContactState, TOOLS, type Frame } from "../protocol/server-messages";
+// What can be heard of a frame: a tool touches or lets go, a needle pierces the surface, a blade cuts, the force passes its
+// limit.
+import { length, subtract, toolVector } from "../organ/mesh-geometry";
+import { ContactState, TOOLS, type Frame, type Vector } from "../protocol/server-messages";
 
-export type SoundEvent = "contact" | "release" | "pierced" | "limit";
+export type SoundEvent = "contact" | "release" | "pierced" | "cut" | "limit";
 
+const CUT = 1; // mm of a blade's way, for each of which it is heard
 const REARMED = 0.9; // of the limit: the force must have been below it before it is told again
 
 /** N, the largest force of a tool. */
@@ -15,6 +17,7 @@ export function largestForce(frame: Frame): number {
 export class EventDetector {
   private before: Frame | null = null;
   private overLimit = false;
+  private cutTo: (Vector | null)[] = Array(TOOLS).fill(null); // where each blade was heard last, mm
 
   /** The events since the last call. limit: N. */
   add(frame: Frame, limit: number): SoundEvent[] {
@@ -25,15 +28,26 @@ export class EventDetector {
       if (is && !was) events.add("contact");
       if (was && !is) events.add("release");
       if (frame.insertion[tool] > 0 && !(before.insertion[tool] > 0)) events.add("pierced");
+      if (this.cuts(frame, tool)) events.add("cut");
     }
     if (force > limit && !this.overLimit) events.add("limit");
     if (force > limit || force < REARMED * limit) this.overLimit = force > limit;
     return [...events];
   }
 
+  /** Whether a blade has gone on by a step. */
+  private cuts(frame: Frame, tool: number): boolean {
+    if (frame.contact[tool] !== ContactState.cutting) return (this.cutTo[tool] = null), false;
+    const at = toolVector(frame.point, tool), last = (this.cutTo[tool] ??= at);
+    if (length(subtract(at, last)) < CUT) return false;
+    this.cutTo[tool] = at;
+    return true;
+  }
+
   /** Another organ or session: nothing has happened yet. */
   clear(): void {
     this.before = null;
     this.overLimit = false;
+    this.cutTo.fill(null);
   }
 }

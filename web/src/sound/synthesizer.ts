@@ -15,11 +15,13 @@ interface Burst {
   decay: number; // s
   gain: number;
 }
-// Soft taps for what happens at the surface, a crack for what breaks it, and a warning that is none of them.
+// Soft taps for what happens at the surface, a crack for what breaks it, a rasp for what is cut, and a warning that is none of
+// them.
 const BURSTS: Record<SoundEvent, Burst> = {
   contact: { filter: "lowpass", frequency: 420, decay: 0.045, gain: 0.9 },
   release: { filter: "lowpass", frequency: 260, decay: 0.03, gain: 0.5 },
   pierced: { filter: "highpass", frequency: 1800, decay: 0.06, gain: 0.6 },
+  cut: { filter: "bandpass", frequency: 3200, decay: 0.02, gain: 0.6 },
   limit: { filter: "bandpass", frequency: 1200, decay: 0.18, gain: 1.4 },
 };
 

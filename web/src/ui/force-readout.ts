@@ -16,12 +16,13 @@ export interface Measurement {
   tool: number;
   force: number; // N
   depth: number; // mm
+  cutting: boolean; // a blade; depth: how far it is ahead of the end of its cut
 }
 
 /** Force and depth of the active tool: of the tools of a kind the one with the largest force; of all tools if none of that
  * kind is in contact. */
 export function measure(frame: Frame, kind: ToolKind): Measurement | null {
-  const inContact = (tool: number) => frame.contact[tool] === ContactState.closed;
+  const inContact = (tool: number) => frame.contact[tool] === ContactState.closed || frame.contact[tool] === ContactState.cutting;
   const ofKind = TOOL_NUMBERS[kind].filter(inContact);
   const tools = ofKind.length ? ofKind : Array.from({ length: TOOLS }, (_, i) => i).filter(inContact);
   if (!tools.length) return null;
@@ -29,7 +30,7 @@ export function measure(frame: Frame, kind: ToolKind): Measurement | null {
   const tool = tools.reduce((a, b) => (force(b) > force(a) ? b : a));
   const isNeedle = tool === NEEDLE || frame.insertion[tool] > 0;
   const depth = isNeedle ? frame.insertion[tool] : length(toolVector(frame.displacement, tool));
-  return { tool, force: force(tool), depth };
+  return { tool, force: force(tool), depth, cutting: frame.contact[tool] === ContactState.cutting };
 }
 
 /** The force's estimated error as a band: at least 1 % of the force, since the estimate itself is no better. */
@@ -129,7 +130,7 @@ export class ForceReadout {
   private updateNumbers(here: Measurement | null, kind: ToolKind): void {
     const force = here?.force ?? 0, depth = here?.depth ?? 0;
     write("force", force.toFixed(2));
-    write("depth-name", here?.tool === NEEDLE ? DEPTH_LABELS.needle : DEPTH_LABELS[kind]);
+    write("depth-name", here?.cutting ? "Ahead by" : here?.tool === NEEDLE ? DEPTH_LABELS.needle : DEPTH_LABELS[kind]);
     write("depth", here ? `${depth.toFixed(1)} mm` : "–");
     const single = kind === "press" || kind === "pull"; // two jaws push each other, a needle cuts: no stiffness
     write("stiffness", here && single && here.tool !== NEEDLE && depth > MIN_DEPTH ? `${(force / depth).toFixed(3)} N/mm` : "–");

@@ -1,0 +1,156 @@
+"""The force on a blade: what new surface and its flanks take, and no loop of the hand that gives energy."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.brick_meshes import block
+
+import palpate as pp
+
+TOUGH, RUBS, DEPTH = 164.0, 0.05, 12.0  # J/m², N/mm, mm
+HOLDS = (1e-3 * TOUGH + RUBS) * DEPTH  # N
+
+
+@pytest.fixture(scope="module")
+def whole():
+    """A cube, so that a way along its top has the length of the cut at any depth."""
+    return block(7)
+
+
+@pytest.fixture(scope="module")
+def model(whole):
+    return pp.model(whole, "compliance")
+
+
+def session_of(model, toughness=TOUGH, friction=RUBS):
+    return pp.Session(model, radius=9.0, sweeps=4, toughness=toughness, blade_friction=friction)
+
+
+def over(x, y=0.0):
+    """A point of the cube's top, from its middle."""
+    return (25.0 + float(x), 25.3 + float(y), 50.0)
+
+
+def blade(point, depth=DEPTH):
+    return pp.Command(True, point, (0.0, 0.0, -depth), "blade")
+
+
+def ways(session, commands):
+    """Places (t, 3) of the blade and of the end of its cut, mm, and the forces on the hand, N, tick by tick."""
+    found = []
+    for command in commands:
+        force = session.step([command])[0]
+        frame = session.frame()
+        assert frame.contact[0] == 4
+        end = np.array(frame.point[0])
+        found.append((end + frame.displacement[0], end, force))
+    return [np.array(each) for each in zip(*found, strict=True)]
+
+
+def work(places, forces):
+    """mJ that a hand puts in along a way: the force acts on the hand."""
+    return -float(((forces[1:] + forces[:-1]) / 2 * np.diff(places, axis=0)).sum())
+
+
+def test_a_blade_that_goes_on_feels_what_its_cut_takes(model):
+    session = session_of(model)
+    places, ends, forces = ways(session, [blade(over(x)) for x in np.linspace(-15, 15, 600)])  # 50 mm/s
+    steady = np.linalg.norm(forces[100:], axis=1)
+    assert np.allclose(steady, HOLDS, rtol=1e-9)
+    along = np.diff(places, axis=0)[100:]
+    cosine = (forces[101:] * along).sum(axis=1) / np.linalg.norm(along, axis=1) / HOLDS
+    assert cosine.max() < -0.99, "against the way"
+    assert np.linalg.norm(forces[0]) == 0, "it begins without a force"
+    assert np.linalg.norm(np.diff(forces, axis=0), axis=1).max() < 0.1 * HOLDS, "and without a step"
+    way = np.linalg.norm(np.diff(ends, axis=0), axis=1).sum()
+    stored = HOLDS * session.settings.give / 2
+    assert work(places, forces) == pytest.approx(HOLDS * way + stored, rel=0.01)
+    assert session.frame().work == pytest.approx(work(places, forces), rel=1e-6), "the session counts it"
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**31))
+def test_no_way_of_the_hand_gains_energy(model, seed):
+    """Whatever it does, what it gets back is what it has stored."""
+    random = np.random.default_rng(seed)
+    session = session_of(model)
+    xy = np.cumsum(random.normal(0, random.choice([0.2, 1.0, 4.0]), (150, 2)), axis=0)
+    xy = 20 * np.tanh(xy / 20)
+    places, ends, forces = ways(session, [blade(over(x, 0.8 * y)) for x, y in xy])
+    put_in = -np.cumsum(((forces[1:] + forces[:-1]) / 2 * np.diff(places, axis=0)).sum(axis=1))
+    cut = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(ends, axis=0), axis=1))])
+    ahead = np.linalg.norm(places - ends, axis=1)
+    most = HOLDS * session.settings.give / 2
+    assert put_in.min() > -0.02 * most
+    spent = HOLDS * cut[1:]
+    assert (put_in >= 0.93 * spent - 0.02 * most).all(), "a cut is never cheaper than its surface"
+    assert (np.linalg.norm(forces, axis=1) <= HOLDS * (1 + 1e-9)).all()
+    assert np.isfinite(ahead).all()
+
+
+def test_the_hand_does_the_work_of_the_cut(model, whole):
+    """The loop's forces against the area of the cut mesh, two ways that share nothing."""
+    session = session_of(model)
+    x = np.linspace(-14, 14, 700)
+    places, _, forces = ways(session, [blade(over(each)) for each in x])
+    assert session.cut(pp.incision(whole, [over(each) for each in (-14, 0, 14)], depth=DEPTH))
+    session.step([None] * 5)
+    assert work(places, forces) == pytest.approx(session.cutting_work[-1].total, rel=0.04)
+
+
+def test_tissue_of_unknown_toughness_holds_no_blade(model):
+    session = session_of(model, None, 0.0)
+    places, ends, forces = ways(session, [blade(over(x)) for x in np.linspace(-10, 10, 100)])
+    assert not forces.any()
+    assert np.allclose(places, ends)
+
+
+def test_a_blade_moves_no_tissue_and_no_other_hand_feels_it(model):
+    alone, beside = session_of(model), session_of(model)
+    hold = pp.Command(True, over(0, 14), (0, 0, -2))
+    forces = [s.step([[None, hold]] * 150)[:, 1] for s in (alone, beside)]
+    with_blade = beside.step([[blade(over(x)), hold] for x in np.linspace(-12, 12, 300)])
+    without = alone.step([[None, hold]] * 300)
+    assert np.array_equal(forces[0], forces[1])
+    assert np.array_equal(with_blade[:, 1], without[:, 1])
+    assert np.linalg.norm(with_blade[-1, 0]) > 0.5
+    assert np.array_equal(alone.displacement, beside.displacement)
+
+
+def test_it_goes_on_when_the_body_is_cut_behind_it(model, whole):
+    session = session_of(model)
+    before = session.step([blade(over(x)) for x in np.linspace(-14, 0, 300)])
+    assert session.cut(pp.incision(whole, [over(x) for x in (-14, -7, 0)], depth=DEPTH))
+    after = session.step([blade(over(x)) for x in np.linspace(0, 14, 300)])
+    assert np.linalg.norm(after[0] - before[-1]) < 0.05 * HOLDS
+    assert np.linalg.norm(after[-1]) == pytest.approx(HOLDS, rel=0.01)
+    assert not session.step([None] * 2)[-1].any()
+
+
+def test_a_record_of_a_blade_replays_to_the_bit(model):
+    session = session_of(model)
+    session.step([*[blade(over(x)) for x in np.linspace(-14, 14, 500)], *[None] * 20])
+    record = session.record()
+    assert set(record.kinds) == {0, 4}
+    assert session_of(model).replay(record) is None
+    with pytest.raises(pp.errors.DataError, match="toughness"):
+        session_of(model, 500.0).replay(record)
+    touched = pp.Session(model, radius=9.0, sweeps=4)
+    touched.step([pp.Command(True, over(0), (0, 0, -2))] * 200)
+    older = dataclasses.replace(
+        touched.record(),
+        settings={
+            k: v for k, v in touched.record().settings.items() if k not in ("toughness", "blade_friction", "give")
+        },
+    )
+    assert session_of(model).replay(older) is None, "a record from before blades were felt"
+
+
+def test_a_blade_that_is_nowhere_is_refused(model):
+    session = session_of(model)
+    force = session.step([blade(over(0)), blade((np.nan, 25.0, 50.0)), blade(over(1))])
+    assert not force.any()
+    assert session.frame().contact[0] == 2
