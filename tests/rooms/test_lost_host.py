@@ -125,6 +125,33 @@ def test_rooms_go_on_while_the_registry_is_away(kidney, tmp_path):
         assert host.rooms() == room
 
 
+@pytest.mark.parametrize("kind", ["redis", "nats"])
+def test_hosts_share_the_rooms_and_none_moves_while_somebody_is_in_it(kind, kidney, tmp_path):
+    """The first host has them all until another one comes, and again when that is lost."""
+    (tmp_path / "registry").mkdir()
+    names = ("anatomy", "surgery", "pathology")
+    with registry_server(kind, tmp_path / "registry") as server, contextlib.ExitStack() as after:
+        first = ServingHost(tmp_path / "first", kidney, server.address, *names)
+        after.callback(first.end)
+        assert len(first.rooms()) == 3
+        with page_of(first, first.tokens["teacher"]) as page:  # of the last room
+            page.send(NOTE)
+            second = ServingHost(tmp_path / "second", kidney, server.address, *names)
+            after.callback(second.end)
+            until(lambda: (len(first.rooms()), len(second.rooms())) == (2, 1), 60)
+            for _ in range(150):  # three seconds: it stays so
+                page.recv(timeout=5)
+                assert (len(first.rooms()), len(second.rooms())) == (2, 1)
+            assert back(second, second.tokens["teacher"])[1] == ["hard here"], "each lets in to rooms of the other"
+        assert len(list((tmp_path / "first").glob("*.h5"))) == 1, "the record of the room that has gone"
+        second.lose()
+        until(lambda: len(first.rooms()) == 3, 60)
+        first.end()
+        written = {path.name for path in (tmp_path / "first").glob("*.h5")}
+        moved = next(name for name in names if f"{name}-2.h5" in written)
+        assert written == {f"{name}.h5" for name in names} | {f"{moved}-2.h5"}, "no record is written over another"
+
+
 def test_a_registry_that_does_not_answer_is_said_before_anything_starts(kidney, tmp_path):
     room = pp.RoomFile("kidney", (kidney,))
     with pytest.raises(pp.errors.PortError, match=r"registry redis://127.0.0.1:1: no answer"):

@@ -73,6 +73,22 @@ def test_a_room_that_is_given_up_is_free_at_once_and_only_its_host_gives_it_up(s
     with_registries(server, use, 2)
 
 
+def test_hosts_are_counted_while_they_say_that_they_are_there(server):
+    async def use(one, two):
+        assert await one.owner("seen") == ""
+        await one.claim("seen", "a")
+        assert await two.owner("seen") == "a"
+        await one.hosts("a 1")
+        assert await two.hosts("b 2") >= 2
+        before = await one.hosts("a 1")
+        for _ in range(10):
+            await asyncio.sleep(0.4)
+            assert await one.hosts("a 1") <= before
+        assert await one.hosts("a 1") == before - 1
+
+    with_registries(server, use, 2)
+
+
 def test_what_a_room_holds_is_kept_by_its_host_alone_and_outlives_the_claim(server):
     state = bytes(range(256)) * 2000
 

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.brick_meshes import block
+from support.example_organs import organ
 
 import palpate as pp
 
@@ -128,6 +129,17 @@ def test_it_goes_on_when_the_body_is_cut_behind_it(model, whole):
     assert np.linalg.norm(after[0] - before[-1]) < 0.05 * HOLDS
     assert np.linalg.norm(after[-1]) == pytest.approx(HOLDS, rel=0.01)
     assert not session.step([None] * 2)[-1].any()
+
+
+def test_a_blade_feels_the_region_at_the_surface_whatever_is_inside_and_what_was_cut_before():
+    """A session may begin with a cut tissue, as a room does that was lost."""
+    cased = organ(9)
+    top = cased.mesh.nodes[np.argmax(cased.mesh.nodes[:, 2])]
+    cut = pp.cut(cased, pp.incision(cased, [top - (0, 9, 0), top + (0, 9, 0)], depth=9))
+    for tissue in (cased, cut):
+        session = session_of(pp.model(tissue, "compliance"), {"organ": 100.0, "lump": 900.0}, 0.0)
+        force = session.step([blade((float(x), 3.0, 24.5)) for x in np.linspace(-14, -4, 200)])
+        assert np.linalg.norm(force[-1]) == pytest.approx(0.1 * DEPTH, rel=1e-6)
 
 
 def test_a_record_of_a_blade_replays_to_the_bit(model):

@@ -29,14 +29,19 @@ FRAME = 2
 
 
 class ServingHost:
-    """One of them. It is lost as a whole: its processes, its rooms and its disk."""
+    """One of them. It is lost as a whole: its processes, its rooms and its disk. tokens: by role, of its last room."""
 
-    def __init__(self, folder, organ, registry, room="kidney"):
+    def __init__(self, folder, organ, registry, *rooms):
         folder.mkdir()
-        shutil.copy(organ, folder / f"{room}.vtu")
+        shutil.copy(organ, folder / "kidney.vtu")
+        what = "kidney.vtu"
+        if rooms:
+            what = "rooms.yaml"
+            lines = [f"  {room}: {{organs: [kidney.vtu], record: {room}.h5}}" for room in rooms]
+            (folder / what).write_text("\n".join(["palpate rooms: 1", "rooms:", *lines]))
         self.folder, self.port = folder, free_port()
         self.base = f"http://127.0.0.1:{self.port}/"
-        command = (sys.executable, "-m", "palpate", "serve", f"{room}.vtu", "--no-browser", "--port", str(self.port))
+        command = (sys.executable, "-m", "palpate", "serve", what, "--no-browser", "--port", str(self.port))
         self.process = subprocess.Popen(
             [*command, "--registry", registry],
             cwd=folder,

@@ -17,7 +17,7 @@ from websockets.exceptions import ConnectionClosed, InvalidHandshake
 
 from palpate.errors import DataError
 from palpate.rooms.invitation import Invitation, read_invitation
-from palpate.rooms.room_claim import Host, hold, keep_open
+from palpate.rooms.room_claim import Host, Share, count_hosts, hold, keep_open
 from palpate.rooms.room_process import RoomProcess
 from palpate.server.access_control import LOOPBACK, Admission, page_application
 from palpate.server.bounded_connections import BoundedConnection
@@ -63,8 +63,12 @@ def gateway(
 
     @contextlib.asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:
-        kept = (keep_open(room) if host is None else hold(room, host) for room in rooms.values())
-        tasks = [asyncio.create_task(one) for one in kept]
+        if host is None:
+            tasks = [asyncio.create_task(keep_open(room)) for room in rooms.values()]
+        else:
+            share = Share(len(rooms))
+            tasks = [asyncio.create_task(hold(room, host, share)) for room in rooms.values()]
+            tasks.append(asyncio.create_task(count_hosts(host, share)))
         for task in tasks:
             task.add_done_callback(report_failure)
         yield
@@ -151,7 +155,12 @@ async def pass_socket(page: WebSocket) -> None:
         except LOST:
             await asyncio.sleep(LOOK)
             continue
-        await passed(page, inner, room, place)
+        here = int(room.port != 0)
+        room.people += here
+        try:
+            await passed(page, inner, room, place)
+        finally:
+            room.people -= here
         return
     with contextlib.suppress(RuntimeError, WebSocketDisconnect):  # the page has gone
         await page.close(CloseCode.room_lost, "the room is not there")

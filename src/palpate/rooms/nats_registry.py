@@ -17,6 +17,7 @@ except ImportError as error:
 
 Answer = TypeVar("Answer")
 CLAIMS, ROOMS, SECRET = "palpate-claims", "palpate-rooms", "secret"
+THERE = "host-"  # before the keys of hosts
 
 
 class NatsRegistry:
@@ -54,6 +55,19 @@ class NatsRegistry:
                 raise RegistryLost("a claim expired as it was renewed") from None
             return str(found.value.decode())
         return host
+
+    async def owner(self, room: str) -> str:
+        """The host that has a room."""
+        await self._open()
+        found = await value_of(self._claims, key_of(room))
+        return "" if found is None else str(found.value.decode())
+
+    async def hosts(self, host: str) -> int:
+        """How many hosts there are."""
+        await self._open()
+        await answered(self._claims.put(THERE + host.encode().hex(), b""))
+        keys = await answered(self._claims.keys())
+        return sum(key.startswith(THERE) for key in keys)
 
     async def release(self, room: str, host: str) -> None:
         """Gives a room up."""

@@ -14,7 +14,7 @@ except ImportError as error:
     raise ExtraError("a registry on Redis needs the package redis: pip install 'palpate[redis]'") from error
 
 Answer = TypeVar("Answer")
-HOST, STATE, SECRET = "palpate:host:", "palpate:room:", "palpate:secret"
+HOST, STATE, SECRET, HOSTS = "palpate:host:", "palpate:room:", "palpate:secret", "palpate:hosts"
 CLAIM = """
 local host = redis.call('get', KEYS[1])
 if host and host ~= ARGV[1] then return host end
@@ -22,6 +22,13 @@ redis.call('set', KEYS[1], ARGV[1], 'PX', ARGV[2])
 return ARGV[1]
 """
 RELEASE = "if redis.call('get', KEYS[1]) == ARGV[1] then redis.call('del', KEYS[1]) end"
+THERE = """
+local now = redis.call('time')
+local seconds = now[1] + now[2] / 1000000
+redis.call('zremrangebyscore', KEYS[1], '-inf', seconds - ARGV[2])
+redis.call('zadd', KEYS[1], seconds, ARGV[1])
+return redis.call('zcard', KEYS[1])
+"""
 KEEP = """
 if redis.call('get', KEYS[1]) ~= ARGV[1] then return 0 end
 redis.call('set', KEYS[2], ARGV[2])
@@ -46,6 +53,14 @@ class RedisRegistry:
     async def claim(self, room: str, host: str) -> str:
         """The host that has the room now."""
         return text(await answered(self._redis.eval(CLAIM, 1, HOST + room, host, int(1000 * LEASE))))
+
+    async def owner(self, room: str) -> str:
+        """The host that has a room."""
+        return (await answered(self._redis.get(HOST + room)) or b"").decode()
+
+    async def hosts(self, host: str) -> int:
+        """How many hosts there are."""
+        return int(await answered(self._redis.eval(THERE, 1, HOSTS, host, LEASE)))
 
     async def release(self, room: str, host: str) -> None:
         """Gives a room up."""

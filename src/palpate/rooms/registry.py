@@ -26,6 +26,12 @@ class Registry(Protocol):
     async def claim(self, room: str, host: str) -> str:
         """Claims a room, or renews the claim. Returns the host that has it now."""
 
+    async def owner(self, room: str) -> str:
+        """The host that has a room, or nothing."""
+
+    async def hosts(self, host: str) -> int:
+        """Says that this host is there, and returns how many are."""
+
     async def release(self, room: str, host: str) -> None:
         """Gives a room up, if this host has it."""
 

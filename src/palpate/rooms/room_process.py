@@ -11,6 +11,7 @@ from typing import Any
 
 from palpate.errors import DataError
 from palpate.rooms.rooms_file import RoomFile
+from palpate.server.live_session import record_name
 
 FIRST_PAUSE, LAST_PAUSE = 0.2, 10.0  # s before a room that died is started again
 STEADY = 30.0  # s after which a room is taken for well again
@@ -24,7 +25,8 @@ class RoomProcess:
 
     record: where its session goes. token: of the gateway. port: of the room on loopback, or 0 while it is not there. state:
     the cuts and notes that it had last, or None at first. news: set when the state has changed. elsewhere: address of the
-    host that has the room, if it is another. problem: why it cannot be opened.
+    host that has the room, if it is another. people: pages that are in it, if it is here. closed: how often it was closed here:
+    each time it is open it has a record of its own. problem: why it cannot be opened.
     """
 
     room: RoomFile
@@ -34,7 +36,9 @@ class RoomProcess:
     state: dict[str, Any] | None = None
     news: asyncio.Event = field(default_factory=asyncio.Event)
     elsewhere: str = ""
+    people: int = 0
     deaths: int = 0
+    closed: int = 0
     problem: str = ""
     _process: asyncio.subprocess.Process | None = None
     _changed: asyncio.Event = field(default_factory=asyncio.Event)
@@ -55,7 +59,7 @@ class RoomProcess:
             "model": self.room.model,
             "radius": self.room.radius,
             "tension": self.room.tension,
-            "record": str(self.record.resolve()),
+            "record": str(record_name(self.record, self.closed).resolve()),
             "token": self.token,
             "state": self.state,
         }
@@ -127,6 +131,7 @@ class RoomProcess:
         process.stdin.close()
         try:
             await asyncio.wait_for(asyncio.gather(self._listen(), process.wait()), CLOSING)
+            self.closed += 1
         except TimeoutError:
             process.kill()
             await process.wait()

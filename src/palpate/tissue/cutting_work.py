@@ -151,10 +151,11 @@ def surface_toughness(tissue: Tissue, given: float | Mapping[int | str, float] |
     """J/m², of the region that most of the tissue's surface belongs to; 0 if nobody has said it."""
     tough, _ = toughness_by_region(tissue, given)
     mesh = tissue.mesh
-    outer = np.zeros(len(mesh.nodes), dtype=bool)
-    outer[np.unique(mesh.surface)] = True
-    faces = outer[mesh.tets].sum(axis=1) >= 3
-    return tough[int(np.bincount(mesh.region[faces]).argmax())]
+    if isinstance(mesh, CutMesh):
+        tets = mesh.skin.tet[np.unique(mesh.skin.triangles[~mesh.skin.lip])]
+    else:
+        tets = np.flatnonzero(np.isin(mesh.tets, mesh.surface).sum(axis=1) >= 3)
+    return tough[int(np.bincount(mesh.region[tets]).argmax())]
 
 
 def lip_areas(tissue: Tissue) -> dict[int, float]:
