@@ -67,8 +67,8 @@ async def count_hosts(host: Host, share: Share) -> None:
 async def hold(room: RoomProcess, host: Host, share: Share) -> None:
     """Keeps a room open while this host has it, until this is cancelled.
 
-    A host that has its share of the rooms leaves a free one to others for a while, and gives one that is too many up once nobody
-    is in it. While the registry does not answer, all stays as it is: whoever has a room keeps it. If another host has
+    A host that has its share of the rooms leaves a free one to others for a while, and gives up one that is too many once
+    nobody is in it. While the registry does not answer, all stays as it is: whoever has a room keeps it. If another host has
     claimed it meanwhile, that one goes on with it, and this one ends its own.
     """
     name, registry, now = room.room.name, host.registry, asyncio.get_running_loop().time

@@ -25,8 +25,8 @@ class RoomProcess:
 
     record: where its session goes. token: of the gateway. port: of the room on loopback, or 0 while it is not there. state:
     the cuts and notes that it had last, or None at first. news: set when the state has changed. elsewhere: address of the
-    host that has the room, if it is another. people: pages that are in it, if it is here. closed: how often it was closed here:
-    each time it is open it has a record of its own. problem: why it cannot be opened.
+    host that has the room, if it is another. people: pages that are in it, if it is here. closed: how often it was closed
+    here: each time it is open it has a record of its own. problem: why it cannot be opened.
     """
 
     room: RoomFile

@@ -152,10 +152,10 @@ def surface_toughness(tissue: Tissue, given: float | Mapping[int | str, float] |
     tough, _ = toughness_by_region(tissue, given)
     mesh = tissue.mesh
     if isinstance(mesh, CutMesh):
-        tets = mesh.skin.tet[np.unique(mesh.skin.triangles[~mesh.skin.lip])]
+        regions = mesh.region[mesh.skin.tet[np.unique(mesh.skin.triangles[~mesh.skin.lip])]]
     else:
-        tets = np.flatnonzero(np.isin(mesh.tets, mesh.surface).sum(axis=1) >= 3)
-    return tough[int(np.bincount(mesh.region[tets]).argmax())]
+        regions = mesh.region[np.isin(mesh.tets, mesh.surface).sum(axis=1) >= 3]
+    return tough[int(np.bincount(regions).argmax())]
 
 
 def lip_areas(tissue: Tissue) -> dict[int, float]:
