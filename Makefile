@@ -9,13 +9,14 @@ export PIP_NO_INPUT := 1
 export PYTHONNOUSERSITE := 1
 unexport PYTHONPATH
 
-.PHONY: help demo test test-cpp test-notebook test-torch cross test-aarch64 manylinux wasm mutate mutants fuzz fuzz-core cuts interrupt lint docs docs-figures bench wheel tools clean
+.PHONY: help demo test test-cpp test-notebook test-neighbours test-torch cross test-aarch64 manylinux wasm mutate mutants fuzz fuzz-core cuts interrupt lint docs docs-figures bench wheel tools clean
 help:
 	@echo "make demo    set up, then X-ray counts to an organ in the browser"
 	@echo "make test    set up, then the tests against the built wheel"
 	@echo "make test-cpp  the kernels' own tests (needs cmake and doctest-dev; FOLDERS=\"base realtime\" SANITIZE=thread)"
 	@echo "make cross   all kernels compiled by zig for aarch64 Linux, arm64 macOS and x86-64 Windows"
 	@echo "make test-notebook  the widgets in a real JupyterLab and Chromium"
+	@echo "make test-neighbours  the panels in a real napari, and ParaView if it is there (xvfb gives them a screen)"
 	@echo "make test-torch  PyTorch's and DeepInverse's operations (a download of about 3 GB)"
 	@echo "make test-aarch64  the kernels' own tests on an emulated aarch64 (needs cmake, doctest-dev,"
 	@echo "             g++-aarch64-linux-gnu, qemu-user-static)"
@@ -55,6 +56,9 @@ cross: $(VENV)/crossed-with
 
 test-notebook: $(VENV)/notebook-tested-with
 	cd tests && $(abspath $(BIN)/python) -m pytest -n 0 page/test_jupyterlab.py
+
+test-neighbours: $(VENV)/napari-tested-with
+	cd tests && $$(command -v xvfb-run && echo -a) $(abspath $(BIN)/python) -m pytest -n 0 napari_plugin neighbours
 
 test-torch: $(VENV)/torch-tested-with
 	cd tests && $(abspath $(BIN)/python) -m pytest -n 0 differentiable
@@ -141,6 +145,10 @@ $(VENV)/tested-with: $(VENV)/installed
 
 $(VENV)/notebook-tested-with: $(VENV)/tested-with
 	$(BIN)/pip install --quiet "$$(ls dist/*.whl)[jupyterlab]"
+	touch $@
+
+$(VENV)/napari-tested-with: $(VENV)/tested-with
+	$(BIN)/pip install --quiet "$$(ls dist/*.whl)[napari]"
 	touch $@
 
 $(VENV)/torch-tested-with: $(VENV)/tested-with

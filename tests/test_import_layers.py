@@ -23,9 +23,10 @@ CHAIN = [
     "standalone",
     "rooms",
     "display",
+    "napari_plugin",
+    "cluster",
     "studies",
     "demos",
-    "cluster",
     "commands",
 ]
 ANYWHERE = {"version", "errors", "arrays", "interrupts", "atomic_write", "bounded_read", "plugins", "samples", "_core"}

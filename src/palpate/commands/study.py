@@ -21,6 +21,7 @@ SEEDS = {  # the studies that draw their data by seed, and what a number of seed
     "detection": "Breasts of each kind.",
     "doubt": "Breasts that judge.",
 }
+SPREADING = ("detection", "doubt")  # the others time what they do, or are soon done
 STUDIES = {  # name: in the list of studies; what --quick runs; what the study measures
     "tomosynthesis": (
         "Multi-resolution MAP beside fixed resolution and baselines.",
@@ -98,9 +99,20 @@ def _command(name: str, quick_help: str) -> Callable[..., None]:
         resume: Annotated[bool, typer.Option("--resume", help="Go on from what an earlier run left in -o.")] = False,
         docs: Annotated[Path | None, typer.Option(help="Write the study's page and its pictures there too.")] = None,
         seeds: Annotated[int | None, typer.Option(hidden=name not in SEEDS, help=SEEDS.get(name))] = None,
+        on: Annotated[
+            str | None,
+            typer.Option(hidden=name not in SPREADING, help="So many workers here, tcp://host:8786, or slurm:N."),
+        ] = None,
     ) -> None:
-        more = {} if seeds is None else {"seeds": seeds}
-        if more and name not in SEEDS:
+        more: dict[str, int | str] = {} if seeds is None else {"seeds": seeds}
+        if on is not None:
+            if name not in SPREADING:
+                raise typer.BadParameter(
+                    f"the {name} study runs in one process, since it times what it does; {' and '.join(SPREADING)} spread",
+                    param_hint="--on",
+                )
+            more["on"] = on
+        if seeds is not None and name not in SEEDS:
             raise typer.BadParameter(
                 f"the {name} study draws nothing by seed; only {' and '.join(SEEDS)} do", param_hint="--seeds"
             )
@@ -112,6 +124,7 @@ def _command(name: str, quick_help: str) -> Callable[..., None]:
             words = ["palpate", "study", name, "--resume", *["--quick"] * quick, "-o", str(output)]
             words += [] if docs is None else ["--docs", str(docs)]
             words += [] if seeds is None else ["--seeds", str(seeds)]
+            words += [] if on is None else ["--on", on]
             raise KeyboardInterrupt(f"go on with: {shlex.join(words)}") from None
         typer.echo(f"report: {report.resolve()}")
 

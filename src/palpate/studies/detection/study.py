@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.arrays import Float32
+from palpate.cluster.file_tasks import FileTask
 from palpate.errors import DataError
 from palpate.report.stages import Progress, Stages, silent
 from palpate.studies.detection.acquisition import scatter_of
@@ -16,6 +17,7 @@ from palpate.studies.detection.judgement import Judgement
 from palpate.studies.detection.report_sections import TITLE, sections, shown_images, shown_kind
 from palpate.studies.detection.run import Record, scan_breast
 from palpate.studies.run_store import write_arrays
+from palpate.studies.spread import spread
 from palpate.studies.study import Study
 
 FEWEST, MOST = 2, 1000
@@ -29,6 +31,7 @@ def detection_study(
     resume: bool = False,
     docs: str | Path | None = None,
     progress: Progress = silent,
+    on: int | str | None = None,
 ) -> Path:
     """Ask model observers which masses and calcifications they find in each method's images of random breasts.
 
@@ -51,6 +54,9 @@ def detection_study(
         A folder that receives the page detection.md and its pictures.
     progress : callable, optional
         Called with what is done and the share done.
+    on : int or str, optional
+        Make the breasts on so many workers here, or on those of a scheduler, as `run_archive` takes it. The results have
+        the same bits.
 
     Returns
     -------
@@ -63,6 +69,8 @@ def detection_study(
         If there are too few seeds for an observer to learn on other breasts.
     FileError
         If a folder cannot be written, or holds another study.
+    ClusterError
+        If no scheduler answers, or workers die again and again.
 
     References
     ----------
@@ -78,8 +86,13 @@ def detection_study(
             raise DataError(f"seeds: expected {FEWEST} to {MOST} breasts of each kind, got {seeds}")
         setting, option = replace(setting, seeds=seeds), f" --seeds {seeds}"
     study = Study("detection", TITLE, Stages(Path(folder), resume, progress), quick, docs, option=option)
-    scatter = {kind.name: _scatter(study.stages, kind, k, setting) for k, kind in enumerate(setting.kinds)}
-    records = run_all(study.stages, setting, scatter, progress)
+    stages = study.stages
+    if on is not None:
+        stages = spread(stages, scatter_tasks(stages.folder, setting), on)
+    scatter = {kind.name: _scatter(stages, kind, k, setting) for k, kind in enumerate(setting.kinds)}
+    if on is not None:
+        stages = spread(study.stages, breast_tasks(stages.folder, setting), on)
+    records = run_all(stages, setting, scatter, progress)
     make = partial(shown_images, setting, scatter[shown_kind(setting).name])
     images = study.stages("shown.npz", make, write_arrays, _read)
     progress("report", 0.0)
@@ -99,15 +112,49 @@ def run_all(
         for seed in range(setting.seeds):
             tell = partial(progress, f"{kind.name} breast {seed + 1} of {setting.seeds}")
             make = partial(scan_breast, kind, seed, setting, scatter[kind.name], tell)
-            found[kind.name, seed] = stages(f"runs/{kind.name}-{seed}.npz", make, write_arrays, _read)
+            found[kind.name, seed] = stages(_breast_file(kind, seed), make, write_arrays, _read)
     return found
+
+
+def scatter_tasks(folder: Path, setting: Setting) -> list[FileTask]:
+    """The scatter of each kind of breast."""
+    return [
+        FileTask(folder / _scatter_file(kind), partial(_write_scatter, kind, k, setting))
+        for k, kind in enumerate(setting.kinds)
+    ]
+
+
+def breast_tasks(folder: Path, setting: Setting) -> list[FileTask]:
+    """Every breast, after its scatter."""
+    return [
+        FileTask(folder / _breast_file(kind, seed), partial(_write_breast, kind, seed, setting))
+        for kind in setting.kinds
+        for seed in range(setting.seeds)
+    ]
+
+
+def _write_scatter(kind: Kind, number: int, setting: Setting, path: Path) -> None:
+    write_arrays(path, {"scatter": scatter_of(kind, setting, 1000 * number)})
+
+
+def _write_breast(kind: Kind, seed: int, setting: Setting, path: Path) -> None:
+    scatter = np.asarray(_read(path.parents[1] / _scatter_file(kind))["scatter"], np.float32)
+    write_arrays(path, scan_breast(kind, seed, setting, scatter, lambda share: None))
+
+
+def _scatter_file(kind: Kind) -> str:
+    return f"runs/scatter-{kind.name}.npz"
+
+
+def _breast_file(kind: Kind, seed: int) -> str:
+    return f"runs/{kind.name}-{seed}.npz"
 
 
 def _scatter(stages: Stages, kind: Kind, number: int, setting: Setting) -> Float32:
     def make() -> Mapping[str, Float32]:
         return {"scatter": scatter_of(kind, setting, 1000 * number)}
 
-    return np.asarray(stages(f"runs/scatter-{kind.name}.npz", make, write_arrays, _read)["scatter"], np.float32)
+    return np.asarray(stages(_scatter_file(kind), make, write_arrays, _read)["scatter"], np.float32)
 
 
 def _read(path: Path) -> Record:

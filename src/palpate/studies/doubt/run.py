@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.arrays import AnyArray, Float64, Int32
+from palpate.cluster.file_tasks import FileTask
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tetrahedralize import tetrahedralize
 from palpate.reconstruction.posterior import Posterior, posterior
@@ -37,8 +38,22 @@ def all_breasts(stages: Stages, setting: Setting, progress: Progress) -> list[Re
     for seed in range(count):
         tell = partial(progress, f"breast {seed + 1} of {count}")
         make = partial(judge_breast, seed, setting, tell)
-        found.append(stages(f"runs/breast-{seed}.npz", make, write_arrays, read_arrays))
+        found.append(stages(_file(seed), make, write_arrays, read_arrays))
     return found
+
+
+def breast_tasks(folder: Path, setting: Setting) -> list[FileTask]:
+    """Every breast, for workers."""
+    count = setting.train + setting.judge
+    return [FileTask(folder / _file(seed), partial(_write_breast, seed, setting)) for seed in range(count)]
+
+
+def _write_breast(seed: int, setting: Setting, path: Path) -> None:
+    write_arrays(path, judge_breast(seed, setting, lambda share: None))
+
+
+def _file(seed: int) -> str:
+    return f"runs/breast-{seed}.npz"
 
 
 def read_arrays(path: Path) -> Record:

@@ -9,9 +9,10 @@ from palpate.report.stages import Progress, Stages, silent
 from palpate.studies.doubt.config import FULL, QUICK
 from palpate.studies.doubt.judgement import Judgement
 from palpate.studies.doubt.report_sections import TITLE, sections
-from palpate.studies.doubt.run import all_breasts, read_arrays
+from palpate.studies.doubt.run import all_breasts, breast_tasks, read_arrays
 from palpate.studies.doubt.shown_breast import shown_breast
 from palpate.studies.run_store import write_arrays
+from palpate.studies.spread import spread
 from palpate.studies.study import Study
 
 FEWEST, MOST = 2, 10_000
@@ -25,6 +26,7 @@ def doubt_study(
     resume: bool = False,
     docs: str | Path | None = None,
     progress: Progress = silent,
+    on: int | str | None = None,
 ) -> Path:
     """Ask how often intervals of a lump hold the truth, and whether probabilities that a hand feels it are calibrated.
 
@@ -46,6 +48,9 @@ def doubt_study(
         A folder that receives the page doubt.md and its pictures.
     progress : callable, optional
         Called with what is done and the share done.
+    on : int or str, optional
+        Make the breasts on so many workers here, or on those of a scheduler, as `run_archive` takes it. The results have
+        the same bits.
 
     Returns
     -------
@@ -58,6 +63,8 @@ def doubt_study(
         If there are too few breasts to judge.
     FileError
         If a folder cannot be written, or holds another study.
+    ClusterError
+        If no scheduler answers, or workers die again and again.
 
     References
     ----------
@@ -73,7 +80,10 @@ def doubt_study(
             raise DataError(f"seeds: expected {FEWEST} to {MOST} breasts that judge, got {seeds}")
         setting, option = replace(setting, judge=seeds), f" --seeds {seeds}"
     study = Study("doubt", TITLE, Stages(Path(folder), resume, progress), quick, docs, option=option)
-    records = all_breasts(study.stages, setting, progress)
+    stages = study.stages
+    if on is not None:
+        stages = spread(stages, breast_tasks(stages.folder, setting), on)
+    records = all_breasts(stages, setting, progress)
     shown = study.stages("shown.npz", partial(shown_breast, setting), write_arrays, read_arrays)
     progress("report", 0.0)
     judgement = Judgement(records[: setting.train], records[setting.train :])
