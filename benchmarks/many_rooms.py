@@ -190,7 +190,7 @@ def many(counts, seconds, edge):
     tissue = kidney(edge)
     print(f"{len(tissue.mesh.nodes):,} nodes, {psutil.cpu_count()} processors; two hands a room")
     print(
-        "| rooms | ticks a second, least | late, worst | frames a second and hand | command to frame, ms | 99 % | processors |"
+        "| rooms | ticks a second, least | late, worst | frames a second and hand | command to frame, ms | 99 % | cores |"
     )
     print("|---|---|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as name:

@@ -29,7 +29,15 @@ def test_paraview_finds_what_was_written(tmp_path):
     pressed = meshio.Mesh(mesh.nodes, [("tetra", mesh.tets)], point_data={"displacement": answer.displacement})
     meshio.write(tmp_path / "pressed.vtu", pressed)
     script = Path(__file__).with_name("paraview_check.py")
-    words = ["xvfb-run", "-a", "pvpython", script, *(tmp_path / n for n in ("tissue.vtu", "pressed.vtu", "a.png"))]
+    words = [
+        "xvfb-run",
+        "-a",
+        "-w",
+        "5",
+        "pvpython",
+        script,
+        *(tmp_path / n for n in ("tissue.vtu", "pressed.vtu", "a.png")),
+    ]
     alone = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     run = subprocess.run(list(map(str, words)), capture_output=True, text=True, timeout=300, env=alone)
     assert run.returncode == 0, run.stderr
