@@ -185,3 +185,53 @@ def test_a_room_that_falls_silent_shows_no_force(enter, rooms):
     trainee.wait("document.getElementById('status').classList.contains('good')")
     trainee.page.mouse.up()
     trainee.until_home()
+
+
+def test_a_lecture_is_seen_by_all_as_the_teacher_plays_it(browser, album, tmp_path):
+    """Two sessions side by side, through the gateway; whoever does not teach has no controls."""
+    tissue = organ(9)
+    pp.write_tissue(tmp_path / "kidney.vtu", tissue)
+    for name, depth in (("novice", -3), ("expert", -5)):
+        session = pp.Session(pp.model(tissue, "compliance"), radius=9.0, sweeps=2)
+        session.step([None] * 500 + [pp.Command(True, (0.0, 0.0, 25.0), (0, 0, depth))] * 1500)
+        pp.write_record(tmp_path / f"{name}.h5", session.record())
+    sessions = tuple(tmp_path / f"{name}.h5" for name in ("novice", "expert"))
+    room = pp.RoomFile("lecture", (tmp_path / "kidney.vtu",), title="A press", replay=sessions)
+    with open_rooms([room], tmp_path) as opened, ExitStack() as closing:
+        pages = []
+        for role, name in (("teacher", "Dr Gray"), ("trainee", "Ada")):
+            context = browser.new_context(viewport=LAPTOP)
+            closing.callback(context.close)
+            pages.append(InRoom(None, context.new_page()))
+            pages[-1].open(opened.address("lecture", role, name))
+            pages[-1].wait("document.querySelectorAll('#people li').length > 0 && palpate.secondFrame")
+        teacher, trainee = pages
+        assert not teacher.page.is_disabled("#play")
+        assert trainee.page.is_disabled("#seek")
+        for control in ("play", "play-speed", "event-before", "event-after"):
+            assert not trainee.shown(f"#{control}")
+        assert "as the teacher plays it" in trainee.page.inner_text("#play-time")
+        for page in pages:
+            assert not page.shown("#lead-row")
+            assert not page.shown("#predict")
+        teacher.wait("document.getElementById('play').textContent === 'Play'")  # it has come to its end
+        teacher.page.locator("#seek").fill("1900")
+        for page in pages:
+            page.wait(
+                "palpate.frame.tick === 1900 && palpate.frame.contact[0] === 1 && palpate.secondFrame.contact[0] === 1"
+            )
+        trainee.page.focus("#view")
+        trainee.page.keyboard.press("p")
+        trainee.page.keyboard.press("j")
+        trainee.page.wait_for_timeout(300)
+        assert trainee.see("palpate.frame.tick") == 1900
+        teacher.page.click("#play")
+        for page in pages:
+            page.wait("palpate.frame.tick === 2000 && palpate.secondFrame.tick === 2000")
+        forces = [
+            page.see("[palpate.frame.force.slice(0, 3), palpate.secondFrame.force.slice(0, 3)]") for page in pages
+        ]
+        assert forces[0] == forces[1]
+        assert np.linalg.norm(forces[0][1]) > 1.5 * np.linalg.norm(forces[0][0])
+        trainee.page.screenshot(path=album / "room-lecture.png")
+        assert [page.problems for page in pages] == [[], []]

@@ -23,6 +23,8 @@ def test_rooms_are_read_with_files_beside_the_list(tmp_path):
         "anatomy", (tmp_path / "a.vtu", tmp_path / "b.vtu"), "anatomy", tension=2, record=tmp_path / "r.h5"
     )
     assert second == pp.RoomFile("second", (tmp_path / "c.vtu",), "An organ")
+    (lecture,) = pp.read_rooms(written(tmp_path, "rooms:\n  lecture: {organs: [a.vtu], replay: [mine.h5, hers.h5]}\n"))
+    assert lecture.replay == (tmp_path / "mine.h5", tmp_path / "hers.h5")
 
 
 @pytest.mark.parametrize(
@@ -39,6 +41,10 @@ def test_rooms_are_read_with_files_beside_the_list(tmp_path):
         ("rooms: {a: {organs: [k.vtu], tension: true}}", "tension"),
         ("rooms: {a: {organs: [k.vtu], title: 7}}", "title: expected a text"),
         ("rooms: {'a b': {organs: [k.vtu]}}", "expected a name of letters"),
+        ("rooms: {a: {organs: [k.vtu], replay: 3}}", "replay: expected recorded sessions"),
+        ("rooms: {a: {organs: [k.vtu], replay: []}}", "replay: expected recorded sessions"),
+        ("rooms: {a: {organs: [k.vtu], replay: [a, b, c]}}", "up to 2 stand side by side"),
+        ("rooms: {a: {organs: [k.vtu], replay: a.h5, record: b.h5}}", "those of what is replayed"),
         ("rooms: {a: {organs: [k.vtu], record: r.h5}, b: {organs: [k.vtu], record: ./r.h5}}", "write the same file"),
         ("more: 1\nrooms: {a: {organs: [k.vtu]}}", "expected `palpate rooms: 1` and `rooms:`"),
     ],

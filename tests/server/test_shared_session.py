@@ -16,7 +16,7 @@ from palpate.server.live_session import LiveSession
 from palpate.server.loopback_server import loopback_socket
 from palpate.server.messages import CutStep, LeadStep
 from palpate.server.people import shown_name
-from palpate.server.touch import running_session
+from palpate.server.touch import replayed, running_session
 from palpate.simulation.pointer import TOOLS, Command, Pointer
 
 TOP, SIDE = (0.0, 0.0, 25.0), (40.0, 0.0, 0.0)
@@ -294,3 +294,40 @@ def test_no_tool_has_two_hands_and_no_hand_two_tools_whatever_comes(seed):
 def test_names_are_one_line_that_can_be_seen():
     assert shown_name(" Ada\n\u202eLovelace \x00\x1b[31m") == "AdaLovelace [31m"
     assert shown_name("x" * 100) == "x" * 40
+
+
+@pytest.fixture
+def watched():
+    """A session that is replayed to a room: a press from above."""
+    tissue = organ(9)
+    session = pp.Session(pp.model(tissue, "compliance"), radius=9.0, sweeps=8)
+    session.step([None] * 500 + [pp.Command(True, TOP, (0.0, 0.0, -3.0))] * 1500)
+    live = replayed({"A press": session.record()}, {"organ": tissue}, 0.0, [], "lecture")
+    with running_session(live, loopback_socket(None)) as address, ExitStack() as closing:
+        yield lambda role, name="": Somebody(closing, address, role, name)
+
+
+def test_a_replay_is_played_by_teachers_and_seen_by_all_alike(watched):
+    teacher, trainee, viewer = watched("teacher", "Gray"), watched("trainee"), watched("viewer")
+    teacher.send(messages.Play(messages.PlayStep.pause, 0.0))
+    teacher.send(messages.Play(messages.PlayStep.seek, 1900.0))
+    forces = [one.until(lambda _, contact, *__: contact[0])[3] for one in (teacher, trainee, viewer)]
+    np.testing.assert_array_equal(forces[0], forces[1])
+    np.testing.assert_array_equal(forces[0], forces[2])
+    assert np.linalg.norm(forces[0][0]) > 0.1, "the recorded tool is everybody's to see"
+    for one in (trainee, viewer):
+        one.send(messages.Play(messages.PlayStep.play, 0.0))
+        one.send(messages.Play(messages.PlayStep.seek, 0.0))
+    trainee.press(0)
+    trainee.send(messages.Scalpel(CutStep.begin, 9.0, TOP))
+    teacher.send(messages.Lead(LeadStep.freeze, 0))
+    teacher.send(messages.Lead(LeadStep.take_over, 2))
+    late = watched("viewer", "Ada")
+    frame = late.frame()
+    np.testing.assert_array_equal(frame[3], forces[0])
+    late.socket.close()
+    teacher.send(messages.Play(messages.PlayStep.seek, 100.0))
+    trainee.until(lambda _, contact, *__: not contact[0])
+    assert set(trainee.told) == {"Only a teacher can do this here."}
+    assert {person["name"] for person in teacher.people} >= {"Gray"}
+    assert teacher.told == []

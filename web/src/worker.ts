@@ -103,7 +103,7 @@ function show(data: ArrayBuffer, cut = false): void {
   lastAtRest = false;
   page.postMessage({ kind: "organ", organ, cut });
   prediction?.close();
-  prediction = scene.room && sceneAddress ? new Prediction(scene, rest, predictionAddresses(), showFrame, (state) => page.postMessage({ kind: "prediction", state }), send, predictionWanted) : null;
+  prediction = scene.room && !scene.replay && sceneAddress ? new Prediction(scene, rest, predictionAddresses(), showFrame, (state) => page.postMessage({ kind: "prediction", state }), send, predictionWanted) : null;
   prediction?.stop(frozen);
 }
 

@@ -30,6 +30,7 @@ PATIENCE = 20.0  # s that a page waits for a room that is being opened again
 FAREWELL = 1.0  # s that a host which is lost may take to answer it
 TRIES = 3  # to reach a room
 LOOK = 0.2  # s between looks whether a room has moved to another host
+BESIDE = "beside"  # in a request for the second of two replays
 PASSED = "passed"  # in a request of another host: it is answered here or nowhere
 CHUNK = 1 << 20  # bytes
 MOST_CONNECTIONS = 2048
@@ -102,9 +103,10 @@ async def engine(request: Request) -> Response:
 
 def way_to(room: RoomProcess, connection: HTTPConnection, asked: dict[str, str]) -> tuple[str, str]:
     """Address of the server that has the room, and what to ask it with: on this host what was asked, else the invitation."""
+    beside = {BESIDE: "1"} if connection.query_params.get(BESIDE) else {}
     if room.port:
-        return room.place, urlencode({"token": room.token, **asked})
-    return room.place, urlencode({"token": connection.query_params["token"], PASSED: "1"})
+        return room.place, urlencode({"token": room.token, **asked, **beside})
+    return room.place, urlencode({"token": connection.query_params["token"], PASSED: "1", **beside})
 
 
 async def reachable(room: RoomProcess, connection: HTTPConnection) -> bool:

@@ -23,9 +23,9 @@ from palpate.meshes.cutting.blade import Blade
 from palpate.meshes.cutting.cut_mesh import CutMesh
 from palpate.server.live_session import LiveSession
 from palpate.server.loopback_server import loopback_socket
-from palpate.server.touch import running_session, write_records
+from palpate.server.touch import replayed, running_session, write_records
 from palpate.simulation.pointer import Pointer
-from palpate.simulation.recording import recovered
+from palpate.simulation.recording import read_record, recovered
 from palpate.simulation.session import Session
 from palpate.simulation.session_cuts import RecordedCut
 from palpate.simulation.session_journal import journal_path
@@ -74,6 +74,9 @@ def tell_states(live: LiveSession, own: int, out: TextIO, ended: Event) -> None:
 def opened(room: dict[str, Any]) -> tuple[LiveSession, int]:
     """The session of a room, with the cuts and notes of one that died, and how many cuts its file has."""
     organs = {Path(path).stem: read_tissue(path) for path in room["organs"]}
+    if room["replay"]:
+        records = {f"{room['title']}: {Path(path).stem}": read_record(path) for path in room["replay"]}
+        return replayed(records, organs, room["tension"], [], room["name"]), 0
     first = next(iter(organs.values()))
     record = None if room["record"] is None else Path(room["record"])
     state = room["state"] or state_before(record)
@@ -95,7 +98,9 @@ def opened(room: dict[str, Any]) -> tuple[LiveSession, int]:
 
 
 def state_of(live: LiveSession, own: int) -> dict[str, Any]:
-    """The cuts of the room's first organ but for its file's `own`, and the notes, as JSON can hold them."""
+    """The cuts of the room's first organ but for its file's `own`, and the notes, as JSON can hold them; none of a replay."""
+    if live.is_replay:
+        return described([], ())
     first = (*live.finished, live.session)[0]
     return described(blades_of(first.tissue)[own:], live.notes)
 

@@ -10,7 +10,8 @@ from palpate.scans.bounded_yaml import yaml_in
 
 KIND, VERSION = "palpate rooms", 1
 MOST_ROOMS = 64
-KEYS = ("organs", "title", "model", "radius", "tension", "record")
+KEYS = ("organs", "title", "model", "radius", "tension", "record", "replay")
+MOST_REPLAYS = 2
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,9 @@ class RoomFile:
         Of the tissue at rest, kPa.
     record : Path, optional
         File for the session (.h5).
+    replay : tuple of Path, optional
+        One or two recorded sessions that everybody watches, side by side, in place of an organ that is touched. Teachers
+        play them. Each needs its tissue among the organs.
 
     Raises
     ------
@@ -52,12 +56,21 @@ class RoomFile:
     radius: float | None = None
     tension: float = 0.0
     record: Path | None = None
+    replay: tuple[Path, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.name or len(self.name) > 40 or not self.name.replace("-", "").replace("_", "").isalnum():
             raise DataError(f"room: {self.name[:60]!r}; expected a name of letters, digits, - and _, at most 40")
         if not self.organs:
             raise DataError(f"room {self.name}: organs: none; name a tissue (.vtu)")
+        if len(self.replay) > MOST_REPLAYS:
+            raise DataError(
+                f"room {self.name}: replay: {len(self.replay)} sessions; up to {MOST_REPLAYS} stand side by side"
+            )
+        if self.replay and (self.record or self.model or self.radius):
+            raise DataError(
+                f"room {self.name}: replay: model, radius and record are those of what is replayed; leave them out"
+            )
         if not self.title:
             object.__setattr__(self, "title", self.name)
 
@@ -71,6 +84,7 @@ def read_rooms(path: str | Path) -> tuple[RoomFile, ...]:
         rooms:
           anatomy: {organs: [kidney.vtu], record: anatomy.h5}
           abdomen: {organs: [abdomen.vtu], title: An abdomen, tension: 2}
+          lecture: {organs: [kidney.vtu], replay: [novice.h5, expert.h5]}
 
     Of each room what `RoomFile` takes. Files are relative to the list's.
 
@@ -119,10 +133,8 @@ def _room(folder: Path, name: str, given: Any) -> RoomFile:
         raise DataError(f"room {name}: expected {{organs: [kidney.vtu]}} or the like, got {str(given)[:40]!r}")
     if unknown := sorted(set(map(str, given)) - set(KEYS)):
         raise DataError(f"room {name}: {unknown[0]}: no such key; there are {', '.join(KEYS)}")
-    organs = given.get("organs")
-    organs = [organs] if isinstance(organs, str) else organs
-    if not isinstance(organs, list) or not organs or not all(isinstance(one, str) for one in organs):
-        raise DataError(f"room {name}: organs: expected names of tissues: [kidney.vtu]")
+    organs = _files(name, "organs", given, "names of tissues: [kidney.vtu]")
+    replay = _files(name, "replay", given, "recorded sessions: [session.h5]") if "replay" in given else ()
     for key in ("title", "model", "record"):
         if not isinstance(given.get(key, ""), str):
             raise DataError(f"room {name}: {key}: expected a text, got {str(given[key])[:40]!r}")
@@ -132,4 +144,14 @@ def _room(folder: Path, name: str, given: Any) -> RoomFile:
             raise DataError(f"room {name}: {key}: {str(value)[:40]!r}; expected a number from 0 on")
     record = folder / given["record"] if given.get("record") else None
     plain = {key: given[key] for key in ("title", "model", "radius", "tension") if key in given}
-    return RoomFile(name, tuple(folder / one for one in organs), record=record, **plain)
+    organs, replay = (tuple(folder / one for one in files) for files in (organs, replay))
+    return RoomFile(name, organs, record=record, replay=replay, **plain)
+
+
+def _files(name: str, key: str, given: dict[Any, Any], expected: str) -> tuple[str, ...]:
+    """The file names of a key: one, or a list of them."""
+    files = given.get(key)
+    files = [files] if isinstance(files, str) else files
+    if not isinstance(files, list) or not files or not all(isinstance(one, str) for one in files):
+        raise DataError(f"room {name}: {key}: expected {expected}")
+    return tuple(files)

@@ -92,7 +92,7 @@ class LiveSession:
         replayed = isinstance(self.device, Replay)
         self.player = RecordPlayer(self.session, cast(Replay, self.device).record) if replayed else None
         self.tools = HeldTools(self.device, bool(self.room)) if isinstance(self.device, Pointer) else None
-        self.people = Room(self.tools) if self.room and self.tools else None
+        self.people = Room(self.tools) if self.room else None
         self.comparison = ReferenceComparison(self.build_model)
         self.cutting = Cutting(self.changing, lambda: self.session, self.describe, self.tell, self.tools)
         self.force_errors = ForceErrors()

@@ -47,10 +47,10 @@ LEAST_ROLE: dict[type, Role] = {  # who may send a message
 class Room:
     """Used on the event loop's thread only.
 
-    tools: who holds each. frozen: those of all but teachers stay as they are. predicting: pages that compute displacements.
+    tools: who holds each; None where a record is replayed, whose tools are nobody's. frozen: those of all but teachers stay as they are. predicting: pages that compute displacements.
     """
 
-    def __init__(self, tools: HeldTools) -> None:
+    def __init__(self, tools: HeldTools | None) -> None:
         self.tools = tools
         self.people: dict[WebSocket, Person] = {}
         self.frozen = False
@@ -71,6 +71,8 @@ class Room:
 
     def lead(self, page: WebSocket, lead: Lead) -> None:
         """Stops all hands but the teachers', lets them go on, or takes somebody's tools."""
+        if self.tools is None:
+            return
         theirs = next((page for page, person in self.people.items() if person.number == lead.person), None)
         if lead.step in (LeadStep.freeze, LeadStep.resume):
             self._freeze(lead.step == LeadStep.freeze)
@@ -82,7 +84,7 @@ class Room:
 
     def _freeze(self, frozen: bool) -> None:
         self.frozen = frozen
-        if not frozen:
+        if not frozen and self.tools:
             self.tools.resume()
 
     def detail(self, page: WebSocket, detail: Detail) -> None:
@@ -117,6 +119,8 @@ class Room:
 
     def messages(self, page: WebSocket, frame: bytes) -> list[bytes]:
         """A frame as a page gets it: its own tools, after those of the others."""
+        if self.tools is None:
+            return [frame]
         own: list[int | None] = [None] * TOOLS
         others = []
         for tool, (holder, number) in self.tools.holders.items():

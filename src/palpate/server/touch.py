@@ -22,16 +22,22 @@ from palpate.tissue.tissue import Tissue
 
 
 def replayed(
-    replays: Mapping[str, Record], organs: Mapping[str, Tissue], tension: float, images: Sequence[ImagePayload]
+    replays: Mapping[str, Record],
+    organs: Mapping[str, Tissue],
+    tension: float,
+    images: Sequence[ImagePayload],
+    room: str = "",
 ) -> LiveSession:
     """A session that replays the first of the records, with the second one beside it.
 
-    Each is shown on the tissue that it was recorded with. Raises `DataError` if there is none.
+    Each is shown on the tissue that it was recorded with. room: in which several people watch it, or empty. Raises
+    `DataError` if there is no such tissue.
     """
     beside = None
     for title, record in reversed(list(replays.items())):
         name, session = recorded_on(record, organs, tension)
-        beside = LiveSession(session, Replay(record), title, {name: session.first.tissue}, images, beside=beside)
+        organ = {name: session.first.tissue}
+        beside = LiveSession(session, Replay(record), title, organ, images, beside=beside, room=room)
     assert beside is not None
     return beside
 

@@ -179,7 +179,8 @@ function describe(scene: Scene): void {
   models.setEntries(scene.models);
   organs.setEntries(scene.organs);
   organs.show(scene.organ);
-  room.setOrgan(scene.room);
+  room.setOrgan(scene.room, scene.replay);
+  replay.following = !room.leads;
   showOffers(scene, room);
   if (!tools().includes(controller.kind)) selectTool(tools()[0]);
   updateHint();

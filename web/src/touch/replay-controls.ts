@@ -26,6 +26,11 @@ export class ReplayControls {
     };
   }
 
+  /** Whether a teacher plays, and this page follows. */
+  set following(on: boolean) {
+    this.timeline.following = on;
+  }
+
   take(message: Extract<FromWorker, { kind: "timeline" | "position" }>): void {
     if (message.kind === "timeline") this.timeline.show(message.tracks);
     else this.timeline.setPosition(message.position);

@@ -21,6 +21,7 @@ export class RoomPanel {
   private rows: Row[] = [];
   private readonly names = new Map<number, HTMLElement>(); // beside the hands in the picture
   private updated = 0; // ms
+  private replay = false; // nobody holds anything
 
   /** predict: asks for prediction, or for none. onChange: called when the page's own role is known, or another one. letGo: of everything that this hand holds. */
   constructor(private readonly view: OrganView, private readonly send: (lead: Lead) => void, private readonly onChange: () => void, letGo: () => void, predict: (on: boolean) => void) {
@@ -43,8 +44,10 @@ export class RoomPanel {
     return this.role === null || this.role === Role.teacher;
   }
 
-  setOrgan(name: string): void {
+  setOrgan(name: string, replay: boolean): void {
     element("room").hidden = !name;
+    element("predict").hidden = this.replay = replay;
+    if (this.room) this.take(this.room);
     write("room-name", name);
     if (!name) this.room = null;
   }
@@ -52,7 +55,7 @@ export class RoomPanel {
   take(room: RoomState): void {
     const before = this.role;
     this.room = room;
-    const leads = this.role === Role.teacher;
+    const leads = this.role === Role.teacher && !this.replay;
     element("lead-row").hidden = !leads;
     element("freeze").setAttribute("aria-pressed", String(room.frozen));
     write("freeze", room.frozen ? "Go on" : "Stop hands");

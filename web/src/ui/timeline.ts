@@ -17,15 +17,16 @@ export class Timeline {
   private tracks: TimelineTrack[] = [];
   private tick = 0;
   private position: Position = { playing: 0, speed: 1, tick: 0, there: 1 };
+  private follows = false; // somebody else plays
   private asked: number | null = null; // tick that was asked for and is not shown yet
   private readonly slider = element<HTMLInputElement>("seek");
   private readonly canvas = element<HTMLCanvasElement>("timeline-plot");
   private readonly speed = element<HTMLSelectElement>("play-speed");
 
   /** play: asks the server. onTracks: called when there are others. */
-  constructor(private readonly play: (step: number, value: number) => void, private readonly onTracks: (count: number) => void) {
+  constructor(private readonly ask: (step: number, value: number) => void, private readonly onTracks: (count: number) => void) {
     this.speed.replaceChildren(...SPEEDS.map((speed) => new Option(`${speed}×`, String(speed))));
-    this.speed.addEventListener("change", () => play(PlayStep.speed, Number(this.speed.value)));
+    this.speed.addEventListener("change", () => this.play(PlayStep.speed, Number(this.speed.value)));
     this.slider.addEventListener("input", () => this.seek(Number(this.slider.value)));
     element("play").addEventListener("click", () => this.toggle());
     element("event-before").addEventListener("click", () => this.toEvent(-1));
@@ -37,6 +38,18 @@ export class Timeline {
     this.canvas.addEventListener("pointermove", (event) => event.buttons && this.seekPixel(event.clientX));
     new ResizeObserver(() => this.draw()).observe(this.canvas);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.draw());
+  }
+
+  /** Whether somebody else plays: the page shows where it is, and asks for nothing. */
+  set following(on: boolean) {
+    this.follows = on;
+    for (const id of ["play", "event-before", "event-after", "play-speed"]) element(id).hidden = on;
+    this.slider.disabled = on;
+    this.tell();
+  }
+
+  private play(step: number, value: number): void {
+    if (!this.follows) this.ask(step, value);
   }
 
   private get length(): number {
@@ -94,7 +107,7 @@ export class Timeline {
   }
 
   private seek(tick: number): void {
-    if (!this.tracks.length) return;
+    if (!this.tracks.length || this.follows) return;
     this.asked = Math.round(Math.max(0, Math.min(this.length, tick)));
     this.slider.value = String(this.asked);
     this.play(PlayStep.seek, this.asked);
@@ -110,7 +123,7 @@ export class Timeline {
   private tell(): void {
     const now = this.asked ?? this.tick, { there } = this.position;
     const text = `${clock(now)} of ${clock(this.length)}`;
-    write("play-time", text);
+    write("play-time", this.follows ? `${text}, as the teacher plays it` : text);
     this.slider.setAttribute("aria-valuetext", text);
     const event = this.events.filter((each) => each.tick <= now && now - each.tick < NEAR * RATE).at(-1);
     write("event-now", there < 1 ? `Computing what was before, ${Math.round(100 * there)} %` : (event?.text ?? ""));
