@@ -144,8 +144,8 @@ def _room(folder: Path, name: str, given: Any) -> RoomFile:
             raise DataError(f"room {name}: {key}: {str(value)[:40]!r}; expected a number from 0 on")
     record = folder / given["record"] if given.get("record") else None
     plain = {key: given[key] for key in ("title", "model", "radius", "tension") if key in given}
-    organs, replay = (tuple(folder / one for one in files) for files in (organs, replay))
-    return RoomFile(name, organs, record=record, replay=replay, **plain)
+    paths = [tuple(folder / one for one in files) for files in (organs, replay)]
+    return RoomFile(name, paths[0], record=record, replay=paths[1], **plain)
 
 
 def _files(name: str, key: str, given: dict[Any, Any], expected: str) -> tuple[str, ...]:

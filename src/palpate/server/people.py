@@ -47,7 +47,8 @@ LEAST_ROLE: dict[type, Role] = {  # who may send a message
 class Room:
     """Used on the event loop's thread only.
 
-    tools: who holds each; None where a record is replayed, whose tools are nobody's. frozen: those of all but teachers stay as they are. predicting: pages that compute displacements.
+    tools: who holds each; None where a record is replayed, whose tools are nobody's. frozen: those of all but teachers stay
+    as they are. predicting: pages that compute displacements.
     """
 
     def __init__(self, tools: HeldTools | None) -> None:
