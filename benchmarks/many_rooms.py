@@ -38,6 +38,7 @@ FRAME = messages.BINARY.index(messages.Frame) + 1
 COMMANDS = 60  # a second
 DEPTH, CIRCLE = 2.0, 4.0  # mm
 SETTLING = 3.0  # s
+SEEN_INTERVAL = 0.1  # s, as a page says what has come
 LEAVING = 12.0  # s in which the room must have noticed who vanished
 AWAY = messages.ToolCommand(0, CommandKind.away, 0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
@@ -99,17 +100,19 @@ class Hand:
         self.across /= np.linalg.norm(self.across)
         self.serial, self.sent, self.delays, self.frames, self.newest = 0, {}, [], 0, b""
         self.socket = None
+        self.taken, self.told = 0, 0.0  # frames on this connection, and when the room was told
 
     async def enter(self):
         """Comes in."""
         self.socket = await connect(self.url, origin=self.origin, max_size=None, compression=None)
+        self.taken = 0
         self.reading = asyncio.create_task(self._read())
 
     async def _read(self):
         with suppress(ConnectionClosed):
             async for data in self.socket:
                 if isinstance(data, bytes) and data[0] == FRAME:
-                    self.frames, self.newest = self.frames + 1, data
+                    self.frames, self.newest, self.taken = self.frames + 1, data, self.taken + 1
                     obeyed = int(field(data, "serial", "<u4")[0])
                     for serial in [one for one in self.sent if one <= obeyed]:
                         self.delays.append(time.monotonic() - self.sent.pop(serial))
@@ -122,6 +125,9 @@ class Hand:
         at = self.place + CIRCLE * (np.cos(turn) * self.across + np.sin(turn) * other)
         way = DEPTH * self.inward
         self.sent[self.serial] = time.monotonic()
+        if time.monotonic() > self.told + SEEN_INTERVAL:
+            self.told = time.monotonic()
+            await self.socket.send(messages.encode(messages.Seen(self.taken)))
         command = messages.ToolCommand(0, CommandKind.hold, self.serial, tuple(at.tolist()), tuple(way.tolist()))
         await self.socket.send(messages.encode(command))
 

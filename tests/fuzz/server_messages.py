@@ -38,7 +38,8 @@ LENGTHS = {
     12: 12,
     15: 8,
     18: 4,
-}  # of a tool, a selection, a mark, a wish to compare, a scalpel, a choice in an experiment, a player, a lead, detail
+    19: 8,
+}  # of a tool, a selection, a mark, a wish to compare, a scalpel, a choice in an experiment, a player, a lead, detail, frames
 NOTE = 10
 FRAME = 2
 LARGEST, POLICY, TOO_BIG = 1024, 1008, 1009
@@ -65,6 +66,8 @@ def good(data, reach):
         return data[1] < 3 and data[2] in (1, 2)
     if data[0] == 15:
         return data[1] < 5
+    if data[0] == 19:
+        return True
     if data[0] == 12:
         (value,) = struct.unpack_from("<d", data, 2)
         low, high = {2: (0.25, 4), 3: (0, 1e15)}.get(data[1], (-math.inf, math.inf))

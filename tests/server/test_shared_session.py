@@ -259,6 +259,43 @@ def test_reset_takes_all_cuts_back_and_all_tools_let_go(enter, live):
     assert teacher.told == []
 
 
+def test_a_page_that_is_far_behind_gets_no_more_frames_until_it_has_caught_up_and_then_the_newest(enter, live):
+    """One that says what has come; the others go on, and so does one that says nothing."""
+    slow, silent, quick = (enter("viewer") for _ in range(3))
+
+    def tick(frame):
+        return struct.unpack_from("<d", frame, 2)[0]
+
+    def next_frame(page, seconds):
+        while True:
+            data = page.socket.recv(timeout=seconds)
+            if isinstance(data, bytes) and data[0] == 2:
+                return data
+
+    def until_held_back(page):
+        count = 0
+        while count < 1000:
+            try:
+                last = tick(next_frame(page, 2.0))
+            except TimeoutError:
+                break
+            count += 1
+        return last, count
+
+    slow.send(messages.Seen(0))
+    last, count = until_held_back(slow)
+    assert 10 < count < 1000, "about a second's"
+    newest = [tick(next_frame(quick, 2.0)) for _ in range(count + 20)][-1]
+    quick.send(messages.Seen(count + 20))
+    assert len([next_frame(silent, 2.0) for _ in range(count + 20)]) == count + 20
+    assert newest > last
+    slow.send(messages.Seen(count))
+    assert tick(next_frame(slow, 5.0)) > last + 1000, "nothing of what was held back"
+    slow.send(messages.Seen(2**32 - 1))
+    slow.send(messages.Seen(0))
+    next_frame(slow, 5.0)
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_no_tool_has_two_hands_and_no_hand_two_tools_whatever_comes(seed):
     rng = np.random.default_rng(seed)

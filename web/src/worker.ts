@@ -12,7 +12,7 @@ import { buffersOf, type ColorMode, type FromWorker, type NodeArrays, type Organ
 import {
   CloseCode, ComparisonState, DIFFERENCE_BYTES, DIFFERENCE_KIND, DISTANCE_STEPS, FRAME_BYTES, decodeDifference, decodeFrame,
   HANDS_KIND, NOTES_KIND, PEOPLE_KIND, POSITION_KIND, TIMELINE_KIND, TRIALSTATUS_KIND, Role, decodePosition, decodeTrialStatus, encodeChoice, encodePlay, encodeCompare, encodeMark,
-  encodeLead, encodeScalpel, encodeSelection, encodeToolCommand, type Frame, type Scene,
+  encodeLead, encodeScalpel, encodeSeen, encodeSelection, encodeToolCommand, type Frame, type Scene,
 } from "./protocol/server-messages";
 
 const page = self as unknown as {
@@ -22,7 +22,7 @@ const page = self as unknown as {
 
 const FAST_DECODE = 4; // ms
 const FIRST_RETRY = 250, LAST_RETRY = 4000; // ms
-const LOOK_INTERVAL = 50, MOST_SILENCE = 1500, LEAST_SILENCE = 100, GIVEN_UP = 4000, NO_ANSWER = 8000; // ms
+const SEEN_INTERVAL = 100, LOOK_INTERVAL = 50, MOST_SILENCE = 1500, LEAST_SILENCE = 100, GIVEN_UP = 4000, NO_ANSWER = 8000; // ms
 
 let organ: Organ | null = null;
 let colorMap: ColorMap | null = null;
@@ -30,6 +30,7 @@ let normalSums: Float32Array<ArrayBuffer>;
 let socket: WebSocket | null = null;
 let local: LocalSession | null = null; // in place of the socket
 let sceneAddress = "";
+let taken = 0, telling: ReturnType<typeof setTimeout> | null = null; // frames on this connection; a timer until that is told
 let fetching = false; // the scene after a cut
 let newest: ArrayBuffer | null = null; // frame that was not sent to the page yet
 let last: ArrayBuffer | null = null; // frame that was sent last
@@ -115,6 +116,7 @@ const predictionAddresses = (): [string, string] => {
 function connect(address: string): void {
   socket = new WebSocket(address);
   socket.binaryType = "arraybuffer";
+  taken = 0;
   socket.onopen = () => {
     heard = performance.now();
     roundTrip = { mean: MOST_SILENCE, deviation: 0 };
@@ -190,8 +192,19 @@ function takePeople(room: RoomState): void {
   page.postMessage({ kind: "people", room });
 }
 
+/** Says soon how many frames have come on this connection, so that the server sends no more than the way can carry. */
+function countFrame(): void {
+  if (local) return;
+  taken++;
+  telling ??= setTimeout(() => {
+    telling = null;
+    send(encodeSeen({ count: taken }));
+  }, SEEN_INTERVAL);
+}
+
 /** A frame of the room or of the session in the page. */
 function takeFrame(data: ArrayBuffer): void {
+  countFrame();
   if (asked) timeRoundTrip(decodeFrame(new DataView(data)).serial);
   prediction?.hear(data, told);
   if (!prediction?.active) showFrame(data, told);

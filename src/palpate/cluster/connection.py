@@ -56,6 +56,11 @@ def connected(on: int | str) -> "Iterator[tuple[Client, int]]":
         threads = int(os.environ.get("PALPATE_THREADS", "1"))
         if isinstance(on, int):
             threads = int(os.environ.get("PALPATE_THREADS", max(1, (os.cpu_count() or 1) // on)))
+            import dask
+
+            # Its statistical profiler and its ticks take the time of the runs, which are other processes.
+            quiet = {"distributed.worker.profile.enabled": False, "distributed.admin.tick.interval": "500ms"}
+            stack.enter_context(dask.config.set(quiet))
             cluster = LocalCluster(
                 n_workers=on,
                 threads_per_worker=1,  # a run at a time; the run has the threads

@@ -59,6 +59,7 @@ class RoomProcess:
             "model": self.room.model,
             "radius": self.room.radius,
             "tension": self.room.tension,
+            "toughness": self.room.toughness,
             "replay": [str(path.resolve()) for path in self.room.replay],
             "record": str(record_name(self.record, self.closed).resolve()),
             "token": self.token,

@@ -82,7 +82,7 @@ def opened(room: dict[str, Any]) -> tuple[LiveSession, int]:
     state = room["state"] or state_before(record)
     cuts = [Blade(np.array(points), np.array(triangles)) for points, triangles in state["cuts"]]
     tissue = with_cuts(first, cuts)
-    options = {"radius": room["radius"], "tension": room["tension"]}
+    options = {name: room[name] for name in ("radius", "tension", "toughness")}
     reason = successor = ""
     if room["model"] or cuts:
         session = Session(build(tissue, room["model"] or "compliance"), **options)

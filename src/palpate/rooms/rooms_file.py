@@ -10,7 +10,7 @@ from palpate.scans.bounded_yaml import yaml_in
 
 KIND, VERSION = "palpate rooms", 1
 MOST_ROOMS = 64
-KEYS = ("organs", "title", "model", "radius", "tension", "record", "replay")
+KEYS = ("organs", "title", "model", "radius", "tension", "toughness", "record", "replay")
 MOST_REPLAYS = 2
 
 
@@ -32,6 +32,8 @@ class RoomFile:
         Of the contact, mm. The default is two edge lengths.
     tension : float, optional
         Of the tissue at rest, kPa.
+    toughness : float, optional
+        Energy that a cut takes for each area, J/m². The default is that of the named tissues.
     record : Path, optional
         File for the session (.h5).
     replay : tuple of Path, optional
@@ -57,6 +59,7 @@ class RoomFile:
     tension: float = 0.0
     record: Path | None = None
     replay: tuple[Path, ...] = ()
+    toughness: float | None = None
 
     def __post_init__(self) -> None:
         if not self.name or len(self.name) > 40 or not self.name.replace("-", "").replace("_", "").isalnum():
@@ -138,12 +141,12 @@ def _room(folder: Path, name: str, given: Any) -> RoomFile:
     for key in ("title", "model", "record"):
         if not isinstance(given.get(key, ""), str):
             raise DataError(f"room {name}: {key}: expected a text, got {str(given[key])[:40]!r}")
-    for key in ("radius", "tension"):
+    for key in ("radius", "tension", "toughness"):
         value = given.get(key, 0.0)
         if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < 1e4:
             raise DataError(f"room {name}: {key}: {str(value)[:40]!r}; expected a number from 0 on")
     record = folder / given["record"] if given.get("record") else None
-    plain = {key: given[key] for key in ("title", "model", "radius", "tension") if key in given}
+    plain = {key: given[key] for key in ("title", "model", "radius", "tension", "toughness") if key in given}
     paths = [tuple(folder / one for one in files) for files in (organs, replay)]
     return RoomFile(name, paths[0], record=record, replay=paths[1], **plain)
 

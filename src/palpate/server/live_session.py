@@ -16,6 +16,7 @@ from palpate.server.cutting_stroke import Cutting, first_depth, may_cut
 from palpate.server.exam import Exam
 from palpate.server.force_errors import ForceErrors
 from palpate.server.forced_choice_run import ForcedChoiceRun
+from palpate.server.frame_flow import FrameFlow
 from palpate.server.frame_message import frame_bytes
 from palpate.server.held_tools import HeldTools
 from palpate.server.image_payloads import ImagePayload
@@ -58,7 +59,8 @@ class LiveSession:
     """Used on the event loop's thread only. organs: resolutions of one organ by name; the session's is one of them.
 
     reason: why the session begins with its model. successor: the model that it changes to once that is made. newest: the
-    newest frame as a message. pages: the connected pages, each with an event that is set for every new frame. finished:
+    newest frame as a message. pages: the connected pages, each with an event that is set for every new frame. flows: how far
+    behind each is. finished:
     earlier sessions, on other resolutions. choice: organ and model that were chosen last, by index. models: models that
     were built or are being built. record: where the first session will be written; later ones get numbers. exam: the exam
     or the experiment that it is. offset: ticks that earlier sessions of an experiment have shown. beside: a second replay
@@ -75,6 +77,7 @@ class LiveSession:
     successor: str = ""
     newest: bytes = b""
     pages: dict[WebSocket, asyncio.Event] = field(default_factory=dict)
+    flows: dict[WebSocket, FrameFlow] = field(default_factory=dict)
     finished: list[Session] = field(default_factory=list)
     choice: tuple[int, int] = (0, 0)
     changes: "set[asyncio.Task[None]]" = field(default_factory=set)
@@ -265,7 +268,7 @@ class LiveSession:
         """Adds a page; the event is set for each new frame. The first page starts the first trial of an experiment."""
         if self.experiment and self.experiment.branches is None:
             self.experiment.begin()
-        self.pages[page] = asyncio.Event()
+        self.pages[page], self.flows[page] = asyncio.Event(), FrameFlow()
         if self.people:
             self.people.enter(page, name, role)
             self.tell_people()
@@ -274,6 +277,7 @@ class LiveSession:
     def disconnect(self, page: WebSocket) -> None:
         """Removes a page and lets go of its tools."""
         self.pages.pop(page, None)
+        self.flows.pop(page, None)
         self.comparison.request(page, False)
         self.cutting.leave(page)
         if self.tools:

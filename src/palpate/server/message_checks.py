@@ -24,6 +24,7 @@ from palpate.server.messages import (
     Play,
     PlayStep,
     Scalpel,
+    Seen,
     Selection,
     SelectionKind,
     ToolCommand,
@@ -32,7 +33,7 @@ from palpate.server.messages import (
 from palpate.simulation.pointer import TOOLS, CommandKind
 from palpate.simulation.session_notes import LONGEST_NOTE
 
-FromPage = ToolCommand | Selection | Mark | Compare | Scalpel | Choice | Play | Lead | Detail | tuple[Note, str]
+FromPage = ToolCommand | Selection | Mark | Compare | Scalpel | Choice | Play | Lead | Detail | Seen | tuple[Note, str]
 
 
 def decode_note(data: bytes) -> tuple[Note, str]:
@@ -88,6 +89,8 @@ def decode(data: bytes) -> FromPage:
         if values[0] > 1:
             raise DataError(f"Detail: {values[0]}, expected 0 or 1; reload the page")
         return Detail(*values)
+    if sent is Seen:
+        return Seen(*values)
     if sent is Choice:
         if values[0] >= len(ChoiceKind) or values[1] not in (1, 2):
             raise DataError(

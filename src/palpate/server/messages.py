@@ -326,6 +326,13 @@ class Detail:
 
 
 @dataclass(frozen=True)
+class Seen:
+    """Page to server, some ten times a second: so many frames have come on this connection."""
+
+    count: U32
+
+
+@dataclass(frozen=True)
 class Frame:
     """Server to page: the state after one tick. Lengths in mm; force in N, of the tissue on the tool.
 
@@ -516,8 +523,9 @@ BINARY: list[type] = [
     People,
     Hands,
     Detail,
+    Seen,
 ]
-FROM_PAGE: list[type] = [ToolCommand, Selection, Mark, Compare, Scalpel, Choice, Note, Play, Lead, Detail]
+FROM_PAGE: list[type] = [ToolCommand, Selection, Mark, Compare, Scalpel, Choice, Note, Play, Lead, Detail, Seen]
 JSON: list[type] = [Part, NoteText, TimelineEvent, TimelineTrack, Person, Scene, Window, Stack, Image, Album]
 ENUMS: list[type[IntEnum]] = [
     CommandKind, ContactState, SelectionKind, MarkKind, NoteStep, PlayStep, CutStep, ComparisonState, TrialState, Feedback,

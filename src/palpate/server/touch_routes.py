@@ -25,6 +25,7 @@ from palpate.server.messages import (
     Play,
     Role,
     Scalpel,
+    Seen,
     Selection,
     SelectionKind,
     notes_bytes,
@@ -152,12 +153,17 @@ def role_of(name: str) -> Role:
 
 
 async def send_frames(page: WebSocket, live: LiveSession, new_frame: asyncio.Event) -> None:
-    """Sends the newest frame as soon as the page has taken the one before; frames in between are skipped."""
-    last_difference = b""
+    """Sends the newest frame as soon as the connection has taken the one before, and the page is not too far behind.
+
+    Frames in between are skipped.
+    """
+    last_difference, flow = b"", live.flows[page]
     with contextlib.suppress(WebSocketDisconnect, RuntimeError):
         while True:
             await new_frame.wait()
+            await flow.ready()
             new_frame.clear()
+            flow.send()
             for message in live.messages(page):
                 await page.send_bytes(message)
             if page in live.comparison.pages and live.comparison.newest not in (b"", last_difference):
@@ -187,6 +193,8 @@ async def receive_messages(page: WebSocket, live: LiveSession, playback: Playbac
             live.choose(message)
         elif isinstance(message, Lead):
             live.lead(page, message)
+        elif isinstance(message, Seen):
+            live.flows[page].taken(message.count)
         elif isinstance(message, Detail):
             if live.people:
                 live.people.detail(page, message)

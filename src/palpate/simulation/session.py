@@ -337,7 +337,7 @@ class Session:
         tissue = tissues[-1]
         model = self.first if tissue is self.first.tissue and name_of(self.first) == name else build(tissue, name)
         displayed = self._surfaces.add(self.bodies + 1, model)
-        works = self._works_after(kind, tissue, model)
+        before, held = (self.tissue, self.model), self._held()
         with self._lock:
             try:
                 done = self.loop.change_body(model.native, tissue.surface, displayed.nodes, self.settings.sweeps)
@@ -346,30 +346,35 @@ class Session:
             if not done:
                 return False
             self._tissues.take(tissues)
-            self.cutting_work = works
             self.model, self.displayed = model, displayed
             self.bodies += 1
             self.events.cut(kind, blade)
+        self.cutting_work = self._works_after(kind, *before, held)  # the loop need not wait for it
         return True
 
-    def _works_after(self, kind: CutKind, tissue: Tissue, model: TissueModel) -> tuple[CuttingWork, ...]:
-        """Of each cut after one more change."""
+    def _works_after(
+        self, kind: CutKind, before: Tissue, model: TissueModel, held: tuple[Float64, Float64]
+    ) -> tuple[CuttingWork, ...]:
+        """Of each cut after one more change. before, model: until then. held: of `_held`."""
         if kind == "undo":
             return self.cutting_work[:-1]
-        released = self._held_energy(self.model) - self._held_energy(model)
-        new = cutting_work(self.tissue, tissue, self.toughness, self.blade_friction, released)
+        released = self._held_energy(model, *held) - self._held_energy(self.model, *held)
+        new = cutting_work(before, self.tissue, self.toughness, self.blade_friction, released)
         if kind == "cut":
             return (*self.cutting_work, new)
         return (*self.cutting_work[:-1], together(self.cutting_work[-1], new))
 
-    def _held_energy(self, model: TissueModel) -> float:
-        """Elastic energy, mJ, of a linear model as the tools hold it now: half of their forces times their ways."""
+    def _held(self) -> tuple[Float64, Float64]:
+        """(t, 3) mm points that tools hold now, and (t, 3) mm how far these are displaced."""
         frame, closed = self.loop.frame(), _core.simulation.ContactState.closed
         held = [tool for tool in range(TOOLS) if frame.contact[tool] == closed and np.any(frame.displacement[tool])]
-        if not held:
+        return np.array(frame.point)[held], np.array(frame.displacement)[held]
+
+    def _held_energy(self, model: TissueModel, points: Float64, ways: Float64) -> float:
+        """Elastic energy, mJ, of a linear model that is held so: half of the forces times their ways."""
+        if not len(points):
             return 0.0
-        points, ways = np.array(frame.point)[held], np.array(frame.displacement)[held]
-        force = model.push(points, ways, np.full(len(held), self.settings.radius)).force
+        force = model.push(points, ways, np.full(len(points), self.settings.radius)).force
         return float(-(np.reshape(force, (-1, 3)) * ways).sum() / 2)
 
     @property

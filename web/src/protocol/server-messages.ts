@@ -524,6 +524,24 @@ export function decodeDetail(view: DataView): Detail {
   };
 }
 
+/** Page to server, some ten times a second: so many frames have come on this connection. */
+export interface Seen {
+  count: number;
+}
+export const SEEN_KIND = 19, SEEN_BYTES = 8;
+export function encodeSeen(message: Seen): ArrayBuffer {
+  const view = new DataView(new ArrayBuffer(SEEN_BYTES));
+  view.setUint8(0, 19);
+  view.setUint32(1, message.count, true);
+  return view.buffer;
+}
+export function decodeSeen(view: DataView): Seen {
+  if (view.getUint8(0) !== 19) throw new Error(`not a Seen: kind ${view.getUint8(0)}`);
+  return {
+    count: view.getUint32(1, true),
+  };
+}
+
 /** Triangles first to first + count of a `DisplayedSurface` or a scene: the organ, or a region inside it. */
 export interface Part {
   name: string;
