@@ -128,6 +128,45 @@ def test_a_hand_feels_its_blade_while_it_cuts_and_nothing_after_it():
     assert size[-1] == 0
 
 
+def test_who_presses_while_the_cut_still_follows_holds_on():
+    session = pp.Session(pp.model(organ(9), "compliance"), radius=9.0, sweeps=4, toughness=164)
+    tools = HeldTools(pp.Pointer())
+
+    async def go():
+        cutting = Cutting(asyncio.Lock(), lambda: session, lambda: None, lambda *_: asyncio.sleep(0), tools)
+        tasks = [cutting.obey("page", session, message) for _, message in stroke("page", over_the_top(), 12.0)]
+        tools.command("page", 0, pp.Command(True, (0.0, 9.0, 23.0), (0.0, 0.0, -2.0)), 1)
+        while cutting.stroke:
+            session._advance(tools.pointer.core, 2)
+            await asyncio.sleep(0.002)
+        await asyncio.gather(*(task for task in tasks if task))
+
+    asyncio.run(go())
+    assert session.cuts == 1
+    assert tools.holders == {0: ("page", 0)}
+    assert np.linalg.norm(session._advance(tools.pointer.core, 200)[-1, 0]) > 0.05
+
+
+def test_a_stroke_that_is_refused_leaves_no_blade_behind(monkeypatch):
+    session = pp.Session(pp.model(organ(9), "compliance"), radius=9.0, sweeps=4, toughness=164)
+    tools = HeldTools(pp.Pointer())
+
+    def refused(blade, extend):
+        raise pp.errors.MaterialError("blade: 1 of 2 pieces come free")
+
+    monkeypatch.setattr(session, "cut", refused)
+
+    async def go():
+        cutting = Cutting(asyncio.Lock(), lambda: session, lambda: None, lambda *_: asyncio.sleep(0), tools)
+        first, *_ = [cutting.obey("page", session, message) for _, message in stroke("page", over_the_top(), 12.0)[:-1]]
+        assert tools.holders == {0: ("page", 0)}
+        await first
+
+    asyncio.run(go())
+    assert tools.holders == {}
+    assert not session._advance(tools.pointer.core, 5).any()
+
+
 def test_a_device_with_motors_cuts_with_its_second_button_and_feels_that():
     """Its own loop and the session's, tick by tick; the hand presses down, cuts along x, and lets the button go."""
     whole = organ(9)

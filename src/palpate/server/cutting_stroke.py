@@ -143,9 +143,10 @@ class Cutting:
         except PalpateError as problem:
             await self.tell(str(problem))
         finally:
-            self.failed = stroke.page is None and not stroke.ended
-            stroke.ended = True
-            self._feel(stroke, stroke.way[-1])
+            if not stroke.ended:  # it is refused: the blade comes out. One that has ended may press by now
+                self.failed = stroke.page is None
+                stroke.ended = True
+                self._feel(stroke, stroke.way[-1])
             self.stroke = None
 
     async def undo_all(self, session: Session) -> None:
