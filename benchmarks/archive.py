@@ -66,8 +66,30 @@ def timed(command: list[str]) -> float:
     return time.perf_counter() - began
 
 
+def chains(study: Path, folder: Path, count: int, at_once: int) -> float:
+    """Seconds that so many scans take one after the other in shells, so many shells at once: without any scheduler."""
+    scans = sorted(study.glob("*.h5"))[:count]
+    command = (
+        f'"{sys.executable}" -m palpate reconstruct "$scan" -o "$0/$(basename "$scan").nii.gz" {" ".join(OPTIONS)}'
+    )
+    line = f"for scan; do {command}; done"
+    folder.mkdir()
+    began = time.perf_counter()
+    shells = [
+        subprocess.Popen(
+            ["sh", "-c", line, str(folder), *map(str, scans[k::at_once])],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        for k in range(at_once)
+    ]
+    for shell in shells:
+        shell.wait()
+    return time.perf_counter() - began
+
+
 def throughput(folder: Path, count: int) -> None:
-    """Prints what two workers do in the time of one."""
+    """Prints what two workers do in the time of one, and what two shells without a scheduler do."""
     study = make_scans(folder / "study", count, SIDE)
     seconds = {on: timed(words(study, folder / f"volumes-{on}", OPTIONS, on)) for on in (1, 2)}
     same = bits(folder / "volumes-1") == bits(folder / "volumes-2")
@@ -78,6 +100,12 @@ def throughput(folder: Path, count: int) -> None:
         f"{gain / 2:.0%} of twice; "
     )
     print(f"   {'the same bits' if same else 'OTHER BITS'}; the same command again {again:.1f} s")
+    few = max(count // 4, 2)
+    alone, beside = (chains(study, folder / f"chains-{n}", few, n) for n in (1, 2))
+    print(
+        f"   without a scheduler, {few} scans: one shell {alone:.0f} s, two {beside:.0f} s: {alone / beside:.2f} times; "
+        f"the workers do {gain / (alone / beside):.0%} of that"
+    )
 
 
 class Cluster:

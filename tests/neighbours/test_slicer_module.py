@@ -1,6 +1,7 @@
 """The module of 3D Slicer, with stand-ins for what 3D Slicer gives it: the commands that it runs are palpate's own."""
 
 import importlib.util
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -16,7 +17,7 @@ MODULE = Path(__file__).parents[2] / "integrations" / "slicer" / "Palpate" / "Pa
 
 
 @pytest.fixture
-def slicer(monkeypatch):
+def slicer(monkeypatch, tmp_path):
     """3D Slicer, as far as the module asks for it: a segment is a ball, and processes are real."""
     grid = pp.Grid((30, 30, 30), (2.0, 2.0, 2.0), (10.0, 20.0, 30.0))
     away = np.linalg.norm(np.stack(np.indices(grid.shape), axis=-1) * 2.0 - 30.0, axis=-1)
@@ -30,10 +31,15 @@ def slicer(monkeypatch):
         if process.returncode:
             raise subprocess.CalledProcessError(process.returncode, process.args, out, err)
 
-    def launch(words):
+    def launch(words, useStartupEnvironment):
+        assert not useStartupEnvironment
         words = [sys.executable, *words[1:], *(["--no-browser"] if "touch" in words else [])]
         return subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
+    python = tmp_path / "PythonSlicer"
+    python.write_text("#!/bin/sh\n")
+    python.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
     bases = {name: type(name, (), {"__init__": lambda self, *_: None, "setup": lambda self: None}) for name in (
         "ScriptedLoadableModule", "ScriptedLoadableModuleLogic", "ScriptedLoadableModuleWidget")}  # fmt: skip
     fake = MagicMock()

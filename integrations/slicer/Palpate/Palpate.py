@@ -149,9 +149,12 @@ def writeSegment(node, segment, path):
 
 
 def start(*words):
-    """Starts a command of palpate in a process of its own."""
-    python = shutil.which("PythonSlicer") or shutil.which("python3")
-    return slicer.util.launchConsoleProcess([python, "-m", "palpate", *map(str, words)])
+    """Starts a command of palpate in a process of its own, in 3D Slicer's environment."""
+    python = shutil.which("PythonSlicer")  # 3D Slicer puts it on the path
+    if python is None:
+        raise RuntimeError("PythonSlicer is not on the path of 3D Slicer.")
+    words = [python, "-m", "palpate", *map(str, words)]
+    return slicer.util.launchConsoleProcess(words, useStartupEnvironment=False)
 
 
 def run(*words):
