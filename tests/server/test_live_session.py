@@ -41,7 +41,9 @@ def released(monkeypatch):
 @pytest.fixture
 def live():
     tissue = organ(7)
-    session = pp.Session(pp.model(tissue, "blocks"), radius=14.0, sweeps=2)
+    session = pp.Session(
+        pp.model(tissue, "blocks"), radius=14.0, sweeps=2, tension=3.0, toughness={"lump": 90.0}, blade_friction=0.1
+    )
     return LiveSession(session, Pointer(), organs={"coarse": tissue, "fine": organ(9)})
 
 
@@ -137,6 +139,8 @@ def test_a_mesh_chosen_while_a_model_is_built_brings_both(live, released):
         page.choose(ORGAN, 1)
         released["springs"].set()
         page.until(lambda name: live.session.first.tissue is live.organs["fine"] and name == "springs")
+    after = live.session
+    assert (after.tension, after.toughness, after.blade_friction) == (3.0, {"lump": 90.0}, 0.1), "what was said of the organ"
 
 
 def test_a_model_that_cannot_be_made_is_said_and_the_next_choice_comes(live, released, monkeypatch, capsys):
