@@ -217,9 +217,13 @@ def many(counts, seconds, edge):
 async def come_and_go(hand, seed, end):
     """Enters, holds, lets go and leaves at random until a time."""
     chance = random.Random(seed)
-    visits = 0
+    visits = late = 0
     while time.monotonic() < end:
-        await hand.enter()
+        try:
+            await hand.enter()
+        except TimeoutError:  # a page would try again, too
+            late += 1
+            continue
         visits += 1
         for _ in range(chance.randint(1, 6)):
             await hand.draw(min(chance.uniform(0.5, 15), max(end - time.monotonic(), 0.1)))
@@ -228,7 +232,7 @@ async def come_and_go(hand, seed, end):
                 await asyncio.sleep(chance.uniform(0, 3))
         await hand.leave(without_a_word=chance.random() < 0.4)
         await asyncio.sleep(chance.uniform(0, 3))
-    return visits
+    return visits, late
 
 
 async def lasting(rooms, processes, minutes):
@@ -246,7 +250,7 @@ async def lasting(rooms, processes, minutes):
             print(
                 f"after {(time.monotonic() - began) / 60:.0f} min, MB of the gateway and each room: {each}", flush=True
             )
-    visits = sum(await asyncio.gather(*tasks))
+    visits, late = np.sum(await asyncio.gather(*tasks), axis=0)
     await asyncio.sleep(LEAVING)
     held = 0
     for room in rooms:
@@ -257,7 +261,8 @@ async def lasting(rooms, processes, minutes):
         await room[0].leave()
     half = sizes[len(sizes) // 2] if len(sizes) > 1 else sizes[0]
     growth = [f"{last - then:+.1f}" for then, last in zip(half, sizes[-1], strict=True)]
-    print(f"{visits} visits of {len(hands)} hands; in the second half of the time {' '.join(growth)} MB")
+    print(f"{visits} visits of {len(hands)} hands; {late} times one was not let in within ten seconds")
+    print(f"in the second half of the time {' '.join(growth)} MB")
     print(f"tools still held: {held}")
     return held
 
