@@ -140,7 +140,9 @@ def test_a_mesh_chosen_while_a_model_is_built_brings_both(live, released):
         released["springs"].set()
         page.until(lambda name: live.session.first.tissue is live.organs["fine"] and name == "springs")
     after = live.session
-    assert (after.tension, after.toughness, after.blade_friction) == (3.0, {"lump": 90.0}, 0.1), "what was said of the organ"
+    assert (after.tension, after.toughness, after.blade_friction) == (3.0, {"lump": 90.0}, 0.1), (
+        "what was said of the organ"
+    )
 
 
 def test_a_model_that_cannot_be_made_is_said_and_the_next_choice_comes(live, released, monkeypatch, capsys):
