@@ -1,10 +1,8 @@
 """Studies whose runs are spread over workers: the same bits, what fails, what is left and goes on."""
 
 import os
-import signal
 import subprocess
 import sys
-import time
 
 import pytest
 
@@ -75,26 +73,6 @@ def test_what_a_task_raises_is_raised_and_the_others_files_stay(parts, tmp_path)
     with pytest.raises(ValueError, match=r"bad.txt: cannot be"):
         write_files(tasks, 1, silent)
     assert not (tmp_path / "bad.txt").exists()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("study", ["doubt"])
-def test_a_spread_study_has_the_bits_of_one_process_and_goes_on_after_a_kill(study, tmp_path):
-    run = getattr(pp, f"{study}_study")
-    run(tmp_path / "alone", quick=True, seeds=2)
-    words = [sys.executable, "-m", "palpate", "study", study, "--quick", "--seeds", "2", "--on", "2"]
-    spread = tmp_path / "spread"
-    client = subprocess.Popen([*words, "-o", str(spread)], stderr=subprocess.DEVNULL, start_new_session=True)
-    end = time.monotonic() + 300
-    while not list(spread.glob("runs/breast-*.npz")) and time.monotonic() < end:
-        time.sleep(0.05)
-    os.killpg(client.pid, signal.SIGKILL)
-    client.wait()
-    assert 0 < len(list(spread.glob("runs/breast-*.npz"))) < 5
-    subprocess.run([*words, "--resume", "-o", str(spread)], check=True, capture_output=True)
-    files = sorted(path.relative_to(tmp_path / "alone") for path in (tmp_path / "alone" / "tables").iterdir())
-    for name in files:
-        assert (tmp_path / "alone" / name).read_bytes() == (spread / name).read_bytes(), name
 
 
 def test_a_study_that_times_its_runs_does_not_spread(tmp_path):

@@ -157,14 +157,21 @@ def test_the_tables_are_those_of_the_records(study):
 
 
 @pytest.mark.slow
-def test_a_resumed_study_reads_what_is_there(study):
+@pytest.mark.parametrize("on", [None, 2], ids=["here", "on workers"])
+def test_a_resumed_study_reads_what_is_there_and_makes_the_rest_to_the_bit(study, on):
     before = {path: path.read_bytes() for path in sorted((study / "runs").iterdir())}
     report = (study / "tables" / "intervals.csv").read_text()
-    lost = study / "runs" / "breast-1.npz"
-    lost.unlink()
-    pp.doubt_study(study, quick=True, resume=True)
+    lost = [study / "runs" / "breast-1.npz", study / "runs" / "breast-3.npz"]
+    arrays = [dict(np.load(path)) for path in lost]
+    for path in lost:
+        path.unlink()
+    pp.doubt_study(study, quick=True, resume=True, on=on)
     assert (study / "tables" / "intervals.csv").read_text() == report
-    assert all(path.read_bytes() == before[path] for path in before if path != lost)
+    assert all(path.read_bytes() == before[path] for path in before if path not in lost)
+    for path, expected in zip(lost, arrays, strict=True):
+        made = dict(np.load(path))
+        assert made.keys() == expected.keys()
+        assert all(np.array_equal(made[name], expected[name], equal_nan=True) for name in made)
 
 
 def test_bad_numbers_of_seeds_are_refused_before_work(tmp_path):
