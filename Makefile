@@ -58,7 +58,7 @@ test-notebook: $(VENV)/notebook-tested-with
 	cd tests && $(abspath $(BIN)/python) -m pytest -n 0 page/test_jupyterlab.py
 
 test-neighbours: $(VENV)/napari-tested-with
-	cd tests && $$(command -v xvfb-run && echo -a) $(abspath $(BIN)/python) -m pytest -n 0 napari_plugin neighbours
+	cd tests && PALPATE_NEIGHBOURS=1 $$(command -v xvfb-run && echo -a) $(abspath $(BIN)/python) -m pytest -n 0 napari_plugin neighbours
 
 test-torch: $(VENV)/torch-tested-with
 	cd tests && $(abspath $(BIN)/python) -m pytest -n 0 differentiable

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from support.browser import LAPTOP, PHONE
 from support.example_organs import organ
+from support.registries import free_port
 from support.touch_page import Touched, agrees_with_push
 
 import palpate as pp
@@ -160,8 +161,8 @@ def test_lost_server_is_said_and_found_again(browser, monkeypatch, tmp_path):
     """After a restart the page goes on by itself, with what is served now, and touches it; a stranger it leaves alone."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     model = pp.model(organ(), "blocks")
-    listener = loopback_socket(None)
-    port = listener.getsockname()[1]
+    port = free_port()  # none of those that other tests take as soon as they are free
+    listener = loopback_socket(port)
     context = browser.new_context(viewport=LAPTOP)
     touched = Touched(None, context.new_page())
     status, lost = (

@@ -55,8 +55,8 @@ def detection_study(
     progress : callable, optional
         Called with what is done and the share done.
     on : int or str, optional
-        Make the breasts on so many workers here, or on those of a scheduler, as `run_archive` takes it. The results have
-        the same bits.
+        Make the breasts on so many workers here, or on those of a scheduler, as `run_archive` takes it. Each has
+        the same bits as without.
 
     Returns
     -------
