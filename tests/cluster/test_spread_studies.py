@@ -7,6 +7,7 @@ import sys
 import pytest
 
 import palpate as pp
+from palpate.cluster import connection
 from palpate.cluster.file_tasks import FileTask, write_files
 from palpate.report.stages import silent
 
@@ -81,5 +82,22 @@ def test_a_study_that_times_its_runs_does_not_spread(tmp_path):
     assert refused.returncode == 2
     assert "times what it does" in " ".join(refused.stderr.split())
     assert not (tmp_path / "study").exists()
+
+
+@pytest.mark.parametrize("study", [pp.doubt_study, pp.detection_study])
+def test_where_nobody_works_nothing_of_an_earlier_run_is_lost(study, tmp_path):
     with pytest.raises(pp.errors.DataError, match="on: 'many'"):
-        pp.doubt_study(tmp_path / "doubt", quick=True, on="many")
+        study(tmp_path / "new", quick=True, on="many")
+    assert not (tmp_path / "new").exists()
+
+
+def test_files_are_made_again_and_stay_until_then(parts, tmp_path, monkeypatch):
+    monkeypatch.setattr(connection, "PATIENCE", 1)
+    tasks = [FileTask(tmp_path / f"{k}.txt", parts.note) for k in range(2)]
+    for task in tasks:
+        task.path.write_text("earlier")
+    with pytest.raises(pp.errors.ClusterError, match="no scheduler answers"):
+        write_files(tasks, "tcp://127.0.0.1:1", silent, again=True)
+    assert [task.path.read_text() for task in tasks] == ["earlier", "earlier"]
+    write_files(tasks, 1, silent, again=True)
+    assert [task.path.read_text() for task in tasks] == ["0", "1"]

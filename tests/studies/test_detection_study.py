@@ -240,11 +240,17 @@ def test_every_picture_says_its_command(study):
 
 
 @pytest.mark.slow
-def test_a_resumed_study_reads_what_is_there(study):
+@pytest.mark.parametrize("on", [None, 2], ids=["here", "on workers"])
+def test_a_resumed_study_reads_what_is_there(study, on):
     before = {path: path.read_bytes() for path in sorted((study / "runs").iterdir())}
     report = (study / "tables" / "measures.csv").read_text()
-    (study / "runs" / f"{KIND.name}-1.npz").unlink()
-    pp.detection_study(study, quick=True, resume=True)
+    lost = study / "runs" / f"{KIND.name}-1.npz"
+    arrays = dict(np.load(lost))
+    lost.unlink()
+    pp.detection_study(study, quick=True, resume=True, on=on)
+    made = dict(np.load(lost))
+    assert made.keys() == arrays.keys()
+    assert all(np.array_equal(made[name], arrays[name], equal_nan=True) for name in made)
     assert (study / "tables" / "measures.csv").read_text() == report
     kept = [path for path in before if path.name != f"{KIND.name}-1.npz"]
     assert all(path.read_bytes() == before[path] for path in kept)

@@ -27,13 +27,15 @@ class FileTask:
     write: Callable[[Path], None]
 
 
-def write_files(tasks: Sequence[FileTask], on: int | str, progress: Callable[[str, float], None]) -> None:
-    """Writes the files that are not there yet. on: as in `run_archive`.
+def write_files(
+    tasks: Sequence[FileTask], on: int | str, progress: Callable[[str, float], None], again: bool = False
+) -> None:
+    """Writes the files that are not there yet. on: as in `run_archive`. again: those that are there, too.
 
     Raises what a task does, once all others that have begun are done or given up; what was written stays. Raises
     `ClusterError` if the scheduler is gone or a worker does not see the folder, and `ExtraError` without dask.distributed.
     """
-    missing = [task for task in tasks if not task.path.exists()]
+    missing = [task for task in tasks if again or not task.path.exists()]
     if not missing:
         return
     with connected(on) as (client, threads):
@@ -41,7 +43,9 @@ def write_files(tasks: Sequence[FileTask], on: int | str, progress: Callable[[st
         if blind:
             raise ClusterError(f"on: {', '.join(blind[:3])} cannot see {missing[0].path.parent}; share that folder")
         futures = [
-            client.submit(written, FileTask(task.path.resolve(), task.write), threads, key=_key(task), retries=DEATHS)
+            client.submit(
+                written, FileTask(task.path.resolve(), task.write), threads, again, key=_key(task), retries=DEATHS
+            )
             for task in missing
         ]
         began, done = time.monotonic(), 0
@@ -59,15 +63,15 @@ def write_files(tasks: Sequence[FileTask], on: int | str, progress: Callable[[st
             progress(f"{done} of {len(missing)} files, {left:.0f} s left", done / len(missing))
 
 
-def written(task: FileTask, threads: int) -> None:
-    """On a worker: writes a file, unless it has come meanwhile."""
+def written(task: FileTask, threads: int, again: bool) -> None:
+    """On a worker: writes a file, unless it has come meanwhile. again: even so."""
     from threadpoolctl import threadpool_limits
 
     from palpate import _core
 
     os.environ.update(dict.fromkeys(THREAD_LIMITS, str(threads)))  # of libraries that are still to be loaded
     _core.base.set_threads(threads)
-    if not task.path.exists():
+    if again or not task.path.exists():
         with threadpool_limits(threads):
             task.write(task.path)
 

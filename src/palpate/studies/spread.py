@@ -10,10 +10,7 @@ from palpate.report.stages import Stages
 def spread(stages: Stages, tasks: Sequence[FileTask], on: int | str) -> Stages:
     """Has the files made, and returns stages that read them. Raises what `write_files` does.
 
-    What an earlier run has left is made again, unless the stages resume.
+    What an earlier run has left is made again, unless the stages resume; it stays until that is there.
     """
-    if not stages.resume:
-        for task in tasks:
-            task.path.unlink(missing_ok=True)
-    write_files(tasks, on, stages.progress)
+    write_files(tasks, on, stages.progress, again=not stages.resume)
     return replace(stages, resume=True)

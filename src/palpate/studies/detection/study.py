@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.arrays import Float32
+from palpate.cluster.connection import check_on
 from palpate.cluster.file_tasks import FileTask
 from palpate.errors import DataError
 from palpate.report.stages import Progress, Stages, silent
@@ -85,6 +86,8 @@ def detection_study(
         if not FEWEST <= seeds <= MOST:
             raise DataError(f"seeds: expected {FEWEST} to {MOST} breasts of each kind, got {seeds}")
         setting, option = replace(setting, seeds=seeds), f" --seeds {seeds}"
+    if on is not None:
+        check_on(on)
     study = Study("detection", TITLE, Stages(Path(folder), resume, progress), quick, docs, option=option)
     stages = study.stages
     if on is not None:
@@ -134,7 +137,7 @@ def breast_tasks(folder: Path, setting: Setting) -> list[FileTask]:
 
 
 def _write_scatter(kind: Kind, number: int, setting: Setting, path: Path) -> None:
-    write_arrays(path, {"scatter": scatter_of(kind, setting, 1000 * number)})
+    write_arrays(path, _scatter_arrays(kind, number, setting))
 
 
 def _write_breast(kind: Kind, seed: int, setting: Setting, path: Path) -> None:
@@ -151,10 +154,12 @@ def _breast_file(kind: Kind, seed: int) -> str:
 
 
 def _scatter(stages: Stages, kind: Kind, number: int, setting: Setting) -> Float32:
-    def make() -> Mapping[str, Float32]:
-        return {"scatter": scatter_of(kind, setting, 1000 * number)}
-
+    make = partial(_scatter_arrays, kind, number, setting)
     return np.asarray(stages(_scatter_file(kind), make, write_arrays, _read)["scatter"], np.float32)
+
+
+def _scatter_arrays(kind: Kind, number: int, setting: Setting) -> Mapping[str, Float32]:
+    return {"scatter": scatter_of(kind, setting, 1000 * number)}
 
 
 def _read(path: Path) -> Record:

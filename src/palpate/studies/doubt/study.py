@@ -4,6 +4,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from palpate.cluster.connection import check_on
 from palpate.errors import DataError
 from palpate.report.stages import Progress, Stages, silent
 from palpate.studies.doubt.config import FULL, QUICK
@@ -79,6 +80,8 @@ def doubt_study(
         if not FEWEST <= seeds <= MOST:
             raise DataError(f"seeds: expected {FEWEST} to {MOST} breasts that judge, got {seeds}")
         setting, option = replace(setting, judge=seeds), f" --seeds {seeds}"
+    if on is not None:
+        check_on(on)
     study = Study("doubt", TITLE, Stages(Path(folder), resume, progress), quick, docs, option=option)
     stages = study.stages
     if on is not None:
