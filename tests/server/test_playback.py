@@ -1,19 +1,24 @@
 """Playing records: so many ticks a second as the speed says, by a clock of the test's own; what a page asks is obeyed."""
 
 import asyncio
+import struct
 from itertools import pairwise
 from types import SimpleNamespace
 
 import pytest
 from support.example_organs import organ
+from websockets.sync.client import connect
 
 import palpate as pp
 from palpate.server import playback
 from palpate.server.live_session import LiveSession
-from palpate.server.messages import Play, PlayStep
+from palpate.server.loopback_server import loopback_socket
+from palpate.server.messages import BINARY, Frame, Play, PlayStep, Position, code, encode
 from palpate.server.playback import Playback
+from palpate.server.touch import replayed, running_session
 from palpate.simulation.replay import Replay
 
+FRAME, POSITION = (BINARY.index(kind) + 1 for kind in (Frame, Position))
 STEP = 0.05  # s of the test's clock between two looks at it
 
 
@@ -81,3 +86,25 @@ def test_it_stops_at_the_end_and_begins_again(shown):
     assert (player.playing, player.position) == (True, 0.0)
     player.obey(Play(PlayStep.seek, 1e12))
     assert player.position == 3000
+
+
+def test_a_page_that_comes_to_a_pause_is_shown_it(live):
+    """Also that of the second replay, which the page opens once it knows that there are two."""
+    record, tissue = live.player.record, live.session.first.tissue
+    served = replayed({"mine": record, "hers": record}, {"organ": tissue}, 0.0, ())
+    with running_session(served, loopback_socket(None)) as address:
+        base, token = address.split("/?")
+        where = f"{base.replace('http', 'ws')}/socket?{token}"
+        with connect(where, origin=base) as first:
+            first.send(encode(Play(PlayStep.play, 0.0)))
+            first.send(encode(Play(PlayStep.pause, 0.0)))
+            until(first, lambda data: data[0] == POSITION and not struct.unpack(code(Position), data)[1])
+            for asked in (where, f"{where}&beside=1"):
+                with connect(asked, origin=base) as late:
+                    until(late, lambda data: data[0] == FRAME)
+
+
+def until(page, wanted):
+    """Until a message of the server is as wanted."""
+    while not wanted(page.recv(timeout=10)):
+        pass

@@ -71,6 +71,7 @@ def connected(on: int | str) -> "Iterator[tuple[Client, int]]":
             )
             stack.enter_context(cluster)
             client = stack.enter_context(Client(cluster))
+            stack.callback(_until_all_work, client, on)
         elif on.startswith("slurm"):
             try:
                 from dask_jobqueue import SLURMCluster
@@ -90,6 +91,12 @@ def connected(on: int | str) -> "Iterator[tuple[Client, int]]":
                 why = str(problem).splitlines()[0] if str(problem) else type(problem).__name__
                 raise ClusterError(f"on: no scheduler answers at {on} ({why}); start one: dask scheduler") from None
         yield client, threads
+
+
+def _until_all_work(client: "Client", workers: int) -> None:
+    """Waits for workers that are being started in place of dead ones: Dask cannot end a process that has just been begun."""
+    with contextlib.suppress(TimeoutError, OSError):
+        client.wait_for_workers(workers, timeout=PATIENCE)
 
 
 def _memory() -> dict[str, str]:

@@ -60,11 +60,11 @@ class LiveSession:
 
     reason: why the session begins with its model. successor: the model that it changes to once that is made. newest: the
     newest frame as a message. pages: the connected pages, each with an event that is set for every new frame. flows: how far
-    behind each is. finished:
-    earlier sessions, on other resolutions. choice: organ and model that were chosen last, by index. models: models that
-    were built or are being built. record: where the first session will be written; later ones get numbers. exam: the exam
-    or the experiment that it is. offset: ticks that earlier sessions of an experiment have shown. beside: a second replay
-    that is shown beside this one. room: the name of the room in which several people share it, or empty.
+    behind each is. finished: earlier sessions, on other resolutions. choice: organ and model that were chosen last, by
+    index. models: models that were built or are being built. record: where the first session will be written; later ones
+    get numbers. exam: the exam or the experiment that it is. offset: ticks that earlier sessions of an experiment have
+    shown. beside: a second replay that is shown beside this one. room: the name of the room in which several people share
+    it, or empty.
     """
 
     session: Session
@@ -269,6 +269,8 @@ class LiveSession:
         if self.experiment and self.experiment.branches is None:
             self.experiment.begin()
         self.pages[page], self.flows[page] = asyncio.Event(), FrameFlow()
+        if self.newest:
+            self.pages[page].set()  # a replay that is paused publishes no other frame
         if self.people:
             self.people.enter(page, name, role)
             self.tell_people()
