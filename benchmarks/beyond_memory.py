@@ -1,10 +1,11 @@
 """A reconstruction in less memory than it needs, by a limit of the system, next to one that has enough.
 
-    python -m benchmarks.beyond_memory [--side 700] [--share 3] [--optimizer momentum] [--scratch DIR]
+    python -m benchmarks.beyond_memory [--side 1000] [--deep 400] [--share 3] [--scratch DIR] [--only descent]
 
 Needs root, and control groups of version 1 or 2: the limit holds for private memory and for what the system keeps of files.
-Tells times a voxel and iteration, the largest amount of memory that each run had, whether the bits are the same, and how
-fast the disk is, from which follows what part of the time it explains.
+Of each optimizer, and of the whole command with its defaults: the time a voxel, the largest amount of memory, and how far
+the two volumes are apart. How fast the disk is comes first; with the numbers that an iteration reads and writes there
+(docs/large-scans.md) it says what part of the time it explains.
 """
 
 import argparse
@@ -15,40 +16,53 @@ import tempfile
 import time
 from pathlib import Path
 
+import numpy as np
+
+import palpate as pp
+
+OPTIMIZERS = "momentum", "descent", "command"
 CODE = """
-import sys, time
+import sys, time, contextlib
+from pathlib import Path
 import numpy as np
 import palpate as pp
 
-side, deep, memory, optimizer, scratch, out = int(sys.argv[1]), int(sys.argv[2]), *sys.argv[3:]
-panel = pp.Panel((side, side), (1, 1), (-side / 2, -side / 2, 0))
-views = pp.arc_views(panel, np.linspace(-20, 20, 25), radius=4000, pivot=(0, 0, deep / 2))
-grid = pp.Grid((deep, side, side), (1, 1, 1), (-side / 2, -side / 2, 2))
-ITERATIONS = 4
-
-def run():
-    rng = np.random.default_rng(1)
-    counts = np.empty(views.shape, np.float32)
-    for view in counts:
-        view[:] = rng.poisson(500, view.shape)
-    scan = pp.Scan(counts, 1000, views)
+scan, thickness, memory, optimizer, scratch, out = sys.argv[1], float(sys.argv[2]), *sys.argv[3:]
+limit = contextlib.nullcontext() if memory == "none" else pp.memory_limit(memory, scratch)
+with limit:
+    measured = pp.read_scan(scan)
+    side = float(measured.shape[2])
+    grid = pp.Grid((int(thickness), int(side), int(side)), (1, 1, 1), (-side / 2, -side / 2, 2))
     prior = pp.Prior("quadratic", strength=0.5, edge=0.01)
-    times = [time.perf_counter()]
     options = {"prior": prior, "levels": 1, "start": "uniform", "tolerance": 0, "optimizer": optimizer}
-    for step in pp.iterates(scan, grid, iterations=ITERATIONS, **options):
+    times = [time.perf_counter()]
+    for step in pp.iterates(measured, grid, iterations=4, **options):
         times.append(time.perf_counter())
-        total = float(step.volume.values.sum(dtype=np.float64))
-        objective = step.objective
-    return times, total, objective
-
-if memory == "none":
-    times, total, objective = run()
-else:
-    with pp.memory_limit(memory, scratch):
-        times, total, objective = run()
-steps = np.diff(times)[1:]
-print(float(np.median(steps)) / grid.size * 1e9, total, repr(objective), times[-1] - times[0])
+    with open(out, "wb") as file:
+        for part in step.volume.values:
+            file.write(part.data)
+print(float(np.median(np.diff(times)[1:])), *grid.shape)
 """
+COMMAND = """
+import sys, time
+from palpate.commands import app
+from palpate.volumes.io import read_volume
+
+scan, thickness, memory, _, scratch, out = sys.argv[1:]
+words = ["reconstruct", scan, "--thickness", thickness, "--spacing", "1", "-o", out + ".zarr", "--iterations", "10"]
+more = [] if memory == "none" else ["--memory", memory, "--scratch", scratch]
+began = time.perf_counter()
+app([*words, *more], standalone_mode=False)
+print(time.perf_counter() - began, *read_volume(out + ".zarr").grid.shape)
+"""
+
+
+def write_scan(path: Path, side: int, deep: int) -> None:
+    """An ellipsoid in air, 25 views, 1,000 photons."""
+    panel = pp.Panel((side, side), (1, 1), (-side / 2, -side / 2, 0))
+    views = pp.arc_views(panel, np.linspace(-20, 20, 25), radius=4 * side, pivot=(0, 0, deep / 2))
+    body = pp.Ellipsoid((0, 0, deep / 2), (0.3 * side, 0.3 * side, 0.4 * deep))
+    pp.write_scan(path, pp.simulate_scan(pp.Phantom([(body, 3 / deep)]), views, 1000, seed=1, subrays=1))
 
 
 def group() -> tuple[Path, str, str]:
@@ -61,7 +75,7 @@ def group() -> tuple[Path, str, str]:
     return made, *names
 
 
-def run(words: list[str], limit: int | None) -> tuple[list[float], float]:
+def run(code: str, words: list[str], limit: int | None) -> tuple[list[float], float]:
     """What a run says, and its largest use of memory, bytes."""
     made, limit_name, peak_name = group()
     try:
@@ -71,10 +85,11 @@ def run(words: list[str], limit: int | None) -> tuple[list[float], float]:
         def join() -> None:
             (made / "cgroup.procs").write_text(str(os.getpid()))
 
-        done = subprocess.run([sys.executable, "-c", CODE, *words], preexec_fn=join, capture_output=True, text=True)
+        done = subprocess.run([sys.executable, "-c", code, *words], preexec_fn=join, capture_output=True, text=True)
         if done.returncode:
-            raise SystemExit(f"{words}: ended with {done.returncode}: {done.stderr[-400:]}")
-        return [float(word) for word in done.stdout.split()], float((made / peak_name).read_text())
+            raise SystemExit(f"{words}: ended with {done.returncode}: {done.stderr[-800:]}")
+        said = [float(word) for word in done.stdout.splitlines()[-1].split()]
+        return said, float((made / peak_name).read_text())
     finally:
         time.sleep(0.5)
         made.rmdir()
@@ -94,25 +109,50 @@ def disk_speed(folder: Path) -> tuple[float, float]:
     return speeds[0], speeds[1]
 
 
+def difference(a: Path, b: Path, shape: tuple[int, ...], command: bool) -> tuple[float, float]:
+    """Of two volumes: |a - b| over |a|, and the largest difference over the largest value; slice by slice."""
+    if command:
+        one, other = (pp.read_volume(path.with_suffix(".zarr")).values for path in (a, b))
+    else:
+        one, other = (np.memmap(path, np.float32, "r", shape=shape) for path in (a, b))
+    square = apart = most = far = 0.0
+    for x, y in zip(one, other, strict=True):
+        square += float(np.square(x, dtype=np.float64).sum())
+        apart += float(np.square(x - y, dtype=np.float64).sum())
+        most, far = max(most, float(x.max())), max(far, float(np.abs(x - y).max()))
+    return float(np.sqrt(apart / square)), far / most
+
+
 def main() -> None:
     """Measures and prints."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--side", type=int, default=700)
-    parser.add_argument("--deep", type=int, default=240)
+    parser.add_argument("--side", type=int, default=1000)
+    parser.add_argument("--deep", type=int, default=400)
     parser.add_argument("--share", type=float, default=3.0)
-    parser.add_argument("--optimizer", default="momentum")
     parser.add_argument("--scratch", type=Path, default=Path(tempfile.gettempdir()))
+    parser.add_argument("--only", choices=OPTIMIZERS)
     given = parser.parse_args()
-    words = [str(given.side), str(given.deep)]
     written, read = disk_speed(given.scratch)
-    whole, most = run([*words, "none", given.optimizer, str(given.scratch), "-"], None)
-    limit = int(most / given.share)
-    within, peak = run([*words, str(limit), given.optimizer, str(given.scratch), "-"], limit)
     print(f"disk: {written / 1e6:.0f} MB/s written, {read / 1e6:.0f} MB/s read")
-    print(f"enough memory: {whole[0]:.1f} ns a voxel and iteration, at most {most / 1e9:.2f} GB, all {whole[3]:.0f} s")
-    print(f"a limit of {limit / 1e9:.2f} GB: {within[0]:.1f} ns ({within[0] / whole[0]:.2f} times),", end=" ")
-    print(f"at most {peak / 1e9:.2f} GB, all {within[3]:.0f} s")
-    print("the same sum of voxels and objective" if whole[1:3] == within[1:3] else "OTHER VALUES")
+    with tempfile.TemporaryDirectory(dir=given.scratch) as folder:
+        scan, whole, part = (Path(folder) / name for name in ("scan.h5", "whole", "part"))
+        write_scan(scan, given.side, given.deep)
+        for name in [given.only] if given.only else OPTIMIZERS:
+            code = COMMAND if name == "command" else CODE
+            words = [str(scan), str(given.deep)]
+            (seconds, *shape), most = run(code, [*words, "none", name, str(given.scratch), str(whole)], None)
+            limit = int(most / given.share)
+            (longer, *_), peak = run(code, [*words, str(limit), name, str(given.scratch), str(part)], limit)
+            voxels = np.prod(shape)
+            command = code is COMMAND
+            print(f"{name}: {seconds / voxels * 1e9:.1f} ns a voxel{'' if command else ' and iteration'},", end=" ")
+            print(f"at most {most / 1e9:.2f} GB")
+            print(
+                f"  within {limit / 1e9:.2f} GB: {longer / voxels * 1e9:.1f} ns ({longer / seconds:.2f} times),",
+                end=" ",
+            )
+            apart, far = difference(whole, part, tuple(int(n) for n in shape), command)
+            print(f"at most {peak / 1e9:.2f} GB; volumes {apart:.1e} apart, one voxel at most {far:.1e}", flush=True)
 
 
 if __name__ == "__main__":

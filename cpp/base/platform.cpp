@@ -46,24 +46,25 @@ void prefer_huge_pages([[maybe_unused]] void* memory, [[maybe_unused]] size_t si
 
 #ifdef _WIN32
 void* map_memory(size_t size) { return VirtualAlloc(nullptr, size, MEM_COMMIT | MEM_RESERVE, PAGE_READWRITE); }
-void* map_file(const std::string&, size_t, int& error) {
+void* map_file(const std::string&, size_t, int&, int& error) {
     error = ENOSYS;
     return nullptr;
 }
-void unmap(void* memory, size_t) { VirtualFree(memory, 0, MEM_RELEASE); }
+void unmap(void* memory, size_t, int) { VirtualFree(memory, 0, MEM_RELEASE); }
 #else
 void* map_memory(size_t size) {
     void* memory = mmap(nullptr, size, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
     return memory == MAP_FAILED ? nullptr : memory;
 }
-void* map_file(const std::string& folder, size_t size, int& error) {
+void* map_file(const std::string& folder, size_t size, int& file, int& error) {
     std::string name = folder + "/palpate-scratch-XXXXXX";
-    const int file = mkstemp(name.data());
+    file = mkstemp(name.data());
     if (file < 0) {
         error = errno;
         return nullptr;
     }
     unlink(name.c_str()); // it is gone with this process, however that ends
+    fcntl(file, F_SETFD, FD_CLOEXEC);
 #ifdef __APPLE__
     error = ftruncate(file, off_t(size)) ? errno : 0;
 #else
@@ -71,10 +72,39 @@ void* map_file(const std::string& folder, size_t size, int& error) {
 #endif
     void* memory = error ? MAP_FAILED : mmap(nullptr, size, PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
     if (memory == MAP_FAILED && !error) error = errno;
+    if (memory != MAP_FAILED) return memory;
     close(file);
-    return memory == MAP_FAILED ? nullptr : memory;
+    file = -1;
+    return nullptr;
 }
-void unmap(void* memory, size_t size) { munmap(memory, size); }
+void unmap(void* memory, size_t size, int file) {
+    munmap(memory, size);
+    if (file >= 0) close(file);
+}
+#endif
+
+#ifdef __linux__
+#ifndef MADV_POPULATE_READ // of Linux 5.14; older ones refuse it
+#define MADV_POPULATE_READ 22
+#define MADV_POPULATE_WRITE 23
+#endif
+void read_ahead(void* memory, size_t size) {
+    if (madvise(memory, size, MADV_POPULATE_READ)) madvise(memory, size, MADV_WILLNEED);
+}
+// The file's blocks stay where they are, so that a disk cannot be full later.
+void make_anew(void* memory, size_t size, int file, size_t offset) {
+    if (fallocate(file, FALLOC_FL_ZERO_RANGE, off_t(offset), off_t(size)) == 0)
+        madvise(memory, size, MADV_POPULATE_WRITE);
+}
+void write_behind(void* memory, size_t size, int file, size_t offset) {
+    madvise(memory, size, MADV_DONTNEED); // of a shared file it forgets where the pages are, not what they hold
+    sync_file_range(file, off_t(offset), off_t(size), SYNC_FILE_RANGE_WRITE | SYNC_FILE_RANGE_WAIT_AFTER);
+    posix_fadvise(file, off_t(offset), off_t(size), POSIX_FADV_DONTNEED);
+}
+#else
+void read_ahead(void*, size_t) {}
+void make_anew(void*, size_t, int, size_t) {}
+void write_behind(void*, size_t, int, size_t) {}
 #endif
 
 bool request_realtime_priority() {

@@ -11,10 +11,16 @@ void prefer_huge_pages(void* memory, size_t size); // where the system offers a 
 int process_id();
 
 // Memory from the system, zero: its own, or that of a file without a name in a folder, which the system writes out
-// where it needs the room. nullptr and errno if there is none. Windows has the first kind only.
+// where it needs the room. nullptr and errno if there is none. file: its descriptor, -1 of the first kind, which is the
+// only one on Windows.
 void* map_memory(size_t size);
-void* map_file(const std::string& folder, size_t size, int& error);
-void unmap(void* memory, size_t size);
+void* map_file(const std::string& folder, size_t size, int& file, int& error);
+void unmap(void* memory, size_t size, int file);
+
+// Of part of a mapped file, in whole pages. Each may do nothing where the system has no such call.
+void read_ahead(void* memory, size_t size);                            // all of it, now
+void make_anew(void* memory, size_t size, int file, size_t offset);    // zeros, without reading what there was
+void write_behind(void* memory, size_t size, int file, size_t offset); // soon, and its memory is free then
 
 // Asks for real-time priority for the calling thread (Linux: needs root, or a limit `rtprio` of at least 1), and for
 // the finest timer. Returns whether it has the priority. Threads that it starts do not inherit it.

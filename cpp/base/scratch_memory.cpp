@@ -3,19 +3,22 @@
 #include <algorithm>
 #include <cstdlib>
 #include <cstring>
+#include <map>
 #include <mutex>
-#include <unordered_map>
+#include <tuple>
 
 namespace palpate {
 namespace {
 
+constexpr size_t page = 4096; // bytes; a multiple of it elsewhere, where nothing of `pass` happens
+
 struct Mapping {
     size_t size;
-    bool file;
+    int file; // -1: in memory
 };
 
 std::mutex mutex;
-std::unordered_map<void*, Mapping> mappings; // of all large arrays that there are
+std::map<char*, Mapping> mappings; // of all large arrays that there are
 std::string folder;
 uint64_t limit = UINT64_MAX;
 ScratchUse use = {};
@@ -23,9 +26,10 @@ ScratchUse use = {};
 void* map(size_t size) {
     std::lock_guard lock(mutex);
     const bool file = !folder.empty() && use.in_memory + size > limit;
-    void* memory = file ? map_file(folder, size, use.error) : map_memory(size);
+    int number = -1;
+    void* memory = file ? map_file(folder, size, number, use.error) : map_memory(size);
     if (!memory) return nullptr;
-    mappings[memory] = {size, file};
+    mappings[static_cast<char*>(memory)] = {size, number};
     (file ? use.in_files : use.in_memory) += size;
     use.most_in_memory = std::max(use.most_in_memory, use.in_memory);
     use.most_in_files = std::max(use.most_in_files, use.in_files);
@@ -35,7 +39,7 @@ void* map(size_t size) {
 // The size of a large array; 0 of any other memory.
 size_t mapped_size(void* memory) {
     std::lock_guard lock(mutex);
-    const auto found = mappings.find(memory);
+    const auto found = mappings.find(static_cast<char*>(memory));
     return found == mappings.end() ? 0 : found->second.size;
 }
 
@@ -50,6 +54,32 @@ void set_scratch(const std::string& new_folder, uint64_t new_limit) {
 ScratchUse scratch_use() {
     std::lock_guard lock(mutex);
     return use;
+}
+
+uint64_t scratch_limit() {
+    std::lock_guard lock(mutex);
+    return folder.empty() ? UINT64_MAX : limit;
+}
+
+// The caller holds the array, so that its mapping stays. Pages that belong to it in part are left as they are, but for
+// reading.
+void pass(void* memory, size_t size, Passing how) {
+    char *begin = static_cast<char*>(memory), *start;
+    Mapping mapping;
+    {
+        std::lock_guard lock(mutex);
+        auto found = mappings.upper_bound(begin);
+        if (found == mappings.begin()) return;
+        std::tie(start, mapping) = *--found;
+    }
+    if (mapping.file < 0 || begin + size > start + mapping.size) return;
+    const bool whole = how == Passing::read;
+    const size_t from = (size_t(begin - start) + (whole ? 0 : page - 1)) / page * page;
+    const size_t to = (size_t(begin - start) + size + (whole ? page - 1 : 0)) / page * page;
+    if (from >= to) return;
+    if (how == Passing::read) read_ahead(start + from, to - from);
+    if (how == Passing::written) make_anew(start + from, to - from, mapping.file, from);
+    if (how == Passing::done) write_behind(start + from, to - from, mapping.file, from);
 }
 
 void* scratch_malloc(size_t size) { return size < large_array ? std::malloc(std::max<size_t>(size, 1)) : map(size); }
@@ -79,16 +109,16 @@ void scratch_free(void* memory) {
     Mapping mapping;
     {
         std::lock_guard lock(mutex);
-        const auto found = mappings.find(memory);
+        const auto found = mappings.find(static_cast<char*>(memory));
         if (found == mappings.end()) {
             std::free(memory);
             return;
         }
         mapping = found->second;
         mappings.erase(found);
-        (mapping.file ? use.in_files : use.in_memory) -= mapping.size;
+        (mapping.file >= 0 ? use.in_files : use.in_memory) -= mapping.size;
     }
-    unmap(memory, mapping.size);
+    unmap(memory, mapping.size, mapping.file);
 }
 
 } // namespace palpate

@@ -17,6 +17,16 @@ struct ScratchUse {
     int error;                                                   // errno of the last file that could not be made, or 0
 };
 ScratchUse scratch_use();
+uint64_t scratch_limit(); // UINT64_MAX: none
+
+// What a pass over arrays in files tells the system of the bytes that come next, and of those that it is done with. Of
+// other memory nothing happens. They take no longer than the disk does, and may run beside the pass.
+enum class Passing {
+    read,    // is read next, and maybe written to
+    written, // is all written next; what it held is lost, and not read from the disk
+    done,    // goes back to the disk
+};
+void pass(void* memory, size_t size, Passing how);
 
 // What malloc, calloc, realloc and free do. On any thread; takes a lock.
 void* scratch_malloc(size_t size);

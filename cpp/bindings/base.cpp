@@ -62,6 +62,17 @@ void bind_base(nb::module_& m) {
             return std::make_tuple(use.in_memory, use.in_files, use.most_in_memory, use.most_in_files, use.error);
         },
         "Bytes in memory and in files, now and at most, and the error of the last file that could not be made.");
+    m.def("scratch_limit", &scratch_limit,
+          "Bytes of large arrays that lie in memory at most; 2**64 - 1 where there is no limit.");
+    nb::enum_<Passing>(m, "Passing", "What a pass does with a part of an array.")
+        .value("read", Passing::read)
+        .value("written", Passing::written)
+        .value("done", Passing::done);
+    m.def(
+        "pass_over",
+        [](In<float, 3> part, Passing how) { pass(const_cast<float*>(part.data()), part.size() * sizeof(float), how); },
+        "part"_as_is, "how"_a, nb::call_guard<nb::gil_scoped_release>(),
+        "Tells the system of slices of a volume that lies in a file; of other arrays nothing happens.");
     m.def(
         "scratch_allocator", [] { return nb::capsule(&handler, "mem_handler"); },
         "NumPy's handle of the memory that set_scratch limits.");

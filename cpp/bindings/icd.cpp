@@ -32,21 +32,22 @@ void bind_icd(nb::module_& m) {
     m.def(
         "sweep",
         [](SurrogateImages& data, Array<float, 3> f, const PriorKernel& potential, double edge, double beta,
-           double relaxation, bool backwards, std::optional<In<uint8_t, 3>> support) {
+           double relaxation, bool backwards, std::optional<In<uint8_t, 3>> support, int first, int end) {
             const Grid& grid = data.geometry.grid;
             const int64_t shape[3] = {grid.nz, grid.ny, grid.nx};
             const Spacing spacing = {grid.dz, grid.dy, grid.dx};
             if (int64_t(f.size()) != shape[0] * shape[1] * shape[2]) throw std::invalid_argument("volume: wrong size");
             if (support) expect(support->size() == f.size(), "support: wrong size");
             nb::gil_scoped_release release;
-            descend(neighbourhood_of(shape, spacing, potential, edge), {float(beta), float(relaxation), backwards},
-                    data, f.data(), support ? support->data() : nullptr);
+            const Sweep sweep{float(beta), float(relaxation), backwards, first, end < 0 ? grid.nz : end};
+            descend(neighbourhood_of(shape, spacing, potential, edge), sweep, data, f.data(),
+                    support ? support->data() : nullptr);
         },
         "data"_a, "f"_as_is, "potential"_a, "edge"_a, "beta"_a, "relaxation"_a = 1.0, "backwards"_a = false,
-        "support"_as_is = nb::none(),
+        "support"_as_is = nb::none(), "first"_a = 0, "end"_a = -1,
         "One sweep of coordinate descent over f, in place. The data's slope follows, to within rounding. f stays 0 "
         "where "
-        "support is 0.");
+        "support is 0. first, end: the slices that are swept, whole `slabs`; all by default.");
     m.def(
         "diagonal",
         [](const ScanGeometry& g, In<float, 3> curvature, int every, int every_row) {

@@ -119,17 +119,24 @@ void bind_projection(nb::module_& m) {
                                                                   : "oblique";
             },
             "view"_a, "How the view's panel stands to the slices.")
+        .def(
+            "slices",
+            [](const ScanGeometry& g, int first, int end) {
+                expect(0 <= first && first < end && end <= g.grid.nz, "slices: expected some of the grid's");
+                return g.slices(first, end);
+            },
+            "first"_a, "end"_a, "The same rays through some of the slices.")
         .def("column", &column, "z"_a, "y"_a, "x"_a,
              "Pixels that voxel (z, y, x) touches, numbered over all views, and its weights there, mm.");
     m.def("allow_avx512_passes", &allow_avx512_passes, "whether"_a,
           "Whether the projector may keep sixteen columns in registers where the machine can; for tests.");
     m.def(
         "project",
-        [](const ScanGeometry& g, In<float, 3> f, Array<float, 3> p) {
+        [](const ScanGeometry& g, In<float, 3> f, Array<float, 3> p, bool add) {
             check_sizes(g, f.size(), p.size());
-            project(g, f.data(), p.data());
+            project(g, f.data(), p.data(), add);
         },
-        "geometry"_a, "f"_as_is, "p"_as_is, nb::call_guard<nb::gil_scoped_release>());
+        "geometry"_a, "f"_as_is, "p"_as_is, "add"_a = false, nb::call_guard<nb::gil_scoped_release>());
     m.def(
         "backproject",
         [](const ScanGeometry& g, In<float, 3> p, Array<float, 3> f) {

@@ -78,11 +78,13 @@ void bind_prior(nb::module_& m) {
     m.attr("TABLE_OCTAVES") = int(PotentialTable::octaves); // below 1, and as many above
     m.def(
         "prior_value",
-        [](In<float, 3> f, Spacing spacing, const PriorKernel& potential, double edge) {
+        [](In<float, 3> f, Spacing spacing, const PriorKernel& potential, double edge, int first, int end) {
+            const Slices slices = slices_of(f, first, end);
             nb::gil_scoped_release release;
-            return prior_value(neighbourhood_of(f, spacing, potential, edge), f.data());
+            return prior_value(neighbourhood_of(f, spacing, potential, edge), f.data(), slices);
         },
-        "f"_as_is, "spacing"_a, "potential"_a, "edge"_a);
+        "f"_as_is, "spacing"_a, "potential"_a, "edge"_a, "first"_a = 0, "end"_a = -1,
+        "Of pairs of slices first .. end - 1, and of the last of them with the next; all by default.");
     m.def(
         "prior_surrogate",
         [](In<float, 3> f, Spacing spacing, const PriorKernel& potential, double edge) {

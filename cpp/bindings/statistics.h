@@ -12,6 +12,14 @@ namespace palpate {
 
 using Spacing = std::array<double, 3>;
 
+// Slices first .. end - 1 of a volume; end < 0: to the last.
+inline Slices slices_of(const In<float, 3>& f, int first, int end) {
+    const int count = int(f.shape(0));
+    if (end < 0) end = count;
+    if (first < 0 || first > end || end > count) throw std::invalid_argument("slices: expected some of the volume's");
+    return {first, end};
+}
+
 template <class... Others> void same_size(const In<float, 3>& first, const Others&... others) {
     if (((others.size() != first.size()) || ...)) throw std::invalid_argument("arrays of different sizes");
 }

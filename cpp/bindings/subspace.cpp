@@ -11,15 +11,16 @@ void bind_subspace(nb::module_& m) {
     m.def(
         "prior_curvatures",
         [](In<float, 3> f, In<float, 3> previous, In<float, 3> u, Spacing spacing, const PriorKernel& potential,
-           double edge) {
+           double edge, int first, int end) {
             same_size(f, previous, u);
+            const Slices slices = slices_of(f, first, end);
             Three curvatures;
             nb::gil_scoped_release release;
-            prior_curvatures(neighbourhood_of(f, spacing, potential, edge), f.data(), previous.data(), u.data(),
+            prior_curvatures(neighbourhood_of(f, spacing, potential, edge), f.data(), previous.data(), u.data(), slices,
                              curvatures.data());
             return curvatures;
         },
-        "f"_as_is, "previous"_as_is, "u"_as_is, "spacing"_a, "potential"_a, "edge"_a);
+        "f"_as_is, "previous"_as_is, "u"_as_is, "spacing"_a, "potential"_a, "edge"_a, "first"_a = 0, "end"_a = -1);
     m.def(
         "data_curvatures",
         [](In<float, 3> curvature, In<float, 3> l, In<float, 3> previous, In<float, 3> q) {
@@ -34,8 +35,9 @@ void bind_subspace(nb::module_& m) {
     m.def(
         "search_direction",
         [](In<float, 3> f, In<float, 3> previous, Array<float, 3> u, In<float, 3> data, int step, double beta,
-           Spacing spacing, const PriorKernel& potential, double edge) {
+           Spacing spacing, const PriorKernel& potential, double edge, int first, int end) {
             same_size(f, previous, u);
+            const Slices slices = slices_of(f, first, end);
             const auto cells = [step](size_t n) { return (n + size_t(step) - 1) / size_t(step); };
             if ((step != 1 && step != coarse_step) || data.shape(0) != f.shape(0) ||
                 data.shape(1) != cells(f.shape(1)) || data.shape(2) != cells(f.shape(2)))
@@ -44,11 +46,11 @@ void bind_subspace(nb::module_& m) {
             nb::gil_scoped_release release;
             search_direction(neighbourhood_of(f, spacing, potential, edge),
                              {data.data(), int64_t(data.shape(1)), int64_t(data.shape(2)), int64_t(step)}, float(beta),
-                             f.data(), previous.data(), u.data(), slopes.data());
+                             f.data(), previous.data(), slices, u.data(), slopes.data());
             return slopes;
         },
         "f"_as_is, "previous"_as_is, "u"_as_is, "data"_as_is, "step"_a, "beta"_a, "spacing"_a, "potential"_a, "edge"_a,
-        "Turns the data's gradient u into the direction, in place.");
+        "first"_a = 0, "end"_a = -1, "Turns the data's gradient u into the direction, in place.");
     m.attr("COARSE_STEP") = int(coarse_step);
     m.def(
         "subspace_step",

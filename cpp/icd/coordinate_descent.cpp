@@ -180,7 +180,10 @@ public:
 
 void descend(const Neighbourhood& n, const Sweep& sweep, SurrogateImages& data, float* f, const uint8_t* support) {
     const ScanGeometry& geometry = data.geometry;
-    std::vector<Slab> order = slabs(geometry);
+    std::vector<Slab> order;
+    for (const Slab& slab : slabs(geometry))
+        if (slab.begin >= sweep.first && slab.end <= sweep.end) order.push_back(slab);
+    if (order.empty()) return;
     if (sweep.backwards) std::reverse(order.begin(), order.end());
     int depth = 0;
     for (const Slab& slab : order) depth = std::max(depth, slab.end - slab.begin);

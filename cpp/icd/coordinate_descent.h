@@ -3,15 +3,17 @@
 #pragma once
 #include "icd/surrogate_images.h"
 #include "statistics/mrf_prior.h"
+#include <cstdint>
 
 namespace palpate {
 
 // beta: weight of the prior. relaxation: 1 moves each voxel to the minimum of its parabola; up to 2 it overshoots and
 // the parabola's value still never rises (over-relaxation, which speeds up smooth errors). backwards: the reverse
-// order.
+// order. first, end: the slices that are swept, from the beginning of a slab to the end of one; all by default.
 struct Sweep {
     float beta, relaxation;
     bool backwards;
+    int first = 0, end = INT32_MAX;
 };
 
 // One sweep of coordinate descent over f (z, y, x) on the paraboloid + β·prior: each voxel along its parabola, clipped

@@ -50,10 +50,11 @@ public:
     }
 };
 
-// Writes a tile of a view's image: to the measured pixels, scaled by the rays' lengths, or on an oblique panel to the
-// fine pixels, not scaled.
+// Writes a tile of a view's image, or adds it: to the measured pixels, scaled by the rays' lengths, or on an oblique
+// panel to the fine pixels, not scaled.
 void write_tile(const View& v, const RayLengths& lengths, const float* from, int b0, int b1, int a0, int columns,
-                float* image) {
+                bool add, float* image) {
+    const bool direct = v.step_a == 1 && !add;
     for (int b = b0; b < b1; b++, from += tile_columns) {
         if (v.orientation == PanelOrientation::oblique) {
             std::copy_n(from, columns, image + int64_t(b) * v.na + a0);
@@ -63,8 +64,12 @@ void write_tile(const View& v, const RayLengths& lengths, const float* from, int
         float* first = image + v.start + b * v.step_b + a0 * v.step_a;
         for (int a = 0; a < columns + cache_line - 1 && v.step_a == 1; a += cache_line)
             __builtin_prefetch(first + prefetch_rows * v.step_b + a, 1, 3);
-        lengths.scale(b, from, v.step_a == 1 ? first : scaled);
-        for (int a = 0; a < columns && v.step_a != 1; a++) first[a * v.step_a] = scaled[a];
+        lengths.scale(b, from, direct ? first : scaled);
+        if (direct) continue;
+        for (int a = 0; a < columns; a++) {
+            float& pixel = first[a * v.step_a];
+            pixel = (add ? pixel : 0) + scaled[a];
+        }
     }
 }
 
@@ -94,6 +99,7 @@ class Forward {
     const ScanGeometry& g;
     const float* f;
     const std::vector<float*>& images;
+    const bool add;
     std::vector<int> views;                               // of one group
     std::vector<std::vector<EdgeProjection>> projections; // along x; per view, per sub-slice
     std::vector<size_t> rows_of{0};                       // where each view's begin among the rows of a strip
@@ -107,8 +113,9 @@ class Forward {
 public:
     const Blocks across, along;
 
-    Forward(const ScanGeometry& g, const float* f, const std::vector<float*>& images, const std::vector<int>& views)
-        : g(g), f(f), images(images), views(views), stack(stack_size(g, views)), slab(slab_tiles / stack),
+    Forward(const ScanGeometry& g, const float* f, const std::vector<float*>& images, bool add,
+            const std::vector<int>& views)
+        : g(g), f(f), images(images), add(add), views(views), stack(stack_size(g, views)), slab(slab_tiles / stack),
           across(g, views, Axis::x, tile_columns), along(g, views, Axis::y, stack * tile_rows) {
         for (int k : views) {
             const View& v = g.views[k];
@@ -168,7 +175,7 @@ private:
         s.lengths.make(g.views[k], tile.a0, columns, tile.b0, tile.b1);
         for (int t = 0, b = tile.b0; b < tile.b1; t++, b += tile_rows)
             write_tile(g.views[k], s.lengths, sum_of(s, n, t), b, std::min(tile.b1, b + tile_rows), tile.a0, columns,
-                       images[k]);
+                       add, images[k]);
     }
 
     // The distance, in floats, from what a tile reads of slices z0 .. z1 - 1 to what it reads next, in the next slab
@@ -217,7 +224,7 @@ private:
 
 } // namespace
 
-void project_tiles(const ScanGeometry& g, const float* f, const std::vector<float*>& images) {
+void project_tiles(const ScanGeometry& g, const float* f, const std::vector<float*>& images, bool add) {
     std::vector<Scratch> scratch(threads());
     std::vector<int> all;
     for (size_t k = 0; k < images.size(); k++)
@@ -229,7 +236,7 @@ void project_tiles(const ScanGeometry& g, const float* f, const std::vector<floa
     for (size_t n = 0; n < groups; n++) {
         const std::vector<int> views(all.begin() + all.size() * n / groups,
                                      all.begin() + all.size() * (n + 1) / groups);
-        const Forward forward(g, f, images, views);
+        const Forward forward(g, f, images, add, views);
         const int down = forward.along.size(), across = forward.across.size();
         const int parts = std::max(1, std::min(across, tasks_per_thread * threads() / down));
         // Tasks that share a row of blocks share its rows' weights.

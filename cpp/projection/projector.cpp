@@ -16,7 +16,7 @@ namespace palpate {
 namespace {
 
 // The views with separable footprints: all but those with rotated panels.
-void project_separable(const ScanGeometry& g, const float* f, float* p) {
+void project_separable(const ScanGeometry& g, const float* f, bool add, float* p) {
     const int views = int(g.views.size());
     std::vector<std::vector<float>> fine(views); // images of oblique panels, to be resampled
     std::vector<float*> images(views, nullptr);
@@ -26,16 +26,19 @@ void project_separable(const ScanGeometry& g, const float* f, float* p) {
         if (v.orientation != PanelOrientation::rotated)
             images[k] = v.orientation == PanelOrientation::oblique ? fine[k].data() : p + k * g.pixels();
     }
-    project_tiles(g, f, images);
+    project_tiles(g, f, images, add);
+    std::vector<float> resampled;
     for (int k = 0; k < views; k++) {
         if (fine[k].empty()) continue;
         float* measured = p + k * g.pixels();
-        apply(g.views[k].resampling.measured, fine[k].data(), measured);
+        resampled.resize(g.pixels());
+        apply(g.views[k].resampling.measured, fine[k].data(), resampled.data());
         parallel(g.rows, [&](int64_t begin, int64_t end, int) {
             std::vector<float> path(g.columns);
             for (int64_t r = begin; r < end; r++) {
                 g.views[k].path(r * g.columns, 1, g.columns, path.data());
-                for (int c = 0; c < g.columns; c++) measured[r * g.columns + c] *= path[c];
+                for (int64_t c = 0, i = r * g.columns; c < g.columns; c++, i++)
+                    measured[i] = (add ? measured[i] : 0) + resampled[i] * path[c];
             }
         });
     }
@@ -82,9 +85,9 @@ bool any_swapped(const ScanGeometry& g) {
 
 } // namespace
 
-void project(const ScanGeometry& g, const float* f, float* p) {
+void project(const ScanGeometry& g, const float* f, float* p, bool add) {
     const Grid& grid = g.grid;
-    project_separable(g, f, p);
+    project_separable(g, f, add, p);
     std::vector<float> image, exchanged;
     if (any_swapped(g)) {
         exchanged.resize(grid.nz * grid.slice());
@@ -101,7 +104,10 @@ void project(const ScanGeometry& g, const float* f, float* p) {
             for (int64_t b = begin; b < end; b++) {
                 const int64_t first = v.start + b * v.step_b;
                 v.path(first, v.step_a, v.na, path.data());
-                for (int64_t a = 0; a < v.na; a++) measured[first + a * v.step_a] = image[b * v.na + a] * path[a];
+                for (int64_t a = 0; a < v.na; a++) {
+                    float& pixel = measured[first + a * v.step_a];
+                    pixel = (add ? pixel : 0) + image[b * v.na + a] * path[a];
+                }
             }
         });
     }

@@ -5,8 +5,8 @@
 
 namespace palpate {
 
-// p (views, rows, columns) = A f: line integrals of f (z, y, x), averaged over each pixel.
-void project(const ScanGeometry& geometry, const float* f, float* p);
+// p (views, rows, columns) = A f: line integrals of f (z, y, x), averaged over each pixel. add: p += A f.
+void project(const ScanGeometry& geometry, const float* f, float* p, bool add = false);
 
 // f = A' p, the exact transpose.
 void backproject(const ScanGeometry& geometry, const float* p, float* f);

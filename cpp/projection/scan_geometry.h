@@ -97,6 +97,13 @@ struct ScanGeometry {
         return g;
     }
 
+    // The same rays through slices first .. end - 1, with as many products each.
+    ScanGeometry slices(int first, int end) const {
+        ScanGeometry part = *this;
+        part.grid.nz = end - first, part.grid.z0 += first * grid.dz;
+        return part;
+    }
+
     // source, origin, rows_along, columns_along: (views, 3); pitch: (views, 2) as (dv, du).
     // oversampling: see project_onto_parallel_panel.
     ScanGeometry(const Grid& grid, int views, int rows, int columns, const double* source, const double* origin,

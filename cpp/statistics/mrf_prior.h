@@ -48,8 +48,15 @@ template <class Visit> void for_each_forward_step(const Neighbourhood& n, int64_
             }
 }
 
-// f: (nz, ny, nx) 1/mm.
-double prior_value(const Neighbourhood& n, const float* f);
+// Slices first .. end - 1 of a volume.
+struct Slices {
+    int64_t first, end;
+};
+inline Slices all_slices(const Neighbourhood& n) { return {0, n.nz}; }
+
+// f: (nz, ny, nx) 1/mm. Of some slices: their pairs with each other and with the next slice.
+double prior_value(const Neighbourhood& n, const float* f, Slices slices);
+inline double prior_value(const Neighbourhood& n, const float* f) { return prior_value(n, f, all_slices(n)); }
 
 // gradient_j = Σ_s ω ψ'(f_j − f_s) and curvature_j = Σ_s ω ψ'(t)/t (of the parabola in f_j alone), both (nz, ny, nx).
 void prior_surrogate(const Neighbourhood& n, const float* f, float* gradient, float* curvature);

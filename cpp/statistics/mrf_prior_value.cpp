@@ -132,10 +132,11 @@ double row_value(const Neighbourhood& n, const float* f, int64_t z, int64_t y) {
 
 } // namespace
 
-double prior_value(const Neighbourhood& n, const float* f) {
-    std::vector<double> part(n.nz * n.ny); // one sum a row: the total does not depend on the number of threads
-    parallel(n.nz * n.ny, [&](int64_t begin, int64_t end, int) {
-        for (int64_t row = begin; row < end; row++) part[row] = row_value(n, f, row / n.ny, row % n.ny);
+double prior_value(const Neighbourhood& n, const float* f, Slices slices) {
+    // one sum a row: the total does not depend on the number of threads
+    std::vector<double> part((slices.end - slices.first) * n.ny);
+    parallel(int64_t(part.size()), [&](int64_t begin, int64_t end, int) {
+        for (int64_t row = begin; row < end; row++) part[row] = row_value(n, f, slices.first + row / n.ny, row % n.ny);
     });
     double total = 0;
     for (double value : part) total += value;

@@ -108,10 +108,10 @@ int64_t blocks(int64_t size) { return (size + block - 1) / block; }
 
 } // namespace
 
-void prior_curvatures(const Neighbourhood& n, const float* f, const float* previous, const float* u,
+void prior_curvatures(const Neighbourhood& n, const float* f, const float* previous, const float* u, Slices slices,
                       double curvatures[3]) {
-    summed<3>(n.nz * n.ny, curvatures, [&](int64_t index, double* sums) {
-        const int64_t z = index / n.ny, y = index % n.ny;
+    summed<3>((slices.end - slices.first) * n.ny, curvatures, [&](int64_t part, double* sums) {
+        const int64_t index = slices.first * n.ny + part, z = index / n.ny, y = index % n.ny;
         const Row row = Row{f, previous, u}.at(index * n.nx);
         for_each_forward_step(n, z, y, [&](int64_t first, int64_t there, int64_t count, double weight) {
             bend_step(n.law, row.at(first), row.at(there), count, weight, sums);

@@ -11,7 +11,8 @@ namespace palpate {
 // (nz, ny, nx), sums are made block by block, so that they do not depend on the number of threads.
 
 // Σ over pairs of ω ψ'(t)/t · (Δu², Δu Δp, Δp²): the curvatures of a parabola above the prior at f, p = f − previous.
-void prior_curvatures(const Neighbourhood& n, const float* f, const float* previous, const float* u,
+// Of some slices: their pairs with each other and with the next slice.
+void prior_curvatures(const Neighbourhood& n, const float* f, const float* previous, const float* u, Slices slices,
                       double curvatures[3]);
 
 // Σ_i curvature_i · (q_i², q_i s_i, s_i²), q = A u, s = l − l_previous.
@@ -28,9 +29,9 @@ struct Majorizer {
 
 // Turns the data's gradient in u into the scaled direction: u = −g / (data + 2β bend) with g = gradient + β slope,
 // slope and bend those of the prior at f; 0 where f is 0 and would sink, or where nothing is known. slopes: g·u and
-// g·p.
+// g·p. In some slices, of which the sums are.
 void search_direction(const Neighbourhood& n, const Majorizer& data, float beta, const float* f, const float* previous,
-                      float* u, double slopes[2]);
+                      Slices slices, float* u, double slopes[2]);
 
 // u becomes [f + w0 u + w1 (f − previous)]₊.
 void advance(const float* f, const float* previous, const double w[2], int64_t size, float* u);

@@ -173,12 +173,13 @@ struct Rows {
 } // namespace
 
 void search_direction(const Neighbourhood& n, const Majorizer& data, float beta, const float* f, const float* previous,
-                      float* u, double slopes[2]) {
-    std::vector<double> sums(2 * n.nz * n.ny); // a pair a row: the total does not depend on the number of threads
-    parallel(n.nz * n.ny, [&](int64_t begin, int64_t end, int) {
+                      Slices slices, float* u, double slopes[2]) {
+    const int64_t count = (slices.end - slices.first) * n.ny;
+    std::vector<double> sums(2 * count); // a pair a row: the total does not depend on the number of threads
+    parallel(count, [&](int64_t begin, int64_t end, int) {
         Rows rows(n.nx, data.nx);
-        for (int64_t index = begin; index < end; index++) {
-            const int64_t z = index / n.ny, y = index % n.ny, here = index * n.nx;
+        for (int64_t part = begin; part < end; part++) {
+            const int64_t index = slices.first * n.ny + part, z = index / n.ny, y = index % n.ny, here = index * n.nx;
             const double at = data.step == 1 ? double(y) : (double(y) + 0.5) / double(data.step) - 0.5;
             const double held = std::min(std::max(at, 0.0), double(data.ny - 1));
             const int64_t low = int64_t(held), high = std::min(low + 1, data.ny - 1);
@@ -187,12 +188,12 @@ void search_direction(const Neighbourhood& n, const Majorizer& data, float beta,
                        n.nx, rows.coarse.data(), rows.data.data());
             if (beta > 0) {
                 NeighbourRow around[9];
-                const int count = neighbour_rows(n, z, y, around);
-                sum_neighbours(n.law, around, count, f + here, n.nx, rows.slope.data(), rows.bend.data());
+                const int neighbours = neighbour_rows(n, z, y, around);
+                sum_neighbours(n.law, around, neighbours, f + here, n.nx, rows.slope.data(), rows.bend.data());
                 leave_out_border(n, f + here, z, y, 0, n.nx, rows.slope.data(), rows.bend.data());
             }
             turn_row(rows.slope.data(), rows.bend.data(), rows.data.data(), beta, f + here, previous + here, n.nx,
-                     u + here, &sums[2 * index]);
+                     u + here, &sums[2 * part]);
         }
     });
     slopes[0] = slopes[1] = 0;

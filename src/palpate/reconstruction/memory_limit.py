@@ -37,8 +37,8 @@ def memory_limit(memory: str | float, folder: str | Path | None = None) -> Itera
     """Limit the memory of what is made in a block.
 
     Half of what Python itself leaves of it is for arrays in memory. All further ones lie in files without a name in the
-    folder, and go with the process. The system keeps of the files what it has room for. Results are the same, to the bit.
-    Blocks may not lie in each other.
+    folder, and go with the process. Reconstructions pass over volumes in files slab by slab, with sums in another order:
+    they are the same to 1e-6 of their norm. Blocks may not lie in each other.
 
     Parameters
     ----------

@@ -157,6 +157,40 @@ class Projector(LinearMap):
             _core.projection.backproject(s.geometry, some, sliced)
             s.put(sliced, out, add=k > 0)
 
+    def project_slices(self, first: int, end: int, values: Float32, out: Float32) -> None:
+        """Write the line integrals through some slices, or add them where slices before them have been projected.
+
+        Parameters
+        ----------
+        first, end : int
+            The slices `first` to `end` - 1; all of them, unless all views are `upright`.
+        values : ndarray, (z, y, x)
+            The volume, C-contiguous float32.
+        out : ndarray, (views, rows, columns)
+            Where the projections go, likewise: written from slice 0 on, added to from any other.
+        """
+        if (first, end) == (0, self.domain_shape[0]):
+            self.project(values, out)
+        else:
+            _core.projection.project(self.geometry.slices(first, end), values[first:end], out, add=first > 0)
+
+    def backproject_slices(self, first: int, end: int, p: Float32, out: Float32) -> None:
+        """Write some slices of Aᵀ p.
+
+        Parameters
+        ----------
+        first, end : int
+            The slices `first` to `end` - 1; all of them, unless all views are `upright`.
+        p : ndarray, (views, rows, columns)
+            The projections, C-contiguous float32.
+        out : ndarray, (z, y, x)
+            The volume in which these slices are written.
+        """
+        if (first, end) == (0, self.domain_shape[0]):
+            self.backproject(p, out)
+        else:
+            _core.projection.backproject(self.geometry.slices(first, end), p, out[first:end])
+
 
 class Transpose(LinearMap):
     """A.T: projections back into the volume. A.T.T is A."""

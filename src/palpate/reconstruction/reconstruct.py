@@ -1,5 +1,6 @@
 """Reconstructs a volume from a scan: levels, methods, optimizers."""
 
+import math
 import time
 import warnings
 from collections import deque
@@ -43,7 +44,7 @@ from palpate.scans.grid_placement import check_grid
 from palpate.scans.scan import Scan
 from palpate.volumes.grid import Grid
 from palpate.volumes.resample import INTERPOLATIONS, Interpolation, resample
-from palpate.volumes.volume import Volume
+from palpate.volumes.volume import Volume, finite_volume
 
 Method = Literal["map", "ml", "tv", "sirt", "sart", "fbp", "backprojection"]
 DIRECT = ("backprojection", "fbp")  # done in one step
@@ -343,7 +344,9 @@ def _run(
             shared = method in ("map", "ml") and pace is None and own is None
             if shared and not finished:
                 f.flags.writeable = False
-            volume = Volume(f if shared else np.array(f), grid, notes=notes)
+            # A solver of ours steps to max(0, ...), never to NaN, and a step to infinity has no finite objective.
+            known = shared and math.isfinite(now)
+            volume = finite_volume(f, grid, notes) if known else Volume(f if shared else np.array(f), grid, notes=notes)
             previous, numbers = (values, ()) if pace is None else pace.state()
             if finished or not remembers or own:
                 previous, numbers = None, ()

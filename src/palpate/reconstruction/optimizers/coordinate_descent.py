@@ -10,6 +10,7 @@ from palpate.reconstruction.models.likelihood import Curvature, Likelihood, valu
 from palpate.reconstruction.models.mrf_prior import Prior
 from palpate.reconstruction.optimizers.problem import Problem
 from palpate.reconstruction.projector import Projector
+from palpate.reconstruction.slab_passes import passes, slabs_of
 from palpate.reconstruction.slicing import ORDER
 from palpate.reconstruction.volume_pool import VolumePool
 
@@ -39,25 +40,34 @@ def coordinate_descent(
     """
     pool = pool if pool is not None else VolumePool(A.grid.shape)
     values = np.ascontiguousarray(values, np.float32)
-    l, slope, following = A(values), np.empty(A.range_shape, np.float32), np.empty(A.range_shape, np.float32)
+    l, slope, following = (np.empty(A.range_shape, np.float32) for _ in range(3))
     problem = Problem(A, likelihood, prior, beta, curvature, support)
-    penalty, law = problem.penalty, problem.law
-    objective = value_and_slope(likelihood, l, slope) + penalty(values)
+    slabs, law = slabs_of(A.grid.shape, [end for _, end, _ in _core.icd.slabs(A.geometry)]), problem.law
+    penalty = 0.0
+    for slab in passes(slabs, [values]):
+        A.project_slices(*slab, values, l)
+        penalty += problem.penalty_before(slab, values)
+    objective = value_and_slope(likelihood, l, slope) + penalty
     kinds: tuple[Curvature, ...] = (curvature, "optimal") if curvature == "precomputed" else (curvature,)
     data, held = _core.icd.SurrogateImages(A.geometry), ""
     while True:
-        old, values = values, pool.copy(values)
+        old, values = values, pool.empty()
         for kind in kinds:
             data.set_slope(slope)
             if kind != "precomputed" or kind != held:  # the precomputed curvature does not depend on l
                 data.set_curvature(np.ascontiguousarray(likelihood.curvature(l, kind)))
                 held = kind
-            _core.icd.sweep(data, values, *law, beta, relaxation, support=support)
-            A.project(values, following)
-            now = value_and_slope(likelihood, following, slope) + penalty(values)
+            penalty, copied = 0.0, 0
+            for slab in passes(slabs, [old], [values]):
+                beside = min(slab[1] + 1, len(values))  # the slice after the slab is a neighbour of its last one
+                np.copyto(values[copied:beside], old[copied:beside])
+                copied = beside
+                _core.icd.sweep(data, values, *law, beta, relaxation, False, support, *slab)
+                A.project_slices(*slab, values, following)
+                penalty += problem.penalty_before(slab, values)
+            now = value_and_slope(likelihood, following, slope) + penalty
             if now <= objective or kind == kinds[-1]:
                 break
-            np.copyto(values, old)
             value_and_slope(likelihood, l, slope)
         objective, l, following = now, following, l
         yield values, objective

@@ -8,8 +8,9 @@ from palpate import _core
 from palpate.arrays import Float32, UInt8
 from palpate.reconstruction.models.likelihood import Curvature, Likelihood, value_and_slope
 from palpate.reconstruction.models.mrf_prior import Prior
-from palpate.reconstruction.optimizers.problem import Problem, hold_outside
+from palpate.reconstruction.optimizers.problem import Problem
 from palpate.reconstruction.projector import Projector
+from palpate.reconstruction.slab_passes import passes
 from palpate.reconstruction.volume_pool import VolumePool
 from palpate.scans.views import Panel, Views
 from palpate.volumes.grid import Grid
@@ -58,29 +59,40 @@ def memory_gradient(
 class _MemoryGradient:
     """The problem, what stays the same over all iterations, and what the last two iterates project to.
 
-    l, l_before: their line integrals. slope: the likelihood's there, and then what the direction projects to. spare: for
-    the line integrals of the next iterate. With the curvature five arrays of the scan's size.
+    l, l_before: their line integrals. slope: the likelihood's there. spare: for what the direction projects to, and then
+    for the line integrals of the next iterate. With the curvature five arrays of the scan's size.
+
+    An iteration passes twice over the volumes, slab by slab: the direction is made, projected and measured in one pass; in
+    the other the step is made, projected and its penalty taken.
     """
 
     def __init__(self, problem: Problem, pool: VolumePool) -> None:
         A, likelihood, curvature = problem.A, problem.likelihood, problem.curvature
         self.A, self.likelihood, self.beta, self.kind = A, likelihood, problem.beta, curvature
-        self.penalty, self.add_linear, self.pool = problem.penalty, problem.add_linear, pool
+        self.problem, self.pool = problem, pool
         self.l, self.l_before, self.spare, self.slope = (np.zeros(A.range_shape, np.float32) for _ in range(4))
         self.bend = np.ascontiguousarray(likelihood.curvature(self.l, "precomputed"))
         self.majoriser, self.cell = majoriser(A, self.bend, STEP)
         if curvature != "precomputed":
             self.bend = self.l  # never read
-        self.law, self.support = problem.law, problem.support
+        self.law = problem.law
 
     def look(self, f: Float32, before: Float32 | None) -> float:
         """The objective at f, from which `step` goes on."""
-        self.A.project(f, self.l)
+        penalty = self._project(f, self.l)
         if before is not None:
-            self.A.project(before, self.l_before)
+            self._project(before, self.l_before)
         else:
             np.copyto(self.l_before, self.l)
-        return value_and_slope(self.likelihood, self.l, self.slope) + self.penalty(f)
+        return value_and_slope(self.likelihood, self.l, self.slope) + penalty
+
+    def _project(self, f: Float32, out: Float32) -> float:
+        """Writes the line integrals of a volume, and returns its penalty."""
+        penalty = 0.0
+        for slab in passes(self.problem.slabs, [f]):
+            self.A.project_slices(*slab, f, out)
+            penalty += self.problem.penalty_before(slab, f)
+        return penalty
 
     def step(self, f: Float32, before: Float32, objective: float) -> tuple[Float32, float]:
         """The next iterate and its objective; f itself where nothing lowers it."""
@@ -93,9 +105,13 @@ class _MemoryGradient:
             weights = self._direction(f, before, u, attempt)
             if weights is None:
                 break
-            _core.subspace.subspace_step(f, before, weights, u)
-            self.A.project(u, self.spare)
-            now = value_and_slope(self.likelihood, self.spare, self.slope) + self.penalty(u)
+            penalty = 0.0
+            for slab in passes(self.problem.slabs, [f, before, u]):
+                part = slice(*slab)
+                _core.subspace.subspace_step(f[part], before[part], weights, u[part])
+                self.A.project_slices(*slab, u, self.spare)
+                penalty += self.problem.penalty_before(slab, u)
+            now = value_and_slope(self.likelihood, self.spare, self.slope) + penalty
             if now <= objective:
                 self.l_before, self.l, self.spare = self.l, self.spare, self.l_before
                 return u, now
@@ -104,26 +120,26 @@ class _MemoryGradient:
         return f, objective
 
     def _direction(self, f: Float32, before: Float32, u: Float32, attempt: int) -> tuple[float, float] | None:
-        """Writes u and tells how far to go along it and along p, ever more carefully; None where there is no slope.
-
-        Needs the likelihood's slope in `slope`, and leaves what u projects to there.
-        """
-        spacing = self.A.grid.spacing
-        self.A.backproject(self.slope, u)
-        self.add_linear(u)
-        hold_outside(u, self.support)
-        slopes = _core.subspace.search_direction(f, before, u, self.majoriser, self.cell, self.beta, spacing, *self.law)
-        self.A.project(u, self.slope)
+        """Writes u and tells how far to go along it and along p, ever more carefully; None where there is no slope."""
+        spacing, slopes, prior_bends = self.A.grid.spacing, np.zeros(2), np.zeros(3)
+        for slab in passes(self.problem.slabs, [f, before], [u]):
+            self.A.backproject_slices(*slab, self.slope, u)
+            self.problem.complete(u, slab)
+            slopes += _core.subspace.search_direction(
+                f, before, u, self.majoriser, self.cell, self.beta, spacing, *self.law, *slab
+            )
+            self.A.project_slices(*slab, u, self.spare)
+            if self.beta > 0:
+                pairs = self.problem.pairs_before(slab)
+                prior_bends += _core.subspace.prior_curvatures(f, before, u, spacing, *self.law, *pairs)
         if self.kind == "precomputed" and attempt > 0:
             bend = np.ascontiguousarray(self.likelihood.curvature(self.l, "optimal"))
         elif self.kind == "precomputed":
             bend = self.bend
         else:
             bend = np.ascontiguousarray(self.likelihood.curvature(self.l, self.kind))
-        bends = np.array(_core.subspace.data_curvatures(bend, self.l, self.l_before, self.slope))
-        if self.beta > 0:
-            bends += self.beta * np.array(_core.subspace.prior_curvatures(f, before, u, spacing, *self.law))
-        uu, up, pp = bends.tolist()
+        bends = np.array(_core.subspace.data_curvatures(bend, self.l, self.l_before, self.spare))
+        uu, up, pp = (bends + self.beta * prior_bends).tolist()
         if not uu > 0:
             return None
         if attempt < 2:

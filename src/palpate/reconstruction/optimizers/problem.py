@@ -12,6 +12,7 @@ from palpate.arrays import AnyArray, Float32, UInt8
 from palpate.reconstruction.models.likelihood import Curvature, Likelihood
 from palpate.reconstruction.models.mrf_prior import Prior
 from palpate.reconstruction.projector import Projector
+from palpate.reconstruction.slab_passes import Slab, passes, slabs_of
 
 # In a support: a voxel within the object's own outline. Its neighbours outside do not count in R, which would draw the
 # object's rim towards the air. In a hull they do: much of it is air, as they are.
@@ -42,10 +43,28 @@ class Problem:
 
     def penalty(self, f: Float32) -> float:
         """β R(f) − ⟨linear, f⟩."""
-        value = self.beta * _core.statistics.prior_value(f, self.A.grid.spacing, *self.law) if self.beta > 0 else 0.0
+        return sum(self.penalty_before(slab, f) for slab in passes(self.slabs, [f]))
+
+    def penalty_before(self, slab: Slab, f: Float32) -> float:
+        """The part of it that is known once the slabs up to this one are: their pairs with each other and with it."""
+        first, end = self.pairs_before(slab)
+        value = 0.0
+        if self.beta > 0:
+            value = self.beta * _core.statistics.prior_value(f, self.A.grid.spacing, *self.law, first, end)
         if self.linear is not None:  # slice by slice, so that the sum is one of doubles
-            value -= sum(float(np.vdot(e, g)) for e, g in zip(self.linear, f, strict=True))
+            value -= sum(float(np.vdot(e, g)) for e, g in zip(self.linear[first:end], f[first:end], strict=True))
         return value
+
+    def pairs_before(self, slab: Slab) -> Slab:
+        """The slices whose next slice is known as well once the slabs up to this one are; the last one has none."""
+        first, end = slab
+        return max(0, first - 1), end if end == self.A.grid.shape[0] else end - 1
+
+    @cached_property
+    def slabs(self) -> list[Slab]:
+        """In which a pass goes over the volumes."""
+        shape = self.A.grid.shape
+        return slabs_of(shape) if self.A.upright else [(0, shape[0])]
 
     @cached_property
     def law(self) -> tuple[_core.statistics.PriorKernel, float]:
@@ -60,7 +79,8 @@ class Problem:
     def gradient(self, f: Float32) -> Float32:
         """∇Φ(f), (z, y, x)."""
         slope = self.A.T(self.likelihood.slope(self.A(f)))
-        self.add_linear(slope)
+        if self.linear is not None:
+            slope -= self.linear
         return slope + self.prior_surrogate(f)[0] if self.beta > 0 else slope
 
     def prior_surrogate(self, f: Float32) -> tuple[Float32, Float32]:
@@ -68,10 +88,13 @@ class Problem:
         slope, bend = _core.statistics.prior_surrogate(f, self.A.grid.spacing, *self.law)
         return np.float32(self.beta) * slope, np.float32(self.beta) * bend
 
-    def add_linear(self, gradient: Float32) -> None:
-        """Adds the gradient of −⟨linear, f⟩, in place."""
+    def complete(self, gradient: Float32, slab: Slab) -> None:
+        """Adds the gradient of −⟨linear, f⟩ to some slices, in place, and holds f at 0 outside the support."""
+        part = slice(*slab)
         if self.linear is not None:
-            gradient -= self.linear
+            gradient[part] -= self.linear[part]
+        if self.support is not None:
+            hold_outside(gradient[part], self.support[part])
 
 
 def hold_outside(gradient: Float32, support: UInt8 | None) -> None:
