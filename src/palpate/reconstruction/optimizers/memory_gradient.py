@@ -143,7 +143,7 @@ class _MemoryGradient:
         if not uu > 0:
             return None
         if attempt < 2:
-            return plane_minimum(slopes, uu, up, pp)
+            return plane_minimum(slopes.tolist(), uu, up, pp)
         return -slopes[0] / uu / 4 ** (attempt - 2), 0.0
 
 
