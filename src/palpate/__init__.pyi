@@ -171,6 +171,7 @@ from .simulation.z_width import HandImpedance as HandImpedance
 from .simulation.z_width import ZWidth as ZWidth
 from .simulation.z_width import z_width as z_width
 from .standalone.organ_page import export as export
+from .standalone.organ_page import export_case as export_case
 from .studies.deformation.study import deformation_study as deformation_study
 from .studies.detection.study import detection_study as detection_study
 from .studies.doubt.study import doubt_study as doubt_study

@@ -216,13 +216,15 @@ function showFrame(data: ArrayBuffer, others: OtherHand[]): void {
   if (waiting || supersedes(data)) sendFrame();
 }
 
-/** Starts a session of an exported organ: two parts, the scene and the solid, each after its length. */
+/** Starts a session of an exported organ: scene, solid and, of a lesson's case, its rules as JSON, each after its length. */
 async function openFile(data: ArrayBuffer, module: ArrayBuffer): Promise<void> {
-  const length = new DataView(data).getUint32(0, true);
+  const view = new DataView(data), parts: Uint8Array<ArrayBuffer>[] = [];
+  for (let at = 0; at < data.byteLength; at += 4 + view.getUint32(at, true)) parts.push(new Uint8Array(data, at + 4, view.getUint32(at, true)));
+  const [scene, solid, rules] = parts;
   const engine = await TouchEngine.load(module);
-  show(data.slice(4, 4 + length));
-  engine.make(new Uint8Array(data, 8 + length));
-  local = new LocalSession(engine, takeMessage);
+  show(scene.slice().buffer);
+  engine.make(solid);
+  local = new LocalSession(engine, takeMessage, rules ? JSON.parse(new TextDecoder().decode(rules)) : null, (text) => page.postMessage({ kind: "notice", text }));
   local.start();
   page.postMessage({ kind: "status", good: true, text: "" });
 }

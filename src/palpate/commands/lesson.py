@@ -1,4 +1,4 @@
-"""`palpate lesson new|check|start|score`: lessons that are written, taken as exams, and judged."""
+"""`palpate lesson new|check|start|export|score`: lessons that are written, taken as exams, and judged."""
 
 import shlex
 from pathlib import Path
@@ -96,9 +96,50 @@ def start_command(
         typer.echo(f"result: {shlex.join(['palpate', 'lesson', 'score', str(record), str(lesson)])}")
 
 
+@lesson_app.command("export", short_help="Writes cases as pages that need no server.")
+def export_command(
+    lesson: LessonFile,
+    output: Annotated[
+        Path,
+        typer.Option("-o", "--output", help="Page to write: .html; of several cases the folder.", show_default=False),
+    ],
+    seed: Annotated[int, typer.Option(help="Which case, or the first of several.", show_default=False)],
+    cases: Annotated[int, typer.Option(help="How many cases, a page each.", min=1, max=1000)] = 1,
+    channel: Annotated[
+        str, typer.Option(help="How the force comes to the trainee: screen, sound, gamepad.")
+    ] = "screen",
+) -> None:
+    """Example: [bold]palpate lesson export lesson.yaml --seed 1 --cases 20 -o class[/bold]
+
+    Writes cases as pages that need no server: each works from a disk or
+    any web host, offline. "Save session" in the page writes what was done
+    there, for a result:
+    palpate lesson score session.json lesson.yaml
+
+    A page draws nothing of what is inside, but its file holds it, since
+    its engine answers the hand. For an exam that counts: lesson start.
+    """
+    from palpate.atomic_write import new_folder, replacing_folder
+
+    read = pp.read_lesson(lesson)
+    if cases == 1:
+        written = pp.export_case(read, seed, output, channel=channel)
+        typer.echo(f"{written}: case {seed}, {written.stat().st_size / 1e6:.1f} MB; open it in a browser")
+        return
+    new_folder(output)
+    with replacing_folder(output) as made, progress() as say:
+        for number in range(cases):
+            say(f"case {seed + number}", number / cases)
+            pp.export_case(read, seed + number, made / f"case-{seed + number}.html", channel=channel)
+    typer.echo(f"{output}: cases {seed} to {seed + cases - 1}, a page each")
+
+
 @lesson_app.command("score", short_help="Judges a recorded session by its lesson.")
 def score_command(
-    session: Annotated[Path, typer.Argument(help="What `palpate lesson start` recorded (.h5).", show_default=False)],
+    session: Annotated[
+        Path,
+        typer.Argument(help="What `palpate lesson start` recorded (.h5), or a page saved (.json).", show_default=False),
+    ],
     lesson: LessonFile,
     output: Annotated[Path, typer.Option("-o", "--output", help="Report to write; .json and .csv beside it.")] = Path(
         "report.html"

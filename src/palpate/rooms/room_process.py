@@ -61,6 +61,8 @@ class RoomProcess:
             "tension": self.room.tension,
             "toughness": self.room.toughness,
             "replay": [str(path.resolve()) for path in self.room.replay],
+            "lesson": None if self.room.lesson is None else str(self.room.lesson.resolve()),
+            "seed": self.room.seed,
             "record": str(record_name(self.record, self.closed).resolve()),
             "token": self.token,
             "state": self.state,

@@ -21,9 +21,12 @@ import numpy as np
 from palpate.errors import DataError, PalpateError
 from palpate.meshes.cutting.blade import Blade
 from palpate.meshes.cutting.cut_mesh import CutMesh
+from palpate.server.exam import Exam
+from palpate.server.lesson_server import exam_session
 from palpate.server.live_session import LiveSession
 from palpate.server.loopback_server import loopback_socket
 from palpate.server.touch import replayed, running_session, write_records
+from palpate.simulation.lesson import read_lesson
 from palpate.simulation.pointer import Pointer
 from palpate.simulation.recording import read_record, recovered
 from palpate.simulation.session import Session
@@ -73,6 +76,8 @@ def tell_states(live: LiveSession, own: int, out: TextIO, ended: Event) -> None:
 
 def opened(room: dict[str, Any]) -> tuple[LiveSession, int]:
     """The session of a room, with the cuts and notes of one that died, and how many cuts its file has."""
+    if room["lesson"]:
+        return exam_room(room), 0
     organs = {Path(path).stem: read_tissue(path) for path in room["organs"]}
     if room["replay"]:
         records = {f"{room['title']}: {Path(path).stem}": read_record(path) for path in room["replay"]}
@@ -97,10 +102,22 @@ def opened(room: dict[str, Any]) -> tuple[LiveSession, int]:
     return LiveSession(session, Pointer(), room["title"], organs, record=record, **named), len(blades_of(first))
 
 
+def exam_room(room: dict[str, Any]) -> LiveSession:
+    """A case of a lesson, which all in the room take together. One that died begins anew, but for the claims."""
+    exam = Exam(read_lesson(room["lesson"]), room["seed"])
+    exam.claims = (room["state"] or {}).get("claims", 0)
+    record = None if room["record"] is None else Path(room["record"])
+    asked, title = exam.lesson.asked, exam.lesson.title
+    return LiveSession(exam_session(exam), Pointer(), title, task=asked, record=record, exam=exam, room=room["name"])
+
+
 def state_of(live: LiveSession, own: int) -> dict[str, Any]:
-    """The cuts of the room's first organ but for its file's `own`, and the notes, as JSON can hold them; none of a replay."""
-    if live.is_replay:
-        return described([], ())
+    """The cuts of the room's first organ but for its file's `own`, and the notes, as JSON can hold them; none of a replay.
+
+    Of an exam how many claims were made.
+    """
+    if live.is_replay or live.exam:
+        return described([], ()) | ({"claims": live.exam.claims} if isinstance(live.exam, Exam) else {})
     first = (*live.finished, live.session)[0]
     return described(blades_of(first.tissue)[own:], live.notes)
 

@@ -10,7 +10,7 @@ from palpate.scans.bounded_yaml import yaml_in
 
 KIND, VERSION = "palpate rooms", 1
 MOST_ROOMS = 64
-KEYS = ("organs", "title", "model", "radius", "tension", "toughness", "record", "replay")
+KEYS = ("organs", "title", "model", "radius", "tension", "toughness", "record", "replay", "lesson", "seed")
 MOST_REPLAYS = 2
 
 
@@ -23,7 +23,7 @@ class RoomFile:
     name : str
         Of the room: letters, digits, - and _.
     organs : tuple of Path
-        Tissues (.vtu): resolutions of one organ; the first is shown.
+        Tissues (.vtu): resolutions of one organ; the first is shown. None with a lesson, which names its own.
     title : str, optional
         Title of the page. The default is the name.
     model : str, optional
@@ -39,6 +39,10 @@ class RoomFile:
     replay : tuple of Path, optional
         One or two recorded sessions that everybody watches, side by side, in place of an organ that is touched. Teachers
         play them. Each needs its tissue among the organs.
+    lesson : Path, optional
+        A lesson (.yaml), one case of which all who are in the room take together, as an exam.
+    seed : int, optional
+        Which case.
 
     Raises
     ------
@@ -60,11 +64,19 @@ class RoomFile:
     record: Path | None = None
     replay: tuple[Path, ...] = ()
     toughness: float | None = None
+    lesson: Path | None = None
+    seed: int = 0
 
     def __post_init__(self) -> None:
         if not self.name or len(self.name) > 40 or not self.name.replace("-", "").replace("_", "").isalnum():
             raise DataError(f"room: {self.name[:60]!r}; expected a name of letters, digits, - and _, at most 40")
-        if not self.organs:
+        if self.lesson:
+            others = ("organs", "replay", "model", "radius", "tension", "toughness")
+            if given := [key for key in others if getattr(self, key)]:
+                raise DataError(
+                    f"room {self.name}: lesson: it says what is touched and how; leave out {', '.join(given)}"
+                )
+        elif not self.organs:
             raise DataError(f"room {self.name}: organs: none; name a tissue (.vtu)")
         if len(self.replay) > MOST_REPLAYS:
             raise DataError(
@@ -88,6 +100,7 @@ def read_rooms(path: str | Path) -> tuple[RoomFile, ...]:
           anatomy: {organs: [kidney.vtu], record: anatomy.h5}
           abdomen: {organs: [abdomen.vtu], title: An abdomen, tension: 2}
           lecture: {organs: [kidney.vtu], replay: [novice.h5, expert.h5]}
+          exam: {lesson: lesson.yaml, seed: 7, record: exam.h5}
 
     Of each room what `RoomFile` takes. Files are relative to the list's.
 
@@ -136,19 +149,24 @@ def _room(folder: Path, name: str, given: Any) -> RoomFile:
         raise DataError(f"room {name}: expected {{organs: [kidney.vtu]}} or the like, got {str(given)[:40]!r}")
     if unknown := sorted(set(map(str, given)) - set(KEYS)):
         raise DataError(f"room {name}: {unknown[0]}: no such key; there are {', '.join(KEYS)}")
-    organs = _files(name, "organs", given, "names of tissues: [kidney.vtu]")
+    organs: tuple[str, ...] = ()
+    if "organs" in given or "lesson" not in given:
+        organs = _files(name, "organs", given, "names of tissues: [kidney.vtu]")
     replay = _files(name, "replay", given, "recorded sessions: [session.h5]") if "replay" in given else ()
-    for key in ("title", "model", "record"):
+    for key in ("title", "model", "record", "lesson"):
         if not isinstance(given.get(key, ""), str):
             raise DataError(f"room {name}: {key}: expected a text, got {str(given[key])[:40]!r}")
     for key in ("radius", "tension", "toughness"):
         value = given.get(key, 0.0)
         if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < 1e4:
             raise DataError(f"room {name}: {key}: {str(value)[:40]!r}; expected a number from 0 on")
-    record = folder / given["record"] if given.get("record") else None
-    plain = {key: given[key] for key in ("title", "model", "radius", "tension", "toughness") if key in given}
+    seed = given.get("seed", 0)
+    if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0 or ("seed" in given and "lesson" not in given):
+        raise DataError(f"room {name}: seed: {str(seed)[:40]!r}; with a lesson, a whole number from 0 on")
+    record, lesson = (folder / given[key] if given.get(key) else None for key in ("record", "lesson"))
+    plain = {key: given[key] for key in ("title", "model", "radius", "tension", "toughness", "seed") if key in given}
     paths = [tuple(folder / one for one in files) for files in (organs, replay)]
-    return RoomFile(name, paths[0], record=record, replay=paths[1], **plain)
+    return RoomFile(name, paths[0], record=record, replay=paths[1], lesson=lesson, **plain)
 
 
 def _files(name: str, key: str, given: dict[Any, Any], expected: str) -> tuple[str, ...]:

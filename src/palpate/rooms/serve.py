@@ -251,7 +251,7 @@ def checked_rooms(rooms: Sequence[RoomFile], folder: Path) -> dict[str, RoomProc
     if len(set(names)) < len(names):
         raise DataError(f"rooms: two are called {max(names, key=names.count)}; give each a name of its own")
     for room in rooms:
-        for path in (*room.organs, *room.replay):
+        for path in (*room.organs, *room.replay, *([room.lesson] if room.lesson else [])):
             if not path.is_file():
                 raise FileError(f"{path}: no such file; room {room.name} needs it")
         if room.record is not None:

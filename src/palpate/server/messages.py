@@ -13,6 +13,7 @@ from typing import Annotated, Any, get_args, get_type_hints
 
 from palpate.arrays import AnyArray, Float64
 from palpate.meshes.display_surfaces import Part
+from palpate.simulation.lesson import EXAM_FORCE, EXAM_LENGTH, EXAM_WORK
 from palpate.simulation.pointer import TOOLS, CommandKind, ContactState
 from palpate.simulation.session import LUMP, RATE, SAMPLE
 from palpate.simulation.session_notes import LONGEST_NOTE, MOST_NOTES, SessionNote
@@ -536,6 +537,9 @@ CONSTANTS = {
     "DISTANCE_STEPS": DISTANCE_STEPS,
     "DISPLACEMENT_STEPS": DISPLACEMENT_STEPS,
     "AT_REST": AT_REST,
+    "EXAM_LENGTH": EXAM_LENGTH,
+    "EXAM_FORCE": EXAM_FORCE,
+    "EXAM_WORK": EXAM_WORK,
     "LONGEST_NOTE": LONGEST_NOTE,
     "MOST_NOTES": MOST_NOTES,
     "RATE": RATE,

@@ -84,8 +84,13 @@ async def scene(request: Request) -> Response:
 
 
 async def solid(request: Request) -> Response:
-    """The organ for the engine of a page that answers its own hand; status 409 and the reason if it cannot."""
+    """The organ for the engine of a page that answers its own hand; status 409 and the reason if it cannot.
+
+    Not in an exam: the solid tells what is inside.
+    """
     live = shown_by(request)
+    if live.exam is not None:
+        return Response("prediction: not in an exam", 409, media_type="text/plain")
     try:
         data = await asyncio.to_thread(predicted_solid, live.session)
     except PalpateError as problem:

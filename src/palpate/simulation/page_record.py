@@ -53,6 +53,7 @@ def parse_page_record(text: bytes, path: str | Path) -> dict[str, Any]:
             "tissue": str(saved["tissue"]),
             "settings": {str(name): float(value) for name, value in saved["settings"].items()},
             "instructions": str(saved["instructions"]),
+            "lesson": str(saved.get("lesson", "")),
             "marks": tuple((int(tick), int(what), int(tool)) for tick, what, tool in saved["marks"]),
             "notes": tuple(
                 checked_note(int(tick), (float(x), float(y), float(z)), str(text))

@@ -1,10 +1,14 @@
-"""An organ that a page holds by itself: the scene, then the solid, as bytes."""
+"""An organ that a page holds by itself: the scene, then the solid, then the rules of an exam, as bytes."""
 
+import json
 import struct
 
+from palpate.server.exam import Exam
 from palpate.server.scene_message import scene_bytes
 from palpate.server.solid_message import followed_model, solid_bytes
+from palpate.simulation.lesson_case import lesson_case
 from palpate.simulation.session import Session
+from palpate.tissue.io import read_tissue
 from palpate.tissue.tissue import Tissue
 
 
@@ -18,5 +22,22 @@ def session_of(tissue: Tissue, radius: float | None = None) -> Session:
 
 def organ_data(session: Session, title: str, task: str = "") -> bytes:
     """The scene as the server sends it, then the solid. Both begin with their length, 32 bits."""
-    parts = scene_bytes(session, title, task=task), solid_bytes(session)
+    return _joined(scene_bytes(session, title, task=task), solid_bytes(session))
+
+
+def case_session(exam: Exam) -> Session:
+    """The session of an exam's case in a page; what is inside is not drawn. Raises as `session_of`, and `DataError`."""
+    case = lesson_case(exam.lesson, read_tissue(exam.lesson.organ), exam.seed)
+    return Session(followed_model(case, "export", "serve it: palpate lesson start"), sweeps=1, regions=False)
+
+
+def case_data(session: Session, exam: Exam) -> bytes:
+    """Scene and solid of an exam's case, and then its rules, as web/src/engine/exam.ts reads them."""
+    lesson = exam.lesson
+    scene = scene_bytes(session, lesson.title, task=lesson.asked, tools=exam.tools, views=exam.views, exam=True)
+    rules = {"tools": exam.tools, "claims": lesson.claims, "time": lesson.time, "lesson": exam.description}
+    return _joined(scene, solid_bytes(session), json.dumps(rules).encode())
+
+
+def _joined(*parts: bytes) -> bytes:
     return b"".join(struct.pack("<I", len(part)) + part for part in parts)

@@ -3,11 +3,14 @@
 from pathlib import Path
 
 from palpate.atomic_write import new_folder, replacing, replacing_folder, writable
-from palpate.errors import FileError
+from palpate.errors import DataError, FileError
 from palpate.server.access_control import check_page
+from palpate.server.exam import Exam
+from palpate.simulation.forced_choice import CHANNELS
+from palpate.simulation.lesson import Lesson
 from palpate.simulation.training_task import Task, target_of
 from palpate.standalone.embedded_page import LICENCES, embedded_page, head, inline, licences, packed, static
-from palpate.standalone.organ_data import organ_data, session_of
+from palpate.standalone.organ_data import case_data, case_session, organ_data, session_of
 from palpate.tissue.tissue import Tissue
 
 MODULE = Path(__file__).with_name("engine.wasm")
@@ -74,17 +77,76 @@ def export(
     >>> pp.export(tissue, "organ.html", title="Kidney").name
     'organ.html'
     """
-    path = Path(path)
-    if folder:
-        new_folder(path)
-    elif path.suffix not in (".html", ".htm"):
-        raise FileError(f"{path}: a page ends in .html; name it organ.html, for example")
-    else:
-        path = writable(path)
+    path = _writable_page(Path(path), folder)
     asked, title = task or Task(), title or "organ"
     target_of(asked, tissue)
     check_page()
-    data = organ_data(session_of(tissue, radius), title, asked.text)
+    return _write(path, folder, organ_data(session_of(tissue, radius), title, asked.text), title)
+
+
+def export_case(lesson: Lesson, seed: int, path: str | Path, *, channel: str = "screen", folder: bool = False) -> Path:
+    """Write a case of a lesson as one file that is taken as an exam in any browser, without a server.
+
+    The page allows what the lesson does: tools, views, claims and time. It saves the session, which `lesson_result`
+    judges. It draws nothing of what is inside, but the file holds it, since its engine answers the hand: who takes the file
+    apart finds the lump. Where that matters, serve the case with `take_lesson`.
+
+    Parameters
+    ----------
+    lesson : Lesson
+        The lesson.
+    seed : int
+        Which case.
+    path : str or Path
+        File to write: .html; or the folder.
+    channel : {"screen", "sound", "gamepad"}, optional
+        How the force comes to the trainee.
+    folder : bool, optional
+        Whether to write separate files into a new folder, for a web host, instead.
+
+    Returns
+    -------
+    Path
+        The page that was written.
+
+    Raises
+    ------
+    FileError
+        If the organ cannot be read, the file cannot be written, or the page or the engine is missing.
+    MaterialError
+        If the engine does not follow the tissue.
+    DataError
+        If the channel is none, or the case cannot be drawn.
+
+    Examples
+    --------
+    >>> plain = pp.tetrahedralize(labels, "organ", edge=6)
+    >>> pp.write_tissue("organ.vtu", pp.Tissue(plain, 5, poisson=0.4, fixed=pp.resting_on(plain, (0, 0, -1))))
+    >>> lesson = pp.Lesson("One lump", Path("organ.vtu"), "finding a lump with a pointer", "the feel of a glove")
+    >>> pp.export_case(lesson, 7, "case-7.html").name
+    'case-7.html'
+    """
+    if channel not in CHANNELS or channel == "device":
+        others = ", ".join(name for name in CHANNELS if name != "device")
+        raise DataError(f"channel: {channel!r} is none in a page by itself; choose one of {others}")
+    path = _writable_page(Path(path), folder)
+    check_page()
+    exam = Exam(lesson, seed, channel)
+    return _write(path, folder, case_data(case_session(exam), exam), lesson.title)
+
+
+def _writable_page(path: Path, folder: bool) -> Path:
+    """Where the page may be written. Raises `FileError`."""
+    if folder:
+        new_folder(path)
+        return path
+    if path.suffix not in (".html", ".htm"):
+        raise FileError(f"{path}: a page ends in .html; name it organ.html, for example")
+    return writable(path)
+
+
+def _write(path: Path, folder: bool, data: bytes, title: str) -> Path:
+    """Writes the page around its data, whole or not at all, and returns its name."""
     if not folder:
         with replacing(path) as temporary:
             temporary.write_text(one_file(data, title), encoding="utf-8")

@@ -1,6 +1,7 @@
 // A session in the page itself, in place of a server: it takes and sends the same messages.
-import { MARK_KIND, MOST_NOTES, NOTE_KIND, NoteStep, TOOLCOMMAND_KIND, TOOLS, decodeMark, decodeToolCommand, type ToolCommand } from "../protocol/server-messages";
-import { frameMessage } from "./frame-message";
+import { CommandKind, MARK_KIND, MOST_NOTES, NOTE_KIND, NoteStep, TOOLCOMMAND_KIND, TOOLS, decodeMark, decodeToolCommand, type ToolCommand } from "../protocol/server-messages";
+import { Exam, type ExamRules } from "./exam";
+import { examFrameMessage, frameMessage } from "./frame-message";
 import { notesMessage, readNote } from "../protocol/text-messages";
 import { SessionRecord } from "./session-record";
 import { TickClock } from "./tick-clock";
@@ -12,10 +13,13 @@ export class LocalSession {
   private ticks = 0;
   private readonly waiting: (ToolCommand | null)[] = Array(TOOLS).fill(null); // newest commands, for the next tick
   private readonly record: SessionRecord;
+  private readonly exam: Exam | null;
   private readonly clock = new TickClock((ticks) => this.run(ticks), () => this.show(), () => this.engine.prepare());
 
-  constructor(private readonly engine: TouchEngine, private readonly post: (message: ArrayBuffer) => void) {
-    this.record = new SessionRecord(engine);
+  /** rules: of the lesson whose case it is. tell: shows the person a text. */
+  constructor(private readonly engine: TouchEngine, private readonly post: (message: ArrayBuffer) => void, rules: ExamRules | null, private readonly tell: (text: string) => void) {
+    this.record = new SessionRecord(engine, rules?.lesson ?? "");
+    this.exam = rules && new Exam(rules);
   }
 
   /** Runs by the clock from now on. */
@@ -26,12 +30,28 @@ export class LocalSession {
   /** Takes a message of the page. */
   send(data: ArrayBuffer): void {
     const kind = new DataView(data).getUint8(0);
-    if (kind === NOTE_KIND) return this.note(data);
-    if (kind === MARK_KIND) this.record.addMark(this.ticks, decodeMark(new DataView(data)));
+    if (kind === NOTE_KIND) return this.exam ? undefined : this.note(data);
+    if (kind === MARK_KIND) return this.mark(data);
     if (kind !== TOOLCOMMAND_KIND) return; // there is nothing to compare with and nothing to select
     const command = decodeToolCommand(new DataView(data));
+    if (this.exam && !this.exam.allows(command.kind)) return;
     this.waiting[command.tool] = command;
     this.clock.asked = command.serial;
+  }
+
+  /** A lump was found or a sample taken. */
+  private mark(data: ArrayBuffer): void {
+    const refused = this.exam?.claim();
+    if (refused) return this.tell(refused);
+    this.record.addMark(this.ticks, decodeMark(new DataView(data)));
+  }
+
+  /** The time of the exam is over: all tools let go. */
+  private end(): void {
+    this.waiting.forEach((_, tool) => {
+      this.waiting[tool] = { tool, kind: CommandKind.away, serial: this.clock.asked, point: [0, 0, 0], displacement: [0, 0, 0] };
+    });
+    this.tell("The time is over.");
   }
 
   /** Keeps a note, or removes one, and says which there are. The page has cleaned its text. */
@@ -66,6 +86,7 @@ export class LocalSession {
 
   private show(): number {
     const state = this.engine.frame();
+    if (this.exam?.ends(state.tick, state.contact)) this.end();
     this.post(this.message(state));
     return state.serial;
   }
@@ -73,6 +94,7 @@ export class LocalSession {
   private message({ shown, ...state }: EngineFrame): ArrayBuffer {
     const unknown = { mesh_error: NaN, linearisation: NaN, least_volume: NaN, solution_age: 0, solution_error: 0, body: 0 };
     const { late, busy } = this.clock;
-    return frameMessage({ ...state, ...unknown, model: 0, chosen: 0, late, busy, seconds: this.ticks / RATE }, shown);
+    const frame = { ...state, ...unknown, model: 0, chosen: 0, late, busy, seconds: this.ticks / RATE };
+    return this.exam ? examFrameMessage({ ...frame, late: 0, busy: 0 }, shown) : frameMessage(frame, shown);
   }
 }

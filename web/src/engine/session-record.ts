@@ -16,7 +16,8 @@ export class SessionRecord {
   private readonly last: string[] = []; // command of each tool
   private missing = 0;
 
-  constructor(private readonly engine: TouchEngine) {}
+  /** lesson: which lesson and case it is, as JSON, or nothing. */
+  constructor(private readonly engine: TouchEngine, private readonly lesson: string) {}
 
   /** A command that is obeyed from this tick on. */
   addCommand(tick: number, { tool, kind, point, displacement }: ToolCommand): void {
@@ -39,8 +40,8 @@ export class SessionRecord {
   }
 
   text(length: number): string {
-    const { commands, digests, switches, marks } = this;
+    const { commands, digests, switches, marks, lesson } = this;
     const notes = this.notes.map(({ tick, point, text }) => [tick, ...point, text]);
-    return JSON.stringify({ format: FORMAT, version: VERSION, ...this.engine.description, length, commands, digests, switches, marks, notes });
+    return JSON.stringify({ format: FORMAT, version: VERSION, ...this.engine.description, length, commands, digests, switches, marks, notes, ...(lesson && { lesson }) });
   }
 }
