@@ -23,9 +23,10 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from palpate.arrays import AnyArray, Float64
 from palpate.server.access_control import by_token, page_application
 from palpate.server.access_token import access_token
+from palpate.server.json_messages import Scene
 from palpate.server.loopback_server import running
 from palpate.server.message_checks import decode
-from palpate.server.messages import Frame, Mark, Part, Scene, Selection, ToolCommand, encode
+from palpate.server.messages import Frame, Mark, Part, Selection, ToolCommand, encode
 from palpate.simulation.pointer import TOOLS
 
 RATE = 60

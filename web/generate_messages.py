@@ -8,9 +8,59 @@ from dataclasses import fields
 from pathlib import Path
 from typing import get_args, get_origin, get_type_hints
 
+from palpate.meshes.display_surfaces import Part
 from palpate.server import messages
+from palpate.server.json_messages import (
+    Album,
+    Image,
+    NoteText,
+    Person,
+    Scene,
+    Stack,
+    TimelineEvent,
+    TimelineTrack,
+    Window,
+)
+from palpate.server.message_kinds import (
+    ChoiceKind,
+    CloseCode,
+    ComparisonState,
+    CutStep,
+    Feedback,
+    LeadStep,
+    MarkKind,
+    NoteStep,
+    PlayStep,
+    Role,
+    SelectionKind,
+    TrialState,
+)
+from palpate.server.messages import AT_REST, DISPLACEMENT_STEPS, DISTANCE_STEPS, FASTEST, SLOWEST
+from palpate.simulation.lesson import EXAM_FORCE, EXAM_LENGTH, EXAM_WORK
+from palpate.simulation.pointer import TOOLS, CommandKind, ContactState
+from palpate.simulation.session import RATE
+from palpate.simulation.session_notes import LONGEST_NOTE, MOST_NOTES
 
 HERE = Path(__file__).parent
+JSON = [Part, NoteText, TimelineEvent, TimelineTrack, Person, Scene, Window, Stack, Image, Album]
+ENUMS = [
+    CommandKind, ContactState, SelectionKind, MarkKind, NoteStep, PlayStep, CutStep, ComparisonState, TrialState, Feedback,
+    ChoiceKind, Role, LeadStep, CloseCode,
+]  # fmt: skip
+CONSTANTS = {
+    "TOOLS": TOOLS,
+    "DISTANCE_STEPS": DISTANCE_STEPS,
+    "DISPLACEMENT_STEPS": DISPLACEMENT_STEPS,
+    "AT_REST": AT_REST,
+    "EXAM_LENGTH": EXAM_LENGTH,
+    "EXAM_FORCE": EXAM_FORCE,
+    "EXAM_WORK": EXAM_WORK,
+    "LONGEST_NOTE": LONGEST_NOTE,
+    "MOST_NOTES": MOST_NOTES,
+    "RATE": RATE,
+    "SLOWEST": SLOWEST,
+    "FASTEST": FASTEST,
+}
 READ = {"B": ("getUint8", 1), "I": ("getUint32", 4), "f": ("getFloat32", 4), "d": ("getFloat64", 8)}
 PLAIN = {str: "string", int: "number", float: "number", bool: "boolean"}
 
@@ -88,12 +138,12 @@ def source() -> str:
     """The whole of src/protocol/server-messages.ts."""
     lines = ["// Written by web/generate_messages.py from palpate.server.messages; do not edit.", ""]
     lines.append("export type Vector = [number, number, number];")
-    lines += [f"export const {name} = {value};" for name, value in messages.CONSTANTS.items()]
-    for enum in messages.ENUMS:
+    lines += [f"export const {name} = {value};" for name, value in CONSTANTS.items()]
+    for enum in ENUMS:
         lines += enumeration(enum)
     for message in messages.BINARY:
         lines += binary(message)
-    for message in messages.JSON:
+    for message in JSON:
         hints = get_type_hints(message)
         lines += interface(message, {field.name: plain(hints[field.name]) for field in fields(message)})
     return "\n".join(lines) + "\n"

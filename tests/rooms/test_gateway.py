@@ -21,7 +21,7 @@ from palpate.rooms.gateway import gateway
 from palpate.rooms.invitation import Invitation, sign
 from palpate.rooms.room_process import RoomProcess
 from palpate.server import messages
-from palpate.server.messages import Role
+from palpate.server.message_kinds import CloseCode, Role
 from palpate.simulation.session_journal import journal_path
 
 TOP = (0.0, 0.0, 25.0)
@@ -198,7 +198,7 @@ def test_a_room_that_dies_is_back_with_its_cuts_and_its_notes_each_time(rooms, f
             room._process.kill()
             with pytest.raises(ConnectionClosed) as closed:
                 until_message(page, lambda data: False)
-            assert closed.value.rcvd.code == messages.CloseCode.room_lost
+            assert closed.value.rcvd.code == CloseCode.room_lost
         with socket_of(address) as page:
             notes = until_message(page, lambda data: data[0] == 11)
             assert [one["text"] for one in json.loads(notes[8:])] == ["hard here"]

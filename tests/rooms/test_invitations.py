@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import palpate as pp
 from palpate.rooms.invitation import LONGEST, Invitation, invitation, read_invitation, sign
-from palpate.server.messages import Role
+from palpate.server.message_kinds import Role
 
 SECRET, OTHER = "a secret", "another secret"
 names = st.text(st.characters(codec="utf-8", categories=("L", "N", "P")), max_size=20)

@@ -12,9 +12,10 @@ from websockets.sync.client import connect
 
 import palpate as pp
 from palpate.server import messages
+from palpate.server.message_kinds import MarkKind, NoteStep
 
 FRAME = 2
-CLAIM = messages.encode(messages.Mark(messages.MarkKind.lump, 0))
+CLAIM = messages.encode(messages.Mark(MarkKind.lump, 0))
 
 
 def socket_of(address):
@@ -52,7 +53,7 @@ def test_a_lesson_is_taken_together(tmp_path):
             assert httpx.get(f"{base}solid?{token}").status_code == 409
             process = rooms.rooms["exam"]
             until(lambda: (process.state or {}).get("claims") == 2)
-            ada.send(messages.encode(messages.Note(messages.NoteStep.add, 0, top)) + b"seen")
+            ada.send(messages.encode(messages.Note(NoteStep.add, 0, top)) + b"seen")
     result = pp.lesson_result(pp.read_record(record), lesson)
     assert (result.seed, len(result.score.claims)) == (7, 2)
     assert {tool for _, _, tool in pp.read_record(record).marks} == {0, 1}, "a tool of each hand"

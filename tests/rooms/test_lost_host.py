@@ -15,6 +15,7 @@ from websockets.exceptions import ConnectionClosed
 import palpate as pp
 from palpate.rooms.open_registry import open_registry
 from palpate.server import messages
+from palpate.server.message_kinds import CloseCode
 
 NOTE = messages.encode(messages.Note(0, 0, TOP)) + b"hard here"
 
@@ -76,7 +77,7 @@ def test_the_room_of_a_lost_host_goes_on_elsewhere_with_its_cuts_and_notes(kind,
             until(lambda: len(kept(server)["cuts"]) == 1 and len(kept(server)["notes"]) == 1, 60)
             cut = scene_of(second, token)["triangles"]
             first.lose()
-            assert closed(page) == messages.CloseCode.room_lost
+            assert closed(page) == CloseCode.room_lost
         scene, notes, _ = back(second, token)
         assert scene["triangles"] == cut > whole
         assert notes == ["hard here"]

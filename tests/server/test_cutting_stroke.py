@@ -15,7 +15,8 @@ from palpate import _core
 from palpate.server.cutting_stroke import MOST_POINTS, Cutting, simplified
 from palpate.server.held_tools import HeldTools
 from palpate.server.message_checks import decode
-from palpate.server.messages import CutStep, Scalpel, ToolCommand, encode
+from palpate.server.message_kinds import CutStep
+from palpate.server.messages import Scalpel, ToolCommand, encode
 
 
 def distance(point, way):

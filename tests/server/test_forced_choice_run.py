@@ -12,7 +12,8 @@ from palpate.meshes.tet_mesh import TetMesh
 from palpate.server.forced_choice_run import ForcedChoiceRun
 from palpate.server.frame_message import frame_bytes
 from palpate.server.live_session import LiveSession
-from palpate.server.messages import Choice, ChoiceKind, TrialState, encode
+from palpate.server.message_kinds import ChoiceKind, TrialState
+from palpate.server.messages import Choice, encode
 from palpate.simulation.interval_tissue import stimulus
 from palpate.simulation.pointer import Pointer
 

@@ -13,7 +13,8 @@ import palpate as pp
 from palpate.server import playback
 from palpate.server.live_session import LiveSession
 from palpate.server.loopback_server import loopback_socket
-from palpate.server.messages import BINARY, Frame, Play, PlayStep, Position, code, encode
+from palpate.server.message_kinds import PlayStep
+from palpate.server.messages import BINARY, Frame, Play, Position, code, encode
 from palpate.server.playback import Playback
 from palpate.server.touch import replayed, running_session
 from palpate.simulation.replay import Replay

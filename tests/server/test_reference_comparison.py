@@ -17,7 +17,7 @@ from palpate.errors import MaterialError
 from palpate.server import messages, reference_comparison
 from palpate.server.live_session import LiveSession
 from palpate.server.loopback_server import loopback_socket
-from palpate.server.messages import ComparisonState
+from palpate.server.message_kinds import ComparisonState
 from palpate.server.touch import running_session
 from palpate.simulation.fem_reference import DisplayedTick
 from palpate.simulation.pointer import Pointer

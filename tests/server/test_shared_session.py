@@ -14,7 +14,7 @@ from palpate.server import messages
 from palpate.server.held_tools import HeldTools
 from palpate.server.live_session import LiveSession
 from palpate.server.loopback_server import loopback_socket
-from palpate.server.messages import CutStep, LeadStep
+from palpate.server.message_kinds import CutStep, LeadStep, PlayStep
 from palpate.server.people import shown_name
 from palpate.server.touch import replayed, running_session
 from palpate.simulation.pointer import TOOLS, Command, Pointer
@@ -346,15 +346,15 @@ def watched():
 
 def test_a_replay_is_played_by_teachers_and_seen_by_all_alike(watched):
     teacher, trainee, viewer = watched("teacher", "Gray"), watched("trainee"), watched("viewer")
-    teacher.send(messages.Play(messages.PlayStep.pause, 0.0))
-    teacher.send(messages.Play(messages.PlayStep.seek, 1900.0))
+    teacher.send(messages.Play(PlayStep.pause, 0.0))
+    teacher.send(messages.Play(PlayStep.seek, 1900.0))
     forces = [one.until(lambda _, contact, *__: contact[0])[3] for one in (teacher, trainee, viewer)]
     np.testing.assert_array_equal(forces[0], forces[1])
     np.testing.assert_array_equal(forces[0], forces[2])
     assert np.linalg.norm(forces[0][0]) > 0.1, "the recorded tool is everybody's to see"
     for one in (trainee, viewer):
-        one.send(messages.Play(messages.PlayStep.play, 0.0))
-        one.send(messages.Play(messages.PlayStep.seek, 0.0))
+        one.send(messages.Play(PlayStep.play, 0.0))
+        one.send(messages.Play(PlayStep.seek, 0.0))
     trainee.press(0)
     trainee.send(messages.Scalpel(CutStep.begin, 9.0, TOP))
     teacher.send(messages.Lead(LeadStep.freeze, 0))
@@ -363,7 +363,7 @@ def test_a_replay_is_played_by_teachers_and_seen_by_all_alike(watched):
     frame = late.frame()
     np.testing.assert_array_equal(frame[3], forces[0])
     late.socket.close()
-    teacher.send(messages.Play(messages.PlayStep.seek, 100.0))
+    teacher.send(messages.Play(PlayStep.seek, 100.0))
     trainee.until(lambda _, contact, *__: not contact[0])
     assert set(trainee.told) == {"Only a teacher can do this here."}
     assert {person["name"] for person in teacher.people} >= {"Gray"}

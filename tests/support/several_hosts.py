@@ -19,7 +19,7 @@ from websockets.exceptions import ConnectionClosed, InvalidHandshake
 from websockets.sync.client import connect
 
 from palpate.server import messages
-from palpate.server.messages import CutStep
+from palpate.server.message_kinds import CutStep
 from support.registries import free_port
 
 TOP = (0.0, 0.0, 25.0)

@@ -22,7 +22,7 @@ from palpate.rooms.room_process import RoomProcess
 from palpate.server.access_control import LOOPBACK, Admission, page_application
 from palpate.server.bounded_connections import BoundedConnection
 from palpate.server.live_session import report_failure
-from palpate.server.messages import CloseCode
+from palpate.server.message_kinds import CloseCode
 from palpate.standalone.organ_page import engine_module
 
 Answer = TypeVar("Answer")

@@ -10,7 +10,7 @@ import time
 from dataclasses import dataclass
 
 from palpate.errors import DataError
-from palpate.server.messages import Role
+from palpate.server.message_kinds import Role
 from palpate.server.people import LONGEST_NAME, shown_name
 
 HOURS = 12.0  # that an invitation lasts, unless said otherwise

@@ -23,7 +23,7 @@ from palpate.rooms.rooms_file import RoomFile
 from palpate.server.access_control import check_page
 from palpate.server.access_token import kept_secret, state_folder
 from palpate.server.loopback_server import HOST, loopback_socket, running, show, shutdown_requests
-from palpate.server.messages import Role
+from palpate.server.message_kinds import Role
 from palpate.server.touch_routes import MESSAGE_BYTES
 
 SECRET, ADDRESS = "rooms-secret", "rooms-address"  # files in the state folder

@@ -12,7 +12,8 @@ from starlette.websockets import WebSocket
 from palpate.arrays import ArrayLike, Float64
 from palpate.errors import PalpateError
 from palpate.server.held_tools import HeldTools
-from palpate.server.messages import CutStep, Scalpel
+from palpate.server.message_kinds import CutStep
+from palpate.server.messages import Scalpel
 from palpate.server.scene_message import reach
 from palpate.simulation.pointer import Command, ContactState
 from palpate.simulation.session import Session

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from palpate.errors import PalpateError
-from palpate.server.messages import Choice, ChoiceKind, Feedback, TrialState, TrialStatus
+from palpate.server.message_kinds import ChoiceKind, Feedback, TrialState
+from palpate.server.messages import Choice, TrialStatus
 from palpate.simulation.answer_file import Answers, append_trial
 from palpate.simulation.forced_choice import Trial
 from palpate.simulation.interval_tissue import Stimulus

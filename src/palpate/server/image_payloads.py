@@ -8,7 +8,7 @@ from palpate.arrays import AnyArray, Float32
 from palpate.reconstruction.models.likelihood import Transmission
 from palpate.scans.scan import Scan
 from palpate.scans.views import beam_in_words
-from palpate.server.messages import Image, Stack, Window
+from palpate.server.json_messages import Image, Stack, Window
 from palpate.volumes.display_window import window_presets
 from palpate.volumes.patient_axes import has_patient_axes, reorient_to_patient
 from palpate.volumes.volume import Volume

@@ -20,22 +20,8 @@ from palpate.server.frame_flow import FrameFlow
 from palpate.server.frame_message import frame_bytes
 from palpate.server.held_tools import HeldTools
 from palpate.server.image_payloads import ImagePayload
-from palpate.server.messages import (
-    Choice,
-    CloseCode,
-    Lead,
-    LeadStep,
-    Mark,
-    Note,
-    NoteStep,
-    Role,
-    Scalpel,
-    Selection,
-    SelectionKind,
-    ToolCommand,
-    encode,
-    notes_bytes,
-)
+from palpate.server.message_kinds import CloseCode, LeadStep, NoteStep, Role, SelectionKind
+from palpate.server.messages import Choice, Lead, Mark, Note, Scalpel, Selection, ToolCommand, encode, notes_bytes
 from palpate.server.people import Room
 from palpate.server.reference_comparison import ReferenceComparison
 from palpate.server.scene_message import VIEWS, reach, scene_bytes

@@ -5,28 +5,22 @@ import struct
 import numpy as np
 
 from palpate.errors import DataError
+from palpate.server.message_kinds import ChoiceKind, CutStep, LeadStep, MarkKind, NoteStep, PlayStep, SelectionKind
 from palpate.server.messages import (
     BINARY,
     FASTEST,
     FROM_PAGE,
     SLOWEST,
     Choice,
-    ChoiceKind,
     Compare,
-    CutStep,
     Detail,
     Lead,
-    LeadStep,
     Mark,
-    MarkKind,
     Note,
-    NoteStep,
     Play,
-    PlayStep,
     Scalpel,
     Seen,
     Selection,
-    SelectionKind,
     ToolCommand,
     code,
 )

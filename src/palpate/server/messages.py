@@ -1,4 +1,4 @@
-"""Messages between page and server, and the enumerations in them; `web/generate_messages.py` writes the TypeScript.
+"""Binary messages between page and server; `web/generate_messages.py` writes the TypeScript.
 
 Binary messages are little-endian: a byte for the kind of message, the fields in order, then at most one array. A text
 message from the server is shown to the user.
@@ -8,15 +8,15 @@ import json
 import struct
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
-from enum import IntEnum
 from typing import Annotated, Any, get_args, get_type_hints
 
 from palpate.arrays import AnyArray, Float64
-from palpate.meshes.display_surfaces import Part
-from palpate.simulation.lesson import EXAM_FORCE, EXAM_LENGTH, EXAM_WORK
-from palpate.simulation.pointer import TOOLS, CommandKind, ContactState
-from palpate.simulation.session import LUMP, RATE, SAMPLE
-from palpate.simulation.session_notes import LONGEST_NOTE, MOST_NOTES, SessionNote
+from palpate.server.json_messages import (
+    NoteText,
+    TimelineEvent,
+    TimelineTrack,
+)
+from palpate.simulation.session_notes import SessionNote
 
 # The second argument of each type is its format in Python's struct.
 U8 = Annotated[int, "B"]
@@ -29,106 +29,6 @@ DISPLACEMENT_STEPS = 32767  # of the 16-bit displacements in a `Frame`
 DISTANCE_STEPS = 65535  # of the 16-bit distances in a `Difference`
 SLOWEST, FASTEST = 0.25, 4.0  # speeds of a replay
 AT_REST = 1e-4  # mm: smaller displacements are not sent
-
-
-class SelectionKind(IntEnum):
-    """What a `Selection` selects."""
-
-    model = 0
-    organ = 1
-
-
-class CutStep(IntEnum):
-    """What a `Scalpel` does."""
-
-    begin = 0
-    move = 1
-    end = 2
-    undo = 3
-
-
-class NoteStep(IntEnum):
-    """What a `Note` does."""
-
-    add = 0
-    remove = 1
-
-
-class PlayStep(IntEnum):
-    """What a `Play` does."""
-
-    pause = 0
-    play = 1
-    speed = 2
-    seek = 3
-
-
-class MarkKind(IntEnum):
-    """What a `Mark` says."""
-
-    lump = LUMP
-    sample = SAMPLE
-
-
-class ComparisonState(IntEnum):
-    """What a `Difference` holds."""
-
-    preparing = 0
-    compared = 1
-    no_reference = 2
-    contacts_overlap = 3
-
-
-class TrialState(IntEnum):
-    """What a forced-choice trial waits for: palpate, the answer, the end of a break, nothing any more."""
-
-    preparing = 0
-    asking = 1
-    pause = 2
-    ended = 3
-
-
-class Feedback(IntEnum):
-    """What is told of the last answer."""
-
-    none = 0
-    right = 1
-    wrong = 2
-
-
-class ChoiceKind(IntEnum):
-    """What a `Choice` does."""
-
-    show = 0
-    answer = 1
-    go_on = 2
-
-
-class Role(IntEnum):
-    """What a person may do in a room: watch, touch, or lead as well."""
-
-    viewer = 0
-    trainee = 1
-    teacher = 2
-
-
-class LeadStep(IntEnum):
-    """What a `Lead` does."""
-
-    freeze = 0
-    resume = 1
-    reset = 2
-    take_over = 3
-    release = 4
-
-
-class CloseCode(IntEnum):
-    """Codes with which the server closes a page's WebSocket (RFC 6455; from 4000 on they are the application's)."""
-
-    refused = 1008
-    too_many_pages = 1013
-    scene_changed = 4001
-    room_lost = 4002
 
 
 @dataclass(frozen=True)
@@ -248,35 +148,6 @@ class Timeline:
 
 
 @dataclass(frozen=True)
-class TimelineEvent:
-    """An event of a recorded session. kind: touch, release, cut, undo, model, claim, note or limit."""
-
-    tick: int
-    kind: str
-    text: str
-
-
-@dataclass(frozen=True)
-class TimelineTrack:
-    """A recorded session. length: ticks. forces: N, the greatest in each `bin` ticks, as far as they are computed."""
-
-    title: str
-    length: int
-    bin: int
-    events: list[TimelineEvent]
-    forces: list[float]
-
-
-@dataclass(frozen=True)
-class NoteText:
-    """A note: the tick at which it was made, its place on the surface at rest (mm), its text."""
-
-    tick: int
-    point: list[float]
-    text: str
-
-
-@dataclass(frozen=True)
 class Lead:
     """Page to server: what a teacher does in a room. step: a `LeadStep`; person: whom it is about, else 0.
 
@@ -294,15 +165,6 @@ class People:
 
     you: U32
     frozen: U8
-
-
-@dataclass(frozen=True)
-class Person:
-    """Somebody in a room. role: a `Role`."""
-
-    number: int
-    name: str
-    role: int
 
 
 @dataclass(frozen=True)
@@ -398,113 +260,6 @@ class Difference:
     count: U32
 
 
-@dataclass(frozen=True)
-class Scene:
-    """Server to page, once: a 32-bit length, then JSON of that length, padded with blanks to a multiple of 4 bytes.
-
-    Then (nodes, 3) float32 mm at rest, then, if it gapes, (nodes, 3) float32 mm from there to where tension at rest has
-    opened the cuts, then (triangles, 3) 32-bit integers, normals outwards, then, if organs lie beside each other, (nodes)
-    32-bit integers, to which of them each node belongs. beside: their names, else empty. reach: mm, the longest
-    displacement that a tool may ask for. limit: N, the largest force on a device. front: radians about z from -y
-    towards +x, the direction from which the organ is first seen. models, organs: what can be selected while the session
-    runs; organ: the index of this one. task: the trainee's task, or empty. reason: why the session begins with its model,
-    or empty. images: whether there are slices to show (an `Album` at /album, its values as `palpate view` serves them).
-    lips: numbers of the first node on the lips of cuts, in the organ and in each region inside. body: how often it was cut
-    or a cut taken back; made: cuts that are there. depth: mm, of a cut at first. tools, views: what the page may offer; exam:
-    whether it is an exam, in which nothing is shown that tells what is inside. question: of a forced-choice experiment, or
-    empty. channel: how the force comes to the person in it. place: (x, y, z) mm, on the surface above where a lump may
-    be, or empty. recorded: whether a record keeps notes. lumen: of a hollow organ, rows of x, y, z and radius (mm) and branch
-    along its centre line; openings: rows of a point (mm) and the unit vector out of the lumen there. room: the name of the
-    room, in which several people touch the organ, or empty.
-    """
-
-    title: str
-    model: str
-    nodes: int
-    triangles: int
-    parts: list[Part]
-    gapes: bool
-    lips: list[int]
-    beside: list[str]
-    body: int
-    made: int
-    depth: float
-    tools: list[str]
-    views: list[str]
-    exam: bool
-    question: str
-    channel: str
-    place: list[float]
-    recorded: bool
-    lumen: list[float]
-    openings: list[float]
-    elements: int
-    radius: float
-    reach: float
-    limit: float
-    rate: int
-    replay: bool
-    front: float
-    models: list[str]
-    organs: list[str]
-    organ: int
-    task: str
-    reason: str
-    images: bool
-    room: str
-
-
-@dataclass(frozen=True)
-class Window:
-    """A display window: values from low (black) to high (white). hint: how they were chosen."""
-
-    name: str
-    low: float
-    high: float
-    hint: str
-
-
-@dataclass(frozen=True)
-class Stack:
-    """An array (z, y, x) or (view, row, column), little-endian, fetched separately; NaN: not measured."""
-
-    name: str
-    unit: str
-    kind: str
-    windows: list[Window]
-
-
-@dataclass(frozen=True)
-class Image:
-    """A volume or a scan for `palpate view`. spacing: (z, y, x) mm, of a scan (1, row, column). origin: (x, y, z) mm.
-
-    direction: 3x3 row by row; its columns are the axes x, y, z. patient: these axes point left, posterior, superior;
-    otherwise they are those of a reconstruction. file: 3x4 row by row, the affine map from an index here to an index of
-    the given array. water: attenuation of water, 1/mm, or 0 if unknown. note: text that the page shows about the data.
-    captions: of each view of a scan.
-    """
-
-    title: str
-    scan: bool
-    shape: list[int]
-    spacing: list[float]
-    origin: list[float]
-    direction: list[float]
-    patient: bool
-    file: list[float]
-    water: float
-    note: str
-    captions: list[str]
-    stacks: list[Stack]
-
-
-@dataclass(frozen=True)
-class Album:
-    """Server to page, once, as JSON: the images to view, one or two."""
-
-    images: list[Image]
-
-
 BINARY: list[type] = [
     ToolCommand,
     Frame,
@@ -527,25 +282,6 @@ BINARY: list[type] = [
     Seen,
 ]
 FROM_PAGE: list[type] = [ToolCommand, Selection, Mark, Compare, Scalpel, Choice, Note, Play, Lead, Detail, Seen]
-JSON: list[type] = [Part, NoteText, TimelineEvent, TimelineTrack, Person, Scene, Window, Stack, Image, Album]
-ENUMS: list[type[IntEnum]] = [
-    CommandKind, ContactState, SelectionKind, MarkKind, NoteStep, PlayStep, CutStep, ComparisonState, TrialState, Feedback,
-    ChoiceKind, Role, LeadStep, CloseCode,
-]  # fmt: skip
-CONSTANTS = {
-    "TOOLS": TOOLS,
-    "DISTANCE_STEPS": DISTANCE_STEPS,
-    "DISPLACEMENT_STEPS": DISPLACEMENT_STEPS,
-    "AT_REST": AT_REST,
-    "EXAM_LENGTH": EXAM_LENGTH,
-    "EXAM_FORCE": EXAM_FORCE,
-    "EXAM_WORK": EXAM_WORK,
-    "LONGEST_NOTE": LONGEST_NOTE,
-    "MOST_NOTES": MOST_NOTES,
-    "RATE": RATE,
-    "SLOWEST": SLOWEST,
-    "FASTEST": FASTEST,
-}
 
 
 def code(message: type) -> str:

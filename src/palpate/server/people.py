@@ -7,20 +7,18 @@ from starlette.websockets import WebSocket
 
 from palpate.server.frame_message import hand_frame, hands_bytes, serial_in, without_displacements
 from palpate.server.held_tools import HeldTools
+from palpate.server.json_messages import Person
 from palpate.server.message_checks import FromPage
+from palpate.server.message_kinds import CutStep, LeadStep, Role
 from palpate.server.messages import (
     Choice,
     Compare,
-    CutStep,
     Detail,
     Lead,
-    LeadStep,
     Mark,
     Note,
     People,
-    Person,
     Play,
-    Role,
     Scalpel,
     Seen,
     Selection,

@@ -8,7 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from palpate.server.live_session import LiveSession
-from palpate.server.messages import Play, PlayStep, Position, encode, timeline_bytes
+from palpate.server.message_kinds import PlayStep
+from palpate.server.messages import Play, Position, encode, timeline_bytes
 from palpate.simulation.record_events import bin_ticks, force_curve, limit_events, record_events
 from palpate.simulation.record_player import RecordPlayer
 from palpate.simulation.session import RATE, Session

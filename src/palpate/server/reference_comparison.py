@@ -11,7 +11,8 @@ from starlette.websockets import WebSocket
 from palpate.arrays import Int32
 from palpate.errors import DataError, MaterialError
 from palpate.meshes.cutting.cut_mesh import CutMesh
-from palpate.server.messages import DISTANCE_STEPS, ComparisonState, Difference, encode, flat
+from palpate.server.message_kinds import ComparisonState
+from palpate.server.messages import DISTANCE_STEPS, Difference, encode, flat
 from palpate.simulation.fem_reference import DisplayedTick, FemDifference, fem_difference
 from palpate.simulation.pointer import TOOLS
 from palpate.simulation.session import Session

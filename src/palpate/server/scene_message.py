@@ -8,7 +8,7 @@ from dataclasses import asdict
 import numpy as np
 
 from palpate.arrays import Float64
-from palpate.server.messages import Scene
+from palpate.server.json_messages import Scene
 from palpate.simulation.lesson import TOOLS
 from palpate.simulation.session import RATE, Session
 from palpate.tissue.models.registry import name_of

@@ -15,21 +15,8 @@ from palpate.server.access_control import by_token, page_application
 from palpate.server.frame_message import frame_bytes
 from palpate.server.live_session import LiveSession, report_failure
 from palpate.server.message_checks import decode
-from palpate.server.messages import (
-    Choice,
-    CloseCode,
-    Compare,
-    Detail,
-    Lead,
-    Mark,
-    Play,
-    Role,
-    Scalpel,
-    Seen,
-    Selection,
-    SelectionKind,
-    notes_bytes,
-)
+from palpate.server.message_kinds import CloseCode, Role, SelectionKind
+from palpate.server.messages import Choice, Compare, Detail, Lead, Mark, Play, Scalpel, Seen, Selection, notes_bytes
 from palpate.server.people import MOST_PEOPLE
 from palpate.server.playback import Playback
 from palpate.server.solid_message import predicted_solid

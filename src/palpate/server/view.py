@@ -16,8 +16,8 @@ from palpate.scans.scan import Scan
 from palpate.server.access_control import by_token, page_application
 from palpate.server.access_token import access_token
 from palpate.server.image_payloads import MAX_VOXELS, ImagePayload, scan_payload, volume_payload
+from palpate.server.json_messages import Album
 from palpate.server.loopback_server import running
-from palpate.server.messages import Album
 from palpate.volumes.volume import Volume
 
 CHUNK = 1 << 22  # bytes

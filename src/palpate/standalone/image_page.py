@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 
 from palpate.server.image_payloads import ImagePayload
-from palpate.server.messages import Album
+from palpate.server.json_messages import Album
 from palpate.standalone.embedded_page import embedded_page, packed
 
 POLICY = (
