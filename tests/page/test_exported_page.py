@@ -176,8 +176,8 @@ def test_it_is_measured_offline(opened):
     ends = [nodes[np.argmin(np.linalg.norm(nodes - point, axis=1))] for point in ((-16, -12, 18), (14, -10, 18))]
     page.click("#tool >> text=Measure")
     page.locator("#measure-row").wait_for()
-    opened.wait(DRAWN_AS_LARGE_AS_IT_IS)  # the panel grows, and the organ's picture with it gets smaller
     for end in ends:
+        opened.wait(DRAWN_AS_LARGE_AS_IT_IS)  # the panel and the hint grow, and the organ's picture gets smaller
         page.mouse.click(*opened.see(f"palpate.pixel({end.tolist()})"))
     opened.wait("palpate.measured && document.querySelectorAll('#measurement-list li').length === 1")
     told = page.inner_text("#measurement-list p").removeprefix("At rest: ")
