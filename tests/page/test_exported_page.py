@@ -176,10 +176,12 @@ def test_it_is_measured_offline(opened):
     ends = [nodes[np.argmin(np.linalg.norm(nodes - point, axis=1))] for point in ((-16, -12, 18), (14, -10, 18))]
     page.click("#tool >> text=Measure")
     page.locator("#measure-row").wait_for()
-    for end in ends:
-        opened.wait(DRAWN_AS_LARGE_AS_IT_IS)  # the panel and the hint grow, and the organ's picture gets smaller
+    told_of = "palpate.measured && document.querySelectorAll('#measurement-list li').length"
+    for count, end in enumerate(ends):
+        # What the panel tells comes late: it grows then, and the organ's picture gets smaller.
+        opened.wait(f"{told_of} === {min(count, 1)} && {DRAWN_AS_LARGE_AS_IT_IS}")
         page.mouse.click(*opened.see(f"palpate.pixel({end.tolist()})"))
-    opened.wait("palpate.measured && document.querySelectorAll('#measurement-list li').length === 1")
+    opened.wait("palpate.measured && document.querySelector('#measurement-list p').textContent.includes('At rest')")
     told = page.inner_text("#measurement-list p").removeprefix("At rest: ")
     assert float(told.split()[0]) == pytest.approx(np.linalg.norm(ends[1] - ends[0]), rel=0.01)
     lump = page.inner_text("#volumes li:nth-child(2)")
