@@ -23,7 +23,6 @@ import palpate as pp
 OPTIMIZERS = "momentum", "descent", "command"
 CODE = """
 import sys, time, contextlib
-from pathlib import Path
 import numpy as np
 import palpate as pp
 

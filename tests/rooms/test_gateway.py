@@ -10,11 +10,10 @@ import time
 import httpx
 import pytest
 from support.example_organs import organ
-from support.open_rooms import SECRET, open_rooms
+from support.open_rooms import SECRET, open_rooms, socket_of, until_message
 from support.running_server import until
 from support.several_hosts import cut_over_the_top
 from websockets.exceptions import ConnectionClosed, InvalidStatus
-from websockets.sync.client import connect
 
 import palpate as pp
 from palpate.rooms.gateway import gateway
@@ -42,19 +41,6 @@ def rooms(folder):
     listed = [pp.RoomFile("anatomy", organs, record=folder / "anatomy.h5"), pp.RoomFile("second", organs)]
     with open_rooms(listed, folder) as opened:
         yield opened
-
-
-def socket_of(address, **options):
-    base, token = address.split("?")
-    return connect(f"{base.replace('http', 'ws')}socket?{token}", origin=base.rstrip("/"), max_queue=None, **options)
-
-
-def until_message(page, true):
-    for _ in range(3000):
-        data = page.recv(timeout=20)
-        if true(data):
-            return data
-    pytest.fail("never came")
 
 
 def written(record):

@@ -6,9 +6,8 @@ import httpx
 import numpy as np
 import pytest
 from support.lessons import lesson_file
-from support.open_rooms import open_rooms
+from support.open_rooms import open_rooms, socket_of, until_message
 from support.running_server import until
-from websockets.sync.client import connect
 
 import palpate as pp
 from palpate.server import messages
@@ -16,19 +15,6 @@ from palpate.server.message_kinds import MarkKind, NoteStep
 
 FRAME = 2
 CLAIM = messages.encode(messages.Mark(MarkKind.lump, 0))
-
-
-def socket_of(address):
-    base, token = address.split("?")
-    return connect(f"{base.replace('http', 'ws')}socket?{token}", origin=base.rstrip("/"), max_queue=None)
-
-
-def until_message(page, true):
-    for _ in range(3000):
-        data = page.recv(timeout=20)
-        if true(data):
-            return data
-    pytest.fail("never came")
 
 
 def contact(data):
@@ -70,6 +56,7 @@ def lesson_top(lesson):
     [
         ("{lesson: lesson.yaml, organs: [tissue.vtu]}", "leave out organs"),
         ("{lesson: lesson.yaml, tension: 2}", "leave out tension"),
+        ("{lesson: lesson.yaml, title: An exam}", "leave out title"),
         ("{lesson: 3}", "lesson: expected a text"),
         ("{lesson: lesson.yaml, seed: -1}", "seed: '-1'"),
         ("{organs: [tissue.vtu], seed: 3}", "seed: '3'; with a lesson"),

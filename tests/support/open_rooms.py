@@ -2,6 +2,9 @@
 
 import contextlib
 
+import pytest
+from websockets.sync.client import connect
+
 from palpate.rooms.gateway import GatewayConnection, gateway
 from palpate.rooms.invitation import invitation, sign
 from palpate.rooms.serve import PING, checked_rooms, wait_for
@@ -31,3 +34,18 @@ def open_rooms(rooms, folder):
     ):
         wait_for(processes)
         yield OpenRooms(processes, base)
+
+
+def socket_of(address, **options):
+    """A page's socket into a room, by its invitation."""
+    base, token = address.split("?")
+    return connect(f"{base.replace('http', 'ws')}socket?{token}", origin=base.rstrip("/"), max_queue=None, **options)
+
+
+def until_message(page, true):
+    """The first message that is as wanted."""
+    for _ in range(3000):
+        data = page.recv(timeout=20)
+        if true(data):
+            return data
+    pytest.fail("never came")

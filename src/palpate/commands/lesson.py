@@ -131,6 +131,7 @@ def export_command(
         for number in range(cases):
             say(f"case {seed + number}", number / cases)
             pp.export_case(read, seed + number, made / f"case-{seed + number}.html", channel=channel)
+        say(f"{cases} cases", 1.0)
     typer.echo(f"{output}: cases {seed} to {seed + cases - 1}, a page each")
 
 

@@ -25,7 +25,7 @@ class RoomFile:
     organs : tuple of Path
         Tissues (.vtu): resolutions of one organ; the first is shown. None with a lesson, which names its own.
     title : str, optional
-        Title of the page. The default is the name.
+        Title of the page. The default is the name; with a lesson it is the lesson's.
     model : str, optional
         A name that `pp.model` knows. The default is what keeps 1000 ticks a second.
     radius : float, optional
@@ -71,7 +71,7 @@ class RoomFile:
         if not self.name or len(self.name) > 40 or not self.name.replace("-", "").replace("_", "").isalnum():
             raise DataError(f"room: {self.name[:60]!r}; expected a name of letters, digits, - and _, at most 40")
         if self.lesson:
-            others = ("organs", "replay", "model", "radius", "tension", "toughness")
+            others = ("organs", "title", "replay", "model", "radius", "tension", "toughness")
             if given := [key for key in others if getattr(self, key)]:
                 raise DataError(
                     f"room {self.name}: lesson: it says what is touched and how; leave out {', '.join(given)}"

@@ -5,8 +5,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from palpate.simulation.lesson import Lesson
+from palpate.simulation.lesson_case import lesson_case
 from palpate.simulation.pointer import CommandKind, ContactState
 from palpate.simulation.session import RATE
+from palpate.tissue.io import read_tissue
+from palpate.tissue.tissue import Tissue
 
 
 @dataclass
@@ -33,6 +36,10 @@ class Exam:
     def views(self) -> tuple[str, ...]:
         """What the page may show."""
         return self.lesson.views
+
+    def case(self) -> Tissue:
+        """The organ with the lumps of the case. Raises as `read_tissue` and `lesson_case`."""
+        return lesson_case(self.lesson, read_tissue(self.lesson.organ), self.seed)
 
     @property
     def description(self) -> str:

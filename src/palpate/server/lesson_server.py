@@ -13,10 +13,8 @@ from palpate.server.loopback_server import loopback_socket
 from palpate.server.touch import serve_until_closed
 from palpate.simulation.forced_choice import CHANNELS
 from palpate.simulation.lesson import Lesson
-from palpate.simulation.lesson_case import lesson_case
 from palpate.simulation.pointer import Pointer
 from palpate.simulation.session import Session
-from palpate.tissue.io import read_tissue
 from palpate.tissue.models.registry import model as build
 
 
@@ -88,7 +86,6 @@ def take_lesson(
 
 def exam_session(exam: Exam) -> Session:
     """The session of an exam's case. Raises `FileError` and `DataError`."""
-    case = lesson_case(exam.lesson, read_tissue(exam.lesson.organ), exam.seed)
-    session = Session(build(case, "compliance"), regions=False)
+    session = Session(build(exam.case(), "compliance"), regions=False)
     session.lesson = exam.description
     return session

@@ -6,9 +6,7 @@ import struct
 from palpate.server.exam import Exam
 from palpate.server.scene_message import scene_bytes
 from palpate.server.solid_message import followed_model, solid_bytes
-from palpate.simulation.lesson_case import lesson_case
 from palpate.simulation.session import Session
-from palpate.tissue.io import read_tissue
 from palpate.tissue.tissue import Tissue
 
 
@@ -27,8 +25,8 @@ def organ_data(session: Session, title: str, task: str = "") -> bytes:
 
 def case_session(exam: Exam) -> Session:
     """The session of an exam's case in a page; what is inside is not drawn. Raises as `session_of`, and `DataError`."""
-    case = lesson_case(exam.lesson, read_tissue(exam.lesson.organ), exam.seed)
-    return Session(followed_model(case, "export", "serve it: palpate lesson start"), sweeps=1, regions=False)
+    model = followed_model(exam.case(), "export", "serve it: palpate lesson start")
+    return Session(model, sweeps=1, regions=False)
 
 
 def case_data(session: Session, exam: Exam) -> bytes:

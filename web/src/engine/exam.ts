@@ -1,5 +1,5 @@
 // What a lesson allows in a page that holds its case: tools, claims and time, as palpate.server.exam does it for a served one.
-import { CommandKind, ContactState } from "../protocol/server-messages";
+import { CommandKind, ContactState, RATE } from "../protocol/server-messages";
 
 /** What `palpate lesson export` has put behind the organ. time: s from the first touch, 0: no end. lesson: for the record. */
 export interface ExamRules {
@@ -8,8 +8,6 @@ export interface ExamRules {
   time: number;
   lesson: string;
 }
-
-const RATE = 1000; // ticks a second
 
 export class Exam {
   over = false;

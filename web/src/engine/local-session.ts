@@ -1,13 +1,11 @@
 // A session in the page itself, in place of a server: it takes and sends the same messages.
-import { CommandKind, MARK_KIND, MOST_NOTES, NOTE_KIND, NoteStep, TOOLCOMMAND_KIND, TOOLS, decodeMark, decodeToolCommand, type ToolCommand } from "../protocol/server-messages";
+import { CommandKind, MARK_KIND, MOST_NOTES, NOTE_KIND, NoteStep, RATE, TOOLCOMMAND_KIND, TOOLS, decodeMark, decodeToolCommand, type ToolCommand } from "../protocol/server-messages";
 import { Exam, type ExamRules } from "./exam";
 import { examFrameMessage, frameMessage } from "./frame-message";
 import { notesMessage, readNote } from "../protocol/text-messages";
 import { SessionRecord } from "./session-record";
 import { TickClock } from "./tick-clock";
 import type { EngineFrame, TouchEngine } from "./touch-engine";
-
-const RATE = 1000; // ticks a second
 
 export class LocalSession {
   private ticks = 0;
