@@ -48,7 +48,7 @@ def raised() -> Iterator[Callable[[], bool]]:
     before, told = signal.getsignal(signal.SIGINT), sys.unraisablehook
 
     def interrupt(number: int, frame: FrameType | None) -> None:
-        if any(code is again.__code__ or code.co_filename == _IMPORTING for code in _running(frame)) and put_off():
+        if any(code is show.__code__ or code.co_filename == _IMPORTING for code in _running(frame)) and _again(_insists):
             return  # extension modules that are being made drop exceptions, or abort; the hook would drop it once more
         if time.monotonic() < handled[0] + AGAIN:
             return  # the thread's last signal, sent while the one before was handled
@@ -56,21 +56,9 @@ def raised() -> Iterator[Callable[[], bool]]:
         handled[0] = time.monotonic()
         signal.default_int_handler(number, frame)
 
-    def put_off() -> bool:
-        if not _insists.is_set():
-            _insists.set()  # first: the signal may come while the thread is being started
-            if not _after(AGAIN, insist):
-                _insists.clear()
-        return _insists.is_set()
-
-    def insist() -> None:
-        while _insists.is_set():
-            interrupt_main()
-            time.sleep(AGAIN)
-
-    def again(dropped: "sys.UnraisableHookArgs") -> None:
+    def show(dropped: "sys.UnraisableHookArgs") -> None:
         if issubclass(dropped.exc_type, KeyboardInterrupt):
-            put_off()
+            _again(_insists)
         else:
             told(dropped)
 
@@ -82,7 +70,7 @@ def raised() -> Iterator[Callable[[], bool]]:
         return
     with _watched(interrupt, handled):
         try:
-            sys.unraisablehook = again
+            sys.unraisablehook = show
             signal.signal(signal.SIGINT, interrupt)
             yield was_raised
         finally:
@@ -143,18 +131,21 @@ def waiting() -> Iterator[None]:
         yield
         return
     came = False
+    second = threading.Event()  # one that came within `CALLED_BY_C`; any after it are the same one
 
     def wait(number: int, frame: FrameType | None) -> None:
         nonlocal came
         if not came or _insists.is_set():  # what is sent again is the first one still
             came = True
-        elif CALLED_BY_C.isdisjoint(_running(frame)) or not _after(AGAIN, interrupt_main):
+        elif CALLED_BY_C.isdisjoint(_running(frame)) or not _again(second):
+            second.clear()
             raise KeyboardInterrupt
 
     before = signal.signal(signal.SIGINT, wait)
     try:
         yield
     finally:
+        second.clear()
         signal.signal(signal.SIGINT, signal.SIG_DFL if before is None else before)
     if came:
         signal.raise_signal(signal.SIGINT)
@@ -165,6 +156,21 @@ def _running(frame: FrameType | None) -> Iterator[CodeType]:
     while frame is not None:
         yield frame.f_code
         frame = frame.f_back
+
+
+def _again(wanted: threading.Event) -> bool:
+    """Has a thread send Ctrl-C again and again until `wanted` is cleared. False: the system gives no more threads."""
+
+    def insist() -> None:
+        while wanted.is_set():
+            interrupt_main()
+            time.sleep(AGAIN)
+
+    if not wanted.is_set():
+        wanted.set()  # first: the signal may come while the thread is being started
+        if not _after(AGAIN, insist):
+            wanted.clear()
+    return wanted.is_set()
 
 
 def _after(seconds: float, call: Callable[..., None], *values: int) -> bool:

@@ -242,7 +242,7 @@ except KeyboardInterrupt:
 def test_a_second_one_within_a_write_of_hdf5(tmp_path):
     """The library calls Python to write, and would crash where KeyboardInterrupt came out of that."""
     code = """
-import signal, sys
+import signal, sys, time
 import numpy as np
 from palpate.volumes import hdf5_output
 
@@ -263,6 +263,7 @@ try:
             pass
 except KeyboardInterrupt:
     sys.setprofile(None)
+    time.sleep(0.1)  # the third one is the second one still
     print(*sent, "raised")
 """
     run = subprocess.run(
