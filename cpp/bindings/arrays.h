@@ -28,6 +28,14 @@ template <class T, class... Sizes> Owned<T, sizeof...(Sizes)> uninitialized(Size
     return {data, {size_t(shape)...}, nb::capsule(data, [](void* p) noexcept { delete[] static_cast<T*>(p); })};
 }
 
+// The memory of a vector of as many elements, without a copy.
+template <class T, class... Sizes> Owned<T, sizeof...(Sizes)> taken(std::vector<T>&& from, Sizes... shape) {
+    auto* kept = new std::vector<T>(std::move(from));
+    return {kept->data(), {size_t(shape)...}, nb::capsule(kept, [](void* p) noexcept {
+                delete static_cast<std::vector<T>*>(p);
+            })};
+}
+
 template <class T, class... Sizes> Owned<T, sizeof...(Sizes)> zeros(Sizes... shape) {
     auto out = uninitialized<T>(shape...);
     std::fill_n(out.data(), (size_t(1) * ... * size_t(shape)), T());

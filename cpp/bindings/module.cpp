@@ -25,6 +25,7 @@ NB_MODULE(_core, m) {
         {"linalg", "Sparse Cholesky factors.", bind_linalg},
         {"cutting", "Unknowns that a cut adds.", bind_cutting},
         {"tissue", "What all tissue models share: interface, contact surface and patches.", bind_tissue},
+        {"elements", "The stiffness of linear elasticity.", bind_elements},
         {"relaxation", "Models relaxed ring by ring: mass-spring and block Gauss-Seidel.", bind_relaxation},
         {"multigrid", "Linear finite elements by multigrid-preconditioned conjugate gradients.", bind_multigrid},
         {"compliance", "Linear finite elements by cached Green's functions.", bind_compliance},

@@ -21,6 +21,7 @@ void bind_subspace(nb::module_& m);
 void bind_linalg(nb::module_& m);
 void bind_cutting(nb::module_& m);
 void bind_tissue(nb::module_& m);
+void bind_elements(nb::module_& m);
 void bind_relaxation(nb::module_& m);
 void bind_multigrid(nb::module_& m);
 void bind_compliance(nb::module_& m);

@@ -93,6 +93,11 @@ class TetMesh:
         return boundary_faces(self.tets)
 
     @cached_property
+    def shared_faces(self) -> tuple[Int64, Int64]:
+        """(f, 2) tetrahedra that share a face, and (f, 3) that face, sorted."""
+        return shared_faces(self.tets.astype(np.int64))
+
+    @cached_property
     def surface_nodes(self) -> Int32:
         """Sorted indices of the nodes on the surface."""
         return np.unique(self.surface).astype(np.int32)
@@ -154,6 +159,16 @@ def row_keys(rows: Int32 | Int64) -> Int64:
     for column in rows.T[1:]:
         key = key * base + column
     return key
+
+
+def shared_faces(tets: Int64) -> tuple[Int64, Int64]:
+    """(f, 2) of the tetrahedra (M, 4) that share a face, and (f, 3) that face, sorted."""
+    faces = np.sort(np.concatenate([np.delete(tets, k, axis=1) for k in range(4)]), axis=1)
+    owner = np.tile(np.arange(len(tets)), 4)
+    key = row_keys(faces)
+    order = np.argsort(key, kind="stable")
+    same = np.flatnonzero(key[order][1:] == key[order][:-1])
+    return np.stack([owner[order[same]], owner[order[same + 1]]], axis=1), faces[order[same]]
 
 
 def folds(tets: ArrayLike) -> Int64:

@@ -4,8 +4,9 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from scipy.sparse import bsr_array, coo_array, csr_array
+from scipy.sparse import bsr_array
 
+from palpate import _core
 from palpate.arrays import Float64, Int32
 
 EDGES = np.array([(a, b) for a in range(4) for b in range(a + 1, 4)])
@@ -111,14 +112,7 @@ def smoothed_stiffness(mesh: Solid, lam: Float64, mu: Float64) -> bsr_array:
     Bonet & Burton, Commun. Numer. Methods Eng. 14 (1998) 437.
     Liu & Nguyen-Thoi, Smoothed Finite Element Methods, CRC Press, 2010.
     """
-    cells, nodes = smoothing_cells(mesh, lam, mu), len(mesh.nodes)
-    shear = _squared(
-        cells.edge, cells.volumes / 6, np.sqrt(cells.mu / cells.edge_volumes), cells.slopes, mesh.tets, nodes
-    )
-    bulk = _squared(
-        cells.node, cells.volumes / 4, np.sqrt(cells.lam / cells.node_volumes), cells.slopes, mesh.tets, nodes
-    )
-    return _elastic(shear, bulk)
+    return _stiffness(mesh, lam, mu, smoothed=True)
 
 
 def p1_stiffness(mesh: Solid, lam: Float64, mu: Float64) -> bsr_array:
@@ -136,13 +130,14 @@ def p1_stiffness(mesh: Solid, lam: Float64, mu: Float64) -> bsr_array:
     bsr_array, (3N, 3N)
         In 3×3 blocks, N/mm; symmetric to the bit.
     """
-    volumes, slopes = _shapes(mesh)
-    own = np.arange(len(volumes), dtype=np.int32)[:, None]
-    shear, bulk = (
-        _squared(own, volumes, np.sqrt(constant / volumes), slopes, mesh.tets, len(mesh.nodes))
-        for constant in (mu, lam)
-    )
-    return _elastic(shear, bulk)
+    return _stiffness(mesh, lam, mu, smoothed=False)
+
+
+def _stiffness(mesh: Solid, lam: Float64, mu: Float64, smoothed: bool) -> bsr_array:
+    filled = np.array(np.broadcast_to(mesh.filled, len(mesh.tets)), dtype=np.float64)
+    start, column, block = _core.elements.stiffness(mesh.nodes, mesh.tets, mesh.region, filled, lam, mu, smoothed)
+    size = 3 * len(mesh.nodes)
+    return bsr_array((block, column, start), shape=(size, size))
 
 
 def _shapes(mesh: Solid) -> tuple[Float64, Float64]:
@@ -155,32 +150,7 @@ def _shapes(mesh: Solid) -> tuple[Float64, Float64]:
     return np.linalg.det(sides) / 6 * mesh.filled, slopes
 
 
-def _elastic(shear: bsr_array, bulk: bsr_array) -> bsr_array:
-    """K from the means of the gradient H of u: 2 μ ε:ε = μ (|H|² + H:Hᵀ), and λ (tr H)²."""
-    blocks = shear.data.swapaxes(1, 2).copy()
-    blocks += np.trace(shear.data, axis1=1, axis2=2)[:, None, None] * np.eye(3)
-    K: bsr_array = bsr_array((blocks, shear.indices, shear.indptr), shape=shear.shape) + bulk
-    K.sort_indices()
-    return K
-
-
 def _numbered(key: Any) -> Int32:
     """The keys' numbers from 0, in their order."""
     number: Int32 = np.unique(key, return_inverse=True)[1].reshape(key.shape).astype(np.int32)
     return number
-
-
-def _squared(cell: Int32, part: Float64, root: Float64, slopes: Float64, tets: Int32, nodes: int) -> bsr_array:
-    """(3N, 3N) in blocks: GᵀG, G the mean gradients of the shape functions in each cell times `root` and its volume.
-
-    cell: (M, k) of each tet. part: (M,) mm³ that a tet gives to each. root: (cells,).
-    """
-    row = np.repeat(cell, 4, axis=1).ravel()  # (M, k, 4)
-    column = np.tile(tets, (1, cell.shape[1])).ravel()
-    axes = []
-    for k in range(3):
-        value = part[:, None, None] * root[cell][:, :, None] * slopes[:, None, :, k]
-        axes.append(csr_array(coo_array((value.ravel(), (row, column)), shape=(len(root), nodes))))
-    data = np.stack([axis.data for axis in axes], axis=1)  # the three have one pattern, zeros and all
-    G = bsr_array((data[:, None, :], axes[0].indices, axes[0].indptr), shape=(len(root), 3 * nodes))
-    return bsr_array(G.T @ G)

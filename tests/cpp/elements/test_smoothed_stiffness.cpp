@@ -99,3 +99,29 @@ TEST_CASE("held nodes are left out, and the rest stays as it was") {
         for (int k = 0; k < 3 && free_index[i] >= 0; k++)
             CHECK(rest[3 * free_index[i] + k] == doctest::Approx(whole[3 * i + k]).epsilon(1e-9));
 }
+
+TEST_CASE("with a cell for each tetrahedron it is the stiffness of P1 elements") {
+    const Body body(false);
+    const std::vector<double> expected = patch_test::dense_stiffness();
+    std::vector<double> u(body.x.size(), 0);
+    for (size_t n = 0; n < u.size(); n++) {
+        u[n] = 1;
+        const std::vector<double> column = times(p1_stiffness(body.solid(), all_free()), u);
+        for (size_t i = 0; i < u.size(); i++)
+            CHECK(column[i] == doctest::Approx(expected[i * u.size() + n]).epsilon(1e-10).scale(1e-2));
+        u[n] = 0;
+    }
+}
+
+TEST_CASE("a tetrahedron that is half there has half the stiffness") {
+    const Body body(true);
+    const std::vector<double> half(patch_test::tets, 0.5);
+    ElasticSolid solid = body.solid();
+    solid.filled = half.data();
+    for (auto* made : {&smoothed_stiffness, &p1_stiffness}) {
+        const BlockCsr whole = made(body.solid(), all_free()), part = made(solid, all_free());
+        REQUIRE(part.block.size() == whole.block.size());
+        for (size_t k = 0; k < whole.block.size(); k++)
+            CHECK(part.block[k] == doctest::Approx(whole.block[k] / 2).epsilon(1e-12).scale(1e-6));
+    }
+}

@@ -6,14 +6,17 @@ from functools import cached_property
 
 import numpy as np
 
+from palpate import _core
 from palpate.arrays import Bool, Float64, Int32
 from palpate.errors import MeshError
 from palpate.meshes.cutting.blade import Blade
+from palpate.meshes.cutting.cut_zone import cut_zone, whole_nodes, whole_skin
 from palpate.meshes.cutting.skin import Skin, pinches, skin
-from palpate.meshes.cutting.slit_complex import SlitComplex
 from palpate.meshes.cutting.virtual_nodes import pieces, virtual_nodes
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.volumes.centerline import Centerline
+
+ON = 1e-9  # of the mesh's extent: what lies so near to a blade lies on it
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -132,15 +135,19 @@ def cut_mesh(mesh: TetMesh, blades: Sequence[Blade]) -> CutMesh:
     """
     every = (*mesh.blades, *blades) if isinstance(mesh, CutMesh) else tuple(blades)
     mesh = mesh.uncut if isinstance(mesh, CutMesh) else mesh
-    slit = SlitComplex(mesh)
+    near = ON * float(np.ptp(mesh.nodes, axis=0).max())
+    zone = cut_zone(mesh, every, near)
+    slit = _core.cutting.SlitComplex(zone.part.nodes, zone.part.tets, near)
     for blade in every:
-        slit.slit(blade)
+        slit.slit(blade.points, blade.triangles)
     found = pieces(slit)
-    while len(pinched := pinches(found)):
+    while len(pinched := pinches(found, zone.open)):
         for a, b in pinched.tolist():
             slit.split(a, b, 0.5)
         found = pieces(slit)
-    made = virtual_nodes(mesh, found)
+    of_zone = virtual_nodes(zone.part, found)
+    drawn = skin(zone.part, slit, found, of_zone, zone.open)
+    made, copies = whole_nodes(zone, of_zone)
     return CutMesh(
         mesh.nodes[made.origin],
         made.tets,
@@ -151,7 +158,7 @@ def cut_mesh(mesh: TetMesh, blades: Sequence[Blade]) -> CutMesh:
         body=made.body,
         origin=made.origin,
         parent=made.parent,
-        skin=skin(mesh, slit, found, made),
+        skin=whole_skin(zone, of_zone, drawn, made, copies),
         blades=every,
         centerline=mesh.centerline,
     )

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate import _core
 from palpate.arrays import Bool, Float64, Int32, Int64
-from palpate.meshes.cutting.slit_complex import SlitComplex
 from palpate.meshes.cutting.virtual_nodes import Pieces, VirtualNodes, joined
 from palpate.meshes.tet_mesh import FACES, TetMesh, row_keys
 
@@ -28,7 +28,7 @@ class Skin:
         return np.asarray(np.einsum("sa,sak->sk", self.weight, values[tets[self.tet]]))
 
 
-def skin(mesh: TetMesh, slit: SlitComplex, found: Pieces, made: VirtualNodes) -> Skin:
+def skin(mesh: TetMesh, slit: "_core.cutting.SlitComplex", found: Pieces, made: VirtualNodes, open: Int64) -> Skin:
     """Return the surface of a slit mesh.
 
     A point of the complex is one vertex for all parts that hang together there, so the lips of a cut have vertices of
@@ -39,19 +39,21 @@ def skin(mesh: TetMesh, slit: SlitComplex, found: Pieces, made: VirtualNodes) ->
     mesh : TetMesh
         The mesh before the cut.
     slit : SlitComplex
-        The complex.
+        What it is split into.
     found : Pieces
         Its parts.
     made : VirtualNodes
         The copies.
+    open : ndarray, (k, 3)
+        Sorted nodes of faces that do not belong to the surface, though they bound the mesh.
 
     Returns
     -------
     Skin
-        The surface: watertight, and oriented.
+        The surface: oriented, and watertight but for `open`.
     """
     vertex = _vertices(found)
-    corner, lip = _boundary(found)
+    corner, lip = _boundary(found, open)
     triangles = vertex[corner[:, :1], FACES[corner[:, 1]]]
     used, numbered = np.unique(triangles, return_inverse=True)
     slot = _representatives(used, vertex, found, made)
@@ -61,10 +63,10 @@ def skin(mesh: TetMesh, slit: SlitComplex, found: Pieces, made: VirtualNodes) ->
     return Skin(numbered.reshape(-1, 3).astype(np.int32), lip, tet.astype(np.int32), weight)
 
 
-def pinches(found: Pieces) -> Int64:
+def pinches(found: Pieces, open: Int64) -> Int64:
     """(p, 2) points of the complex: edges at which the surface of its parts would meet itself, split to be cured."""
     vertex = _vertices(found)
-    corner, _ = _boundary(found)
+    corner, _ = _boundary(found, open)
     faces = FACES[corner[:, 1]]
     part = np.repeat(corner[:, 0], 3)
     ends = np.stack([faces.ravel(), np.roll(faces, -1, axis=1).ravel()], axis=1)
@@ -81,13 +83,14 @@ def _vertices(found: Pieces) -> Int64:
     return joined(np.stack([4 * i[row] + a, 4 * j[row] + b], axis=1), found.corners.size).reshape(-1, 4)
 
 
-def _boundary(found: Pieces) -> tuple[Int64, Bool]:
+def _boundary(found: Pieces, open: Int64) -> tuple[Int64, Bool]:
     """(T, 2) part and number of its face, for all faces that no bond joins; and whether a blade made it."""
     faces = np.sort(found.corners[:, FACES], axis=2)  # (n, 4, 3)
-    key = row_keys(np.concatenate([faces.reshape(-1, 3), found.faces]))
-    own, cut = key[: faces.shape[0] * 4].reshape(-1, 4), key[faces.shape[0] * 4 :]
+    key = row_keys(np.concatenate([faces.reshape(-1, 3), found.faces, open]))
+    own, cut, beyond = np.split(key, [4 * len(faces), 4 * len(faces) + len(found.faces)])
+    own = own.reshape(-1, 4)
     single = np.unique(own, return_inverse=True, return_counts=True)
-    alone = (single[2][single[1]] == 1).reshape(own.shape)
+    alone = (single[2][single[1]] == 1).reshape(own.shape) & ~np.isin(own, beyond)
     lip = np.isin(own, cut)
     at = np.argwhere(alone | lip)
     return at, lip[at[:, 0], at[:, 1]]
@@ -101,17 +104,16 @@ def _representatives(used: Int64, vertex: Int64, found: Pieces, made: VirtualNod
     return np.asarray(order[first])
 
 
-def _weights(mesh: TetMesh, slit: SlitComplex, point: Int64, tet: Int32) -> Float64:
+def _weights(mesh: TetMesh, slit: "_core.cutting.SlitComplex", point: Int64, tet: Int32) -> Float64:
     """(S, 4) barycentric coordinates of points of the complex in tetrahedra: by the edges that they came from, exactly
     0 where they do not count; beyond the tetrahedron, where a crumb has no element, by its geometry."""
-    weight = np.zeros((len(point), 4))
-    tets = mesh.tets[tet].tolist()
-    for row, (p, nodes) in enumerate(zip(point.tolist(), tets, strict=True)):
-        support = slit.support[p]
-        if support.keys() <= set(nodes):
-            weight[row] = [support.get(node, 0.0) for node in nodes]
-        else:
-            x = mesh.nodes[nodes]
-            weight[row, 1:] = np.linalg.solve((x[1:] - x[0]).T, slit.places[p] - x[0])
-            weight[row, 0] = 1 - weight[row, 1:].sum()
+    nodes, between = mesh.tets[tet], slit.between[point]
+    same = nodes[:, :, None] == between[:, None, :]
+    weight = np.asarray(same @ slit.weights[point][:, :, None])[:, :, 0]
+    beyond = np.flatnonzero(((between >= 0) & ~same.any(axis=1)).any(axis=1))
+    x = mesh.nodes[nodes[beyond]]
+    sides = (x[:, 1:] - x[:, :1]).swapaxes(1, 2)
+    away = slit.places[point[beyond]] - x[:, 0]
+    weight[beyond, 1:] = np.linalg.solve(sides, away[:, :, None])[:, :, 0]
+    weight[beyond, 0] = 1 - weight[beyond, 1:].sum(axis=1)
     return weight

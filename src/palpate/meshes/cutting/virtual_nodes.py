@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import coo_array, csgraph
 
+from palpate import _core
 from palpate.arrays import Bool, Float64, Int32, Int64
-from palpate.meshes.cutting.slit_complex import SlitComplex
-from palpate.meshes.tet_mesh import TetMesh, row_keys, signed_volumes
+from palpate.meshes.tet_mesh import TetMesh, row_keys, shared_faces, signed_volumes
 
 LEAST_SHARE = 1e-6  # of a tetrahedron's volume: what is smaller belongs to another part of the same tetrahedron
 
@@ -49,11 +49,11 @@ class VirtualNodes:
     element: Int64
 
 
-def pieces(slit: SlitComplex) -> Pieces:
+def pieces(slit: "_core.cutting.SlitComplex") -> Pieces:
     """The parts of a slit complex, and how they hang together. A crumb that holds on to nothing is stuck on again."""
-    corners, parent, places = slit.corners.copy(), np.array(slit.parent, dtype=np.int64), slit.places
+    corners, parent, places = slit.corners.astype(np.int64), slit.parent.astype(np.int64), slit.places
     volume = signed_volumes(places, corners)
-    pair, face = _neighbours(corners)
+    pair, face = shared_faces(corners)
     passed, normal = _passed(face, slit)
     while True:
         bond = pair[~passed]
@@ -123,27 +123,17 @@ def virtual_nodes(mesh: TetMesh, found: Pieces) -> VirtualNodes:
     )
 
 
-def _neighbours(corners: Int64) -> tuple[Int64, Int64]:
-    """(f, 2) tetrahedra that share a face, and (f, 3) the face, sorted."""
-    faces = np.sort(np.concatenate([np.delete(corners, k, axis=1) for k in range(4)]), axis=1)
-    owner = np.tile(np.arange(len(corners)), 4)
-    key = row_keys(faces)
-    order = np.argsort(key, kind="stable")
-    same = np.flatnonzero(key[order][1:] == key[order][:-1])
-    return np.stack([owner[order[same]], owner[order[same + 1]]], axis=1), faces[order[same]]
-
-
-def _passed(face: Int64, slit: SlitComplex) -> tuple[Bool, Float64]:
+def _passed(face: Int64, slit: "_core.cutting.SlitComplex") -> tuple[Bool, Float64]:
     """(f,) whether a blade has passed each face, and (f, 3) its normal there."""
+    cut = slit.passed.astype(np.int64)
     passed, normal = np.zeros(len(face), dtype=bool), np.zeros((len(face), 3))
-    if slit.cut:
-        cut = np.array(list(slit.cut), dtype=np.int64)
+    if len(cut):
         key = row_keys(np.concatenate([face, cut]))
         mine, theirs = key[: len(face)], key[len(face) :]
         order = np.argsort(theirs)
         at = np.minimum(np.searchsorted(theirs[order], mine), len(cut) - 1)
         passed = theirs[order][at] == mine
-        normal[passed] = np.array(list(slit.cut.values()))[order[at[passed]]]
+        normal[passed] = slit.normals[order[at[passed]]]
     return passed, normal
 
 
