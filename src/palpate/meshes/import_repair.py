@@ -8,7 +8,6 @@ from scipy.spatial import cKDTree
 from palpate.arrays import Float64, Int32, Int64, float64
 from palpate.errors import MeshError
 from palpate.meshes.centerline_io import stored_centerline
-from palpate.meshes.stuffing.manifold_repair import parts
 from palpate.meshes.tet_mesh import TetMesh, boundary_faces, check_extent, folds, signed_volumes
 from palpate.meshes.triangle_surface import non_manifold_parts
 
@@ -106,7 +105,7 @@ def _merged(nodes: Float64, tets: Int64, region: Int64, notes: list[str]) -> tup
 
 def _notes(mesh: TetMesh, notes: list[str], organs: bool) -> None:
     """Notes on what is valid but may not be intended."""
-    count, part = parts(mesh.tets)
+    count, part = mesh.parts
     if count > 1 and not organs:
         volume = np.sort(np.bincount(part, weights=mesh.volumes))[::-1]
         sizes = ", ".join(f"{v / volume.sum():.1%}" for v in volume[:4]) + ", ..." * (count > 4)

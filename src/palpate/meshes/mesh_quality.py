@@ -9,9 +9,8 @@ from palpate.arrays import AnyArray, Bool, Float64, Int32
 from palpate.errors import DataError
 from palpate.meshes.element_quality import dihedrals, radius_ratios
 from palpate.meshes.stuffing.level_set import Level, box_of, inner_distance
-from palpate.meshes.stuffing.manifold_repair import parts
-from palpate.meshes.tet_mesh import TetMesh, boundary_faces
-from palpate.meshes.triangle_surface import distance_to_surface, non_manifold_parts, shells_and_genus
+from palpate.meshes.tet_mesh import TetMesh, boundary_faces, shared_faces
+from palpate.meshes.triangle_surface import connected_groups, distance_to_surface, non_manifold_parts, shells_and_genus
 from palpate.volumes.volume import Labels
 
 
@@ -144,7 +143,9 @@ def _region(mesh: TetMesh, value: int, labels: Labels | None) -> RegionQuality:
     volume = float(mesh.volumes[mesh.region == value].sum())
     pinched = sum(len(found) for found in non_manifold_parts(skin))
     name = mesh.names.get(value, str(value))
-    plain = RegionQuality(value, name, len(tets), volume, parts(tets)[0], skins, handles, pinched)
+    plain = RegionQuality(
+        value, name, len(tets), volume, connected_groups(len(tets), shared_faces(tets)[0])[0], skins, handles, pinched
+    )
     if labels is None:
         return plain
     mask = labels.values == value

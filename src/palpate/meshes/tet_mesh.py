@@ -7,6 +7,7 @@ import numpy as np
 
 from palpate.arrays import ArrayLike, Float64, Int32, Int64, as_numpy, float64
 from palpate.errors import MeshError
+from palpate.meshes.triangle_surface import connected_groups
 from palpate.volumes.centerline import Centerline
 
 FAR = 1e9  # mm; products of three such lengths are still numbers
@@ -98,6 +99,11 @@ class TetMesh:
         return shared_faces(self.tets.astype(np.int64))
 
     @cached_property
+    def parts(self) -> tuple[int, Int64]:
+        """Number of parts that hang together through faces, and the part of each tetrahedron, (M,)."""
+        return connected_groups(len(self.tets), self.shared_faces[0])
+
+    @cached_property
     def surface_nodes(self) -> Int32:
         """Sorted indices of the nodes on the surface."""
         return np.unique(self.surface).astype(np.int32)
@@ -179,9 +185,9 @@ def folds(tets: ArrayLike) -> Int64:
     low = np.argmin(faces, axis=1)  # the winding: whether the face rises from its lowest node on
     turned = np.take_along_axis(faces, (low[:, None] + [[0, 1, 2]]) % 3, axis=1)
     rises = turned[:, 1] < turned[:, 2]
-    key = np.sort(faces, axis=1)
-    order = np.lexsort(key.T)
-    same = (key[order][1:] == key[order][:-1]).all(axis=1) & (rises[order][1:] == rises[order][:-1])
+    key = row_keys(np.sort(faces, axis=1))
+    order = np.argsort(key, kind="stable")
+    same = (key[order][1:] == key[order][:-1]) & (rises[order][1:] == rises[order][:-1])
     return np.stack([owner[order][:-1][same], owner[order][1:][same]], axis=1).astype(np.int64)
 
 

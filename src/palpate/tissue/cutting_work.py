@@ -166,7 +166,8 @@ def lip_areas(tissue: Tissue) -> dict[int, float]:
     lips = mesh.skin.triangles[mesh.skin.lip]
     a, b, c = (mesh.places[lips[:, k]] for k in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 4  # a half of the triangle, of which each lip has one
-    region = mesh.region[tets_of(mesh, lips)]
+    alike = (mesh.region == mesh.region[0]).all()  # then one need not look where the lips are
+    region = np.full(len(lips), mesh.region[0]) if alike else mesh.region[tets_of(mesh, lips)]
     return {int(r): float(area[region == r].sum()) for r in np.unique(region)}
 
 

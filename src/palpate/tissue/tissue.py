@@ -6,7 +6,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.sparse import coo_array, csgraph
 
 from palpate import _core
 from palpate.arrays import ArrayLike, Bool, Float64, Int32, as_numpy, float64
@@ -381,7 +380,7 @@ def _node_indices(fixed: ArrayLike, count: int) -> Int32:
 
 def _refuse_rigid_motions(mesh: TetMesh, fixed: Int32) -> None:
     """A part joined through faces is held by three nodes not in a line; held parts hold the parts they touch."""
-    parts, part = _parts(mesh.tets)
+    parts, part = mesh.parts
     held = np.zeros(len(mesh.nodes), dtype=bool)
     held[fixed] = True
     members = [np.unique(mesh.tets[part == p]) for p in range(parts)]
@@ -399,15 +398,3 @@ def _refuse_rigid_motions(mesh: TetMesh, fixed: Int32) -> None:
         for p in caught:
             held[members[p]] = True
         loose = [p for p in loose if p not in caught]
-
-
-def _parts(tets: Int32) -> tuple[int, Int32]:
-    """Parts of a mesh that hang together through faces: their number, and the part of each tet."""
-    faces = np.sort(np.concatenate([np.delete(tets, k, axis=1) for k in range(4)]), axis=1)
-    owner = np.tile(np.arange(len(tets)), 4)
-    order = np.lexsort(faces.T)
-    same = (faces[order][1:] == faces[order][:-1]).all(axis=1)
-    a, b = owner[order][:-1][same], owner[order][1:][same]
-    joined = coo_array((np.ones(len(a)), (a, b)), shape=(len(tets), len(tets)))
-    count, part = csgraph.connected_components(joined, directed=False)
-    return int(count), part.astype(np.int32)

@@ -9,8 +9,9 @@ from palpate import _core
 from palpate.arrays import Bool, Float64, Int64
 from palpate.meshes.cutting.blade import Blade
 from palpate.meshes.cutting.skin import Skin
-from palpate.meshes.cutting.virtual_nodes import VirtualNodes, joined
+from palpate.meshes.cutting.virtual_nodes import VirtualNodes
 from palpate.meshes.tet_mesh import TetMesh, row_keys
+from palpate.meshes.triangle_surface import connected_groups
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,15 +38,15 @@ def cut_zone(mesh: TetMesh, blades: Sequence[Blade], near: float) -> CutZone:
     met[0] |= not met.any()  # a zone has a tetrahedron, if nothing is met
     passed = np.zeros(len(mesh.nodes), dtype=bool)
     passed[mesh.tets[met]] = True
-    split = passed[mesh.tets].sum(axis=1) >= 2  # an edge that is split splits all tetrahedra about it
+    split = np.asarray(passed[mesh.tets].sum(axis=1) >= 2)  # an edge that is split splits all tetrahedra about it
     moved = np.zeros(len(mesh.nodes), dtype=bool)
     moved[mesh.tets[split]] = True
-    inside = moved[mesh.tets].any(axis=1)
+    inside = np.asarray(moved[mesh.tets].any(axis=1))
     tets = np.flatnonzero(inside)
     nodes = np.unique(mesh.tets[tets]).astype(np.int64)
     part = TetMesh(mesh.nodes[nodes], np.searchsorted(nodes, mesh.tets[tets]), mesh.region[tets])
     pairs, faces = mesh.shared_faces
-    rim = inside[pairs].sum(axis=1) == 1
+    rim = np.asarray(inside[pairs].sum(axis=1) == 1)
     return CutZone(mesh, tets, nodes, part, np.searchsorted(nodes, faces[rim]), ~moved[nodes])
 
 
@@ -70,7 +71,7 @@ def whole_nodes(zone: CutZone, made: VirtualNodes) -> tuple[VirtualNodes, Int64]
     by_body = np.argsort(made.body, kind="stable")
     same = made.body[by_body][1:] == made.body[by_body][:-1]
     chain = np.stack([copies[by_body[:-1][same]], copies[by_body[1:][same]]], axis=1)
-    body = joined(np.concatenate([at[pairs[outside[pairs].any(axis=1)]], chain]), len(order))
+    body = connected_groups(len(order), np.concatenate([at[pairs[outside[pairs].any(axis=1)]], chain]))[1]
 
     whole = VirtualNodes(
         np.concatenate([np.arange(len(mesh.nodes)), zone.nodes[late[twice]]]).astype(np.int32),

@@ -6,8 +6,9 @@ import numpy as np
 
 from palpate import _core
 from palpate.arrays import Bool, Float64, Int32, Int64
-from palpate.meshes.cutting.virtual_nodes import Pieces, VirtualNodes, joined
+from palpate.meshes.cutting.virtual_nodes import Pieces, VirtualNodes
 from palpate.meshes.tet_mesh import FACES, TetMesh, row_keys
+from palpate.meshes.triangle_surface import connected_groups
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +81,8 @@ def _vertices(found: Pieces) -> Int64:
     """(n, 4) vertex of each corner of the parts: corners of bonded parts at one point are one."""
     i, j = found.bond.T
     row, a, b = np.nonzero(found.corners[i][:, :, None] == found.corners[j][:, None, :])
-    return joined(np.stack([4 * i[row] + a, 4 * j[row] + b], axis=1), found.corners.size).reshape(-1, 4)
+    same = np.stack([4 * i[row] + a, 4 * j[row] + b], axis=1)
+    return connected_groups(found.corners.size, same)[1].reshape(-1, 4)
 
 
 def _boundary(found: Pieces, open: Int64) -> tuple[Int64, Bool]:

@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array, csgraph
 
 from palpate import _core
 from palpate.arrays import Bool, Float64, Int32, Int64
 from palpate.meshes.tet_mesh import TetMesh, row_keys, shared_faces, signed_volumes
+from palpate.meshes.triangle_surface import connected_groups
 
 LEAST_SHARE = 1e-6  # of a tetrahedron's volume: what is smaller belongs to another part of the same tetrahedron
 
@@ -58,7 +58,7 @@ def pieces(slit: "_core.cutting.SlitComplex") -> Pieces:
     while True:
         bond = pair[~passed]
         within = bond[parent[bond[:, 0]] == parent[bond[:, 1]]]
-        fragment, body = joined(within, len(corners)), joined(bond, len(corners))
+        fragment, body = (connected_groups(len(corners), pairs)[1] for pairs in (within, bond))
         crumb = _share(fragment, parent, volume)[fragment] < LEAST_SHARE
         loose = np.bincount(body, ~crumb) == 0
         stuck = passed & loose[body[pair]].any(axis=1)
@@ -137,12 +137,6 @@ def _passed(face: Int64, slit: "_core.cutting.SlitComplex") -> tuple[Bool, Float
     return passed, normal
 
 
-def joined(pairs: Int64, count: int) -> Int64:
-    """(count,) number of the component of each, for undirected pairs."""
-    graph = coo_array((np.ones(len(pairs), dtype=np.int8), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
-    return np.asarray(csgraph.connected_components(graph, directed=False)[1], dtype=np.int64)
-
-
 def _share(fragment: Int64, parent: Int64, volume: Float64) -> Float64:
     """(fragments,) part of its tetrahedron's volume."""
     owner = parent[np.unique(fragment, return_index=True)[1]]
@@ -155,7 +149,8 @@ def _slots(tets: Int64, owner: Int64, found: Pieces) -> Int64:
     across = found.bond[found.parent[found.bond[:, 0]] != found.parent[found.bond[:, 1]]]
     f, g = np.unique(found.fragment[across], axis=0).T
     row, a, b = np.nonzero(tets[owner[f]][:, :, None] == tets[owner[g]][:, None, :])
-    return joined(np.stack([4 * f[row] + a, 4 * g[row] + b], axis=1), 4 * len(owner)).reshape(-1, 4)
+    same = np.stack([4 * f[row] + a, 4 * g[row] + b], axis=1)
+    return connected_groups(4 * len(owner), same)[1].reshape(-1, 4)
 
 
 def _side(found: Pieces, copy: Int64, count: int) -> Int64:

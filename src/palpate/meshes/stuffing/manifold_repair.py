@@ -2,24 +2,9 @@
 
 import numpy as np
 
-from palpate.arrays import Bool, Float64, Int32, Int64
-from palpate.meshes.tet_mesh import FACES, boundary_faces, row_keys
+from palpate.arrays import Bool, Float64, Int64
+from palpate.meshes.tet_mesh import boundary_faces, shared_faces
 from palpate.meshes.triangle_surface import connected_groups, non_manifold_parts
-
-
-def face_neighbours(tets: Int32 | Int64) -> Int64:
-    """(P, 2) pairs of tets that share a face."""
-    faces: Int64 = np.sort(tets[:, FACES].reshape(-1, 3).astype(np.int64), axis=1)
-    owner = np.repeat(np.arange(len(tets)), 4)
-    key = row_keys(faces)
-    order = np.argsort(key, kind="stable")
-    same = key[order][1:] == key[order][:-1]
-    return np.stack([owner[order][:-1][same], owner[order][1:][same]], axis=1)
-
-
-def parts(tets: Int32 | Int64) -> tuple[int, Int64]:
-    """Number of parts connected through faces, and the part of each tet."""
-    return connected_groups(len(tets), face_neighbours(tets))
 
 
 def remove_pinches(tets: Int64, volume: Float64) -> Bool:
@@ -45,7 +30,7 @@ def remove_pinches(tets: Int64, volume: Float64) -> Bool:
 
 def _smaller(tets: Int64, volume: Float64, item: Int64) -> Bool:
     """Of the tets around a node or edge, those not in the largest fan linked by faces around it; all if one fan."""
-    pairs = face_neighbours(tets)
+    pairs = shared_faces(tets)[0]
     if len(pairs):
         shared = tets[pairs[:, 0]][:, :, None] == tets[pairs[:, 1]][:, None, :]
         common = shared.any(axis=2)

@@ -15,10 +15,10 @@ from palpate.errors import MeshError
 from palpate.meshes.element_quality import smallest_dihedral
 from palpate.meshes.stuffing.bcc_lattice import edges_of
 from palpate.meshes.stuffing.level_set import Level
-from palpate.meshes.stuffing.manifold_repair import face_neighbours, remove_pinches
+from palpate.meshes.stuffing.manifold_repair import remove_pinches
 from palpate.meshes.stuffing.nested_solids import Solid
 from palpate.meshes.stuffing.volume_matching import empty_body_message
-from palpate.meshes.tet_mesh import boundary_faces, signed_volumes
+from palpate.meshes.tet_mesh import boundary_faces, shared_faces, signed_volumes
 
 LEAST = 14.0  # degrees: no tet falls below this, or below what it had, when its nodes move
 FURTHEST = 0.45  # of an edge: how far a node goes from where the lattice put it
@@ -137,7 +137,7 @@ def _majority_region(shares: Shares, nodes: Float64, tets: Int64) -> Int64:
 def _cleaned(tets: Int64, volume: Float64, owned: Int64) -> Int64:
     """Tets that stick out with three faces go to the region around them; skins of regions become 2-manifolds."""
     owned = owned.copy()
-    pairs = face_neighbours(tets)
+    pairs = shared_faces(tets)[0]
     regions = int(owned.max()) + 1
     for _ in range(4):
         votes = np.zeros((len(tets), regions), dtype=np.int64)

@@ -90,10 +90,20 @@ class FiniteElements:
         self.element = tissue.element if element is None else element
         if self.element not in AT_NODES:
             refuse_cut(tissue.mesh, f'finite elements "{self.element}"')
-        self.space = basis(tissue.mesh, self.element)
         self.K = self._stiffness()
-        self.nodal: Int32 = self.space.nodal_dofs.T  # (N, 3) unknowns of each node
         self.free = np.setdiff1d(np.arange(self.K.shape[0]), self._held_unknowns())
+
+    @cached_property
+    def space(self) -> Any:
+        """scikit-fem's basis."""
+        return basis(self.tissue.mesh, self.element)
+
+    @cached_property
+    def nodal(self) -> Int32:
+        """(N, 3) unknowns of each node."""
+        if self.element in AT_NODES:  # in scikit-fem's order, without its basis
+            return np.arange(3 * len(self.tissue.mesh.nodes), dtype=np.int32).reshape(-1, 3)
+        return np.asarray(self.space.nodal_dofs.T)
 
     def _stiffness(self) -> csr_array:
         if self.element == "smoothed":
@@ -104,7 +114,9 @@ class FiniteElements:
     @cached_property
     def factors(self) -> Factors:
         """Of the stiffness among the unknowns that are not held."""
-        return Factors(self.K[self.free][:, self.free], self.space.doflocs[:, self.free[::3]].T)
+        at_nodes = self.element in AT_NODES
+        places = self.tissue.mesh.nodes[~self.tissue.held] if at_nodes else self.space.doflocs[:, self.free[::3]].T
+        return Factors(self.K[self.free][:, self.free], places)
 
     def solve(self, load: Float64) -> Float64:
         """(unknowns, k) displacements under (unknowns, k) loads, held unknowns 0."""
