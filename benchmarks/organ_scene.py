@@ -45,7 +45,8 @@ def scene() -> pp.Tissue:
 
 def touching(tissue: pp.Tissue) -> list[str]:
     """Pairs of organs that are less than `NEAR` apart somewhere."""
-    N, rest = organ_gaps(tissue.mesh)
+    found = organ_gaps(tissue.mesh)
+    N, rest = found.N, found.rest
     organ = organs(tissue.mesh)
     names = [
         tissue.mesh.names[int(tissue.mesh.region[organ[tissue.mesh.tets[:, 0]] == k][0])]
@@ -62,7 +63,8 @@ def touching(tissue: pp.Tissue) -> list[str]:
 def stroke(tissue: pp.Tissue, model: ComplianceModel) -> tuple[Session, float, float]:
     """The session, the largest displacement (mm) of an organ that no tool touches, and the newest force (N)."""
     session, pointer = Session(model, radius=12.0), Pointer()
-    N, rest = organ_gaps(tissue.mesh)
+    found = organ_gaps(tissue.mesh)
+    N, rest = found.N, found.rest
     organ = organs(tissue.mesh)
     liver = int(organ[tissue.mesh.tets[np.argmax(tissue.mesh.region == 5), 0]])
     surface = np.unique(tissue.mesh.surface)

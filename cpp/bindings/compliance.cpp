@@ -61,7 +61,7 @@ template <class F> void in_batches(const std::vector<int>& all, F make) {
         make(&all[k], int(std::min<size_t>(GreensFunctions::batch, all.size() - k)));
 }
 
-// W and K^-1 N come as rows of `count` numbers, and are kept as rows of whole cache lines.
+// W and K^-1 N come as `count` numbers a row, and are kept as rows of whole cache lines.
 AlignedBuffer padded(const double* from, size_t rows, int count, int stride) {
     AlignedBuffer out(rows * stride);
     for (size_t r = 0; r < rows; r++)
@@ -147,21 +147,23 @@ void bind_compliance(nb::module_& m) {
     nb::class_<GapConstraints>(m, "GapConstraints", "Surfaces of a body that may meet.")
         .def(
             "__init__",
-            [](GapConstraints* self, In<double, 1> rest, In<double, 1> give, In<double, 2> between,
+            [](GapConstraints* self, In<double, 1> rest, In<double, 1> give, double friction, In<double, 2> between,
                In<double, 3> response, In<int32_t, 1> first, In<int32_t, 1> node, In<double, 2> share) {
                 const size_t count = rest.size();
                 expect(count >= 1 && count <= GapConstraints::most, "gaps: 1 to 1024");
-                expect(between.shape(0) == count && between.shape(1) == count, "between: expected (gaps, gaps)");
-                expect(response.shape(1) == 3 && response.shape(2) == count, "response: expected (vertices, 3, gaps)");
-                expect(first.size() == count + 1 && first(0) == 0 && size_t(first(count)) == node.size(),
-                       "first: expected (gaps + 1)");
+                expect(within(friction, 0.0, 100.0), "friction: 0 to 100");
+                const size_t all = friction > 0 ? 3 * count : count;
+                expect(between.shape(0) == all && between.shape(1) == all, "between: expected (rows, rows)");
+                expect(response.shape(1) == 3 && response.shape(2) == all, "response: expected (vertices, 3, rows)");
+                expect(first.size() == all + 1 && first(0) == 0 && size_t(first(all)) == node.size(),
+                       "first: expected (rows + 1)");
                 expect(give.size() == count, "give: expected (gaps)");
                 for (size_t i = 0; i < count; i++) {
                     expect(within(give(i), 0.0, 1e9), "give: 0 to 1000000000 mm/N");
-                    expect(first(i) <= first(i + 1), "first: descends");
                     expect(rest(i) >= 0, "rest: below 0 mm");
                     expect(between(i, i) > 0, "between: a gap that no force opens");
                 }
+                for (size_t i = 0; i < all; i++) expect(first(i) <= first(i + 1), "first: descends");
                 expect_vectors(share, node.size(), "share: expected (entries, 3)");
                 expect_finite(rest, "rest: not finite");
                 expect_finite(between, "between: not finite");
@@ -169,18 +171,23 @@ void bind_compliance(nb::module_& m) {
                 expect_finite(share, "share: not finite");
                 expect_numbers(node, size_t(1) << 30, "node: below 0");
                 new (self) GapConstraints();
-                self->count = int(count);
-                self->stride = (self->count + cache_line - 1) / cache_line * cache_line;
+                self->count = int(count), self->friction = friction, self->rows = int(all);
+                self->stride = (self->rows + cache_line - 1) / cache_line * cache_line;
                 self->rest = listed(rest), self->give = listed(give), self->first = listed(first),
                 self->node = listed(node);
-                self->between = padded(between.data(), count, self->count, self->stride);
-                self->response = padded(response.data(), 3 * response.shape(0), self->count, self->stride);
+                self->between = padded(between.data(), all, self->rows, self->stride);
+                self->response = padded(response.data(), 3 * response.shape(0), self->rows, self->stride);
                 self->share.assign(share.data(), share.data() + share.size());
             },
-            "rest"_as_is, "give"_as_is, "between"_as_is, "response"_as_is, "first"_as_is, "node"_as_is, "share"_as_is,
-            "rest: (gaps) mm. give: (gaps) mm/N of a spring, 0 of surfaces that may meet. between: (gaps, gaps) mm/N, "
-            "N'K^-1 N. response: (vertices, 3, gaps) mm/N, K^-1 N. first: "
-            "(gaps + 1), node: (entries) free nodes and share: (entries, 3) of N, gap by gap.");
+            "rest"_as_is, "give"_as_is, "friction"_a, "between"_as_is, "response"_as_is, "first"_as_is, "node"_as_is,
+            "share"_as_is,
+            "rest: (gaps) mm. give: (gaps) mm/N of a spring, 0 of surfaces that may meet. friction: Coulomb's "
+            "coefficient; "
+            "above 0, two rows of slip for each gap follow the gaps' rows. between: (rows, rows) mm/N, N'K^-1 N. "
+            "response: "
+            "(vertices, 3, rows) mm/N, K^-1 N. first: (rows + 1), node: (entries) free nodes and share: (entries, 3) "
+            "of N, "
+            "row by row.");
     nb::class_<ComplianceModel, TissueModel>(m, "ComplianceModel",
                                              "Exact linear finite elements by tables of Green's functions.")
         .def(

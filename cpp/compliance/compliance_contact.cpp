@@ -19,7 +19,7 @@ void ComplianceModel::close_gaps(ComplianceState& s, int prescribed, const doubl
     for (int k = 0; k < n * n; k++) exact[k] = in_use[k] - offset[k];
     for (int a = 0; a < prescribed; a++)
         s.gaps->set_patch(a, s.blocks().vertex.data(), &s.weight[a * ContactPatch::capacity], s.blocks().count);
-    s.gaps->solve(exact, displacement, n, s.continues ? first_sweeps : gap_sweeps, s.gap_force());
+    s.energy_shift = -s.gaps->solve(exact, displacement, n, s.continues ? first_sweeps : gap_sweeps, s.gap_force());
     for (int a = 0; a < prescribed; a++) s.gaps->patch_displacement(a, s.gap_force(), moved + 3 * a);
     double square = 0;
     for (int k = 0; k < n; k++) {

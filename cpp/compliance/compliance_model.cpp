@@ -45,7 +45,7 @@ ComplianceState::ComplianceState(const std::vector<FactoredStiffness>& bodies, s
     elastic.resize(3 * samples.size() * capacity), part.resize(field.size());
     if (constraints.count > 0) {
         gaps = std::make_unique<GapSolver>(constraints, TissueModel::max_patches);
-        values.resize(size + constraints.count);
+        values.resize(size + constraints.numbers());
     }
     if (recursion.fields == 0) return;
     history = std::make_unique<LoadHistory>(bodies[0], recursion);
@@ -94,6 +94,7 @@ bool ComplianceModel::relax(ModelState& state, const ContactPatch* patches, int 
     auto& s = static_cast<ComplianceState&>(state);
     const bool at_rest = (!s.history || s.history->size() == 0) && (!s.motion || s.motion->at_rest);
     s.snapshot.serial++;
+    s.energy_shift = 0;
     bool good = true;
     if (prescribed + (at_rest ? 0 : observed) > 0) {
         if (!set_patches(s, patches, prescribed + observed)) return false;
@@ -157,7 +158,7 @@ void ComplianceModel::resize_contacts(ComplianceState& s, int prescribed) const 
     if (was == n) return;
     double before[ComplianceState::size];
     std::copy_n(s.values.begin(), ComplianceState::size, before);
-    std::fill(s.values.begin(), s.values.end(), 0.0);
+    std::fill_n(s.values.begin(), int(ComplianceState::size), 0.0); // surfaces stick where they did
     s.values[ComplianceState::prescribed_at] = prescribed;
     if (was > n || was == 0) return;
     s.values[ComplianceState::known_at] = before[ComplianceState::known_at];
@@ -168,7 +169,7 @@ void ComplianceModel::resize_contacts(ComplianceState& s, int prescribed) const 
 }
 
 void ComplianceModel::release(ComplianceState& s) const {
-    std::fill_n(s.values.begin(), ComplianceState::size + gaps.count, 0.0);
+    std::fill_n(s.values.begin(), ComplianceState::size + gaps.numbers(), 0.0);
     s.snapshot.count = s.snapshot.loads = s.snapshot.gaps = 0;
     s.stale = s.blending = false;
     if (!s.history) return;
@@ -266,8 +267,8 @@ void ComplianceModel::apply_stiffness(ComplianceState& s, int prescribed, const 
     }
     const int patches = prescribed > 0 ? prescribed : int(values[ComplianceState::observed_at]);
     s.snapshot.count = s.snapshot.loads = s.blocks().count;
-    s.snapshot.gaps = gaps.count;
-    std::copy_n(&values[ComplianceState::size], gaps.count, s.snapshot.gap_force);
+    s.snapshot.gaps = gaps.rows;
+    std::copy_n(&values[ComplianceState::size], gaps.rows, s.snapshot.gap_force);
     std::copy_n(s.blocks().vertex.data(), s.blocks().count, s.snapshot.vertex);
     for (int i = 0; i < s.blocks().count; i++) {
         double sum = 0, load[3] = {0, 0, 0};

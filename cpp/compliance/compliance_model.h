@@ -29,7 +29,7 @@ struct ComplianceState : ModelState {
 
     // Prescribed and observed contacts (2); forces, displacements (3 per patch each); the stiffness in use, its
     // difference to the exact one (3 prescribed by 3 prescribed, each); 1: the difference is known, -1: it is not; the
-    // history's numbers, or the forces in gaps that have closed.
+    // history's numbers, or what `GapConstraints` keeps of a state.
     std::vector<double> values;
     std::unique_ptr<GapSolver> gaps; // of a body with surfaces that may meet
     double* gap_force() { return &values[size]; }

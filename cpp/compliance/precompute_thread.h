@@ -23,8 +23,8 @@ struct ContactSnapshot {
     int modes = 0;
     float amplitude[VibrationModes::most]; // of the modes of vibration
     int gaps = 0;
-    float gap_force[GapConstraints::most] = {}; // N, in gaps that have closed; 0 beyond the last one
-    void copy(const ContactSnapshot& other);    // copies only the entries in use
+    float gap_force[GapConstraints::most_rows] = {}; // N, in gaps that have closed; 0 beyond the last one
+    void copy(const ContactSnapshot& other);         // copies only the entries in use
 };
 
 // Computes, in this order: the patch's own blocks, blocks along its predicted path, columns for the display while the

@@ -87,9 +87,8 @@ double ComplianceModel::energy(const ModelState& state, int prescribed, const do
                                const double* force) const {
     const auto& s = static_cast<const ComplianceState&>(state);
     if (!s.history) {
-        double energy = TissueModel::energy(state, prescribed, displacement, force);
-        for (int i = 0; i < gaps.count; i++) energy -= 0.5 * gaps.rest[i] * s.gap_force()[i];
-        return energy;
+        const double elastic = TissueModel::energy(state, prescribed, displacement, force);
+        return s.gaps ? elastic + gaps.energy(s.gap_force()) : elastic;
     }
     return s.history->energy() + (s.motion ? s.motion->energy() : 0);
 }

@@ -44,7 +44,8 @@ def beside():
 
 def pressures(tissue, reach=8.0):
     """Forces (g,) N in the gaps of a body that nothing else touches, its displacement (N, 3) mm, and the gaps as matrix."""
-    N, rest = organ_gaps(tissue.mesh, reach)
+    found = organ_gaps(tissue.mesh, reach)
+    N, rest = found.N, found.rest
     free = np.repeat(~tissue.held, 3)
     moved = FiniteElements(tissue).factors.solve(N[np.flatnonzero(free)].toarray())
     p = complementarity(N[np.flatnonzero(free)].T @ moved, rest)
@@ -111,7 +112,7 @@ def test_pressed_together_evenly_two_slabs_are_one():
 
 def test_forces_are_opposite_and_their_moments_cancel(stacked, beside):
     for tissue in (stacked, beside):
-        N, x = organ_gaps(tissue.mesh)[0], tissue.mesh.nodes
+        N, x = organ_gaps(tissue.mesh).N, tissue.mesh.nodes
         first = (organs(tissue.mesh) == 0)[:, None]
         for u in (*np.broadcast_to(np.eye(3)[:, None], (3, *x.shape)), *(np.cross(axis, x) for axis in np.eye(3))):
             one, other = N.T @ (u * first).ravel(), N.T @ (u * ~first).ravel()
@@ -188,7 +189,7 @@ def test_organs_that_overlap_are_moved_apart():
     meshes = slab((5, 5, 6), (30, 40, 40)), slab((4, 6, 5), (30, 40, 40), (29.0, 0, 0))
     left, right = (pp.Tissue(m, 5.0, 0.3, m.nodes[:, 0] == far) for m, far in zip(meshes, (0.0, 59.0), strict=True))
     both = pp.join_tissues([left, right])
-    rest = organ_gaps(both.mesh)[1]
+    rest = organ_gaps(both.mesh).rest
     assert rest.min() > -0.1
     assert np.abs(both.mesh.nodes - np.concatenate([left.mesh.nodes, right.mesh.nodes])).max() < 1.5
     assert both.mesh.volumes.sum() > 0.97 * 2 * 30 * 40 * 40
@@ -244,8 +245,8 @@ def test_a_scene_of_a_label_map(tmp_path):
     )
     scene = pp.read_scene(tmp_path / "scene.yaml")
     assert scene.mesh.names == {1: "one", 2: "two"}
-    assert organ_gaps(scene.mesh)[1].min() > -0.1
-    assert (organ_gaps(scene.mesh)[1] < 0.5).sum() > 20
+    assert organ_gaps(scene.mesh).rest.min() > -0.1
+    assert (organ_gaps(scene.mesh).rest < 0.5).sum() > 20
 
 
 @pytest.mark.parametrize(

@@ -75,6 +75,9 @@ def fit_command(
         float, typer.Option(help="Exponent with which --model neo-hookean stiffens with stretch: 5. 0: it does not.")
     ] = 0.0,
     region_stiffening: Annotated[list[str] | None, typer.Option(help="Another exponent: lump=10")] = None,
+    surface_friction: Annotated[
+        float, typer.Option(help="Coulomb's coefficient of the lips of cuts on each other: 0.1", show_default=False)
+    ] = 0.0,
     law: Annotated[str, typer.Option(help="Of the home springs: uniform, linear, exponential.")] = "exponential",
     element: Annotated[str, typer.Option(help="smoothed; P1: too stiff; P2, mixed: for springs alone.")] = "smoothed",
     within: Annotated[
@@ -166,7 +169,7 @@ def fit_command(
             relaxation=relaxing or None,
             inertia=swinging,
             stiffening=b,
-        )
+        ).replace(surface_friction=surface_friction)
     pp.write_tissue(output, fitted)
     with doing("trying models"):
         begin = starting_model(fitted, radius)

@@ -37,9 +37,9 @@ def scene_command(
     writable(output)
     joined = pp.read_scene(scene)
     pp.write_tissue(output, joined)
-    gaps, rest = organ_gaps(joined.mesh)
+    rest = organ_gaps(joined.mesh).rest
     count = int(organs(joined.mesh).max()) + 1
     names = ", ".join(joined.mesh.names.values())
     typer.echo(f"{count} organs and bones of {len(joined.mesh.nodes):,} nodes: {names}")
-    typer.echo(f"{gaps.shape[1]} gaps between them, {(rest < 0.1).sum()} of them below 0.1 mm")
+    typer.echo(f"{len(rest)} gaps between them, {(rest < 0.1).sum()} of them below 0.1 mm")
     typer.echo(f"wrote {output}")

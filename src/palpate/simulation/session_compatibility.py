@@ -94,6 +94,8 @@ def _hash(tissue: Tissue, law: SpringLaw | None) -> str:
         hash_.update(b"stiffening" + tissue.stiffening.tobytes())
     if tissue.attachments:
         hash_.update(repr(tissue.attachments).encode())
+    if tissue.surface_friction > 0:
+        hash_.update(f"surface friction {tissue.surface_friction!r}".encode())
     return hash_.hexdigest()[:32]
 
 

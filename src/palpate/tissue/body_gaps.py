@@ -3,7 +3,7 @@
 import warnings
 
 import numpy as np
-from scipy.sparse import csr_array, hstack
+from scipy.sparse import csr_array
 
 from palpate.arrays import Int32
 from palpate.meshes.cutting.cut_mesh import CutMesh
@@ -12,6 +12,7 @@ from palpate.tissue.gap_contact import MOST_GAPS, GapContact
 from palpate.tissue.lip_gaps import lip_gaps
 from palpate.tissue.organ_gaps import organ_gaps
 from palpate.tissue.sparse_factor import Factors
+from palpate.tissue.surface_gaps import SurfaceGaps
 from palpate.tissue.tissue import Tissue
 
 NO_GAP = 1e-9  # of a force that opens a gap, what stands on free nodes: less of one between held nodes alone
@@ -19,7 +20,7 @@ NO_GAP = 1e-9  # of a force that opens a gap, what stands on free nodes: less of
 
 def may_meet(tissue: Tissue) -> bool:
     """Whether surfaces of a tissue may meet: organs beside each other, or lips of cuts."""
-    return isinstance(tissue.mesh, CutMesh) or organ_gaps(tissue.mesh)[0].shape[1] > 0
+    return isinstance(tissue.mesh, CutMesh) or len(organ_gaps(tissue.mesh).rest) > 0
 
 
 def gap_contact(tissue: Tissue, factors: Factors, vertices: Int32) -> GapContact | None:
@@ -28,15 +29,15 @@ def gap_contact(tissue: Tissue, factors: Factors, vertices: Int32) -> GapContact
     If there are too many gaps, those that are widest at rest are left out, with a warning. Raises `DataError` if there
     are too many of lips and attachments.
     """
-    N, rest = organ_gaps(tissue.mesh)
-    parts = [(N, np.maximum(rest, 0), np.zeros(len(rest)))]
+    parts = [organ_gaps(tissue.mesh)]
     if isinstance(tissue.mesh, CutMesh):
-        lips = lip_gaps(tissue.mesh)
-        parts.append((lips, np.zeros(lips.shape[1]), np.zeros(lips.shape[1])))
-    springs, give = attachment_gaps(tissue)
-    parts.append((springs, np.zeros(len(give)), give))
-    N = csr_array(hstack([part for part, _, _ in parts]))[np.repeat(~tissue.held, 3)]
-    rest, give = (np.concatenate([part[k] for part in parts]) for k in (1, 2))
+        parts.append(lip_gaps(tissue.mesh))
+    springs, stretch = attachment_gaps(tissue)
+    parts.append(SurfaceGaps(springs, np.zeros(len(stretch)), csr_array((springs.shape[0], 2 * len(stretch)))))
+    every = SurfaceGaps.together(parts)
+    give = np.concatenate([np.zeros(len(every.rest) - len(stretch)), stretch])
+    free = np.repeat(~tissue.held, 3)
+    N, rest, T = every.N[free], np.maximum(every.rest, 0), every.T[free]
     opens = np.flatnonzero(np.sqrt(N.power(2).sum(axis=0)) > NO_GAP)
     if len(opens) == 0:
         return None
@@ -46,4 +47,6 @@ def gap_contact(tissue: Tissue, factors: Factors, vertices: Int32) -> GapContact
             f"contact: surfaces more than {rest[opens].max():.2g} mm apart at rest do not meet in this model",
             stacklevel=4,
         )
-    return GapContact(factors, csr_array(N[:, opens]), rest[opens], give[opens], vertices)
+    slips = (2 * opens[:, None] + np.arange(2)).ravel()
+    found = SurfaceGaps(csr_array(N[:, opens]), rest[opens], csr_array(T[:, slips]))
+    return GapContact(factors, found, give[opens], tissue.surface_friction, vertices)

@@ -5,81 +5,128 @@ from collections.abc import Callable
 import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.optimize import nnls
-from scipy.sparse import csc_array, csr_array
+from scipy.sparse import csc_array, hstack
 
 from palpate import _core
 from palpate.arrays import Float64, Int32
 from palpate.errors import DataError
 from palpate.tissue.sparse_factor import Factors
+from palpate.tissue.surface_gaps import SurfaceGaps
 
 MOST_GAPS = 1024
 REGULAR = 1e-9  # of the mean entry on the diagonal
 SETTLED = 1e-10  # of the largest force
 MOST_TURNS = 500
+MOST_STEPS = 5000
 
 
 class GapContact:
     """Gaps = rest + Nᵀu ≥ 0 mm, the forces p ≥ 0 N between their surfaces, and in each gap one of the two is 0.
 
-    Without friction, and linear: the gaps are those of the surfaces at rest, whose normals do not turn. Let d be the
-    displacements of tools, C the compliance of their patches, and D = WᵀK⁻¹N what the patches do under unit forces p. The
-    forces of the tools are C⁻¹ (d − D p), and the gaps rest + DᵀC⁻¹d + (NᵀK⁻¹N − DᵀC⁻¹D) p: a linear complementarity
-    problem.
+    Linear: the gaps are those of the surfaces at rest, whose normals do not turn. With friction the surfaces slip by
+    s = Tᵀu, and a force q acts against that: |q| ≤ μ p, and q = −μ p s/|s| where they slip (Coulomb). A push is one step
+    from rest, so s is the whole way; the loop counts it from where the surfaces stuck last.
 
-    N: (3n, g) by free nodes, rest: (g,) mm. give: (g,) mm/N of springs across gaps, whose force is −Nᵀu over it, of any
-    sign; 0: surfaces that may meet. vertices: free nodes that are touched or shown. native: all of it for the loop. Raises
-    `DataError` for more than `MOST_GAPS` gaps.
+    Let d be the displacements of tools, C the compliance of their patches, A = (N, T) and D = WᵀK⁻¹A what the patches do
+    under unit forces (p, q). The forces of the tools are C⁻¹ (d − D (p, q)), and gaps and slips
+    (rest, 0) + DᵀC⁻¹d + (AᵀK⁻¹A − DᵀC⁻¹D) (p, q).
+
+    found: the gaps, by free nodes. give: (g,) mm/N of springs across gaps, whose force is −Nᵀu over it, of any sign; 0:
+    surfaces that may meet. friction: μ. vertices: free nodes that are touched or shown. native: all of it for the loop.
+    Raises `DataError` for more than `MOST_GAPS` gaps.
     """
 
-    def __init__(self, factors: Factors, N: csr_array, rest: Float64, give: Float64, vertices: Int32) -> None:
-        if N.shape[1] > MOST_GAPS:
+    def __init__(self, factors: Factors, found: SurfaceGaps, give: Float64, friction: float, vertices: Int32) -> None:
+        self.count = len(found.rest)
+        if self.count > MOST_GAPS:
             raise DataError(
-                f"contact: {N.shape[1]} gaps between surfaces, at most {MOST_GAPS}; take larger elements, or make the "
+                f"contact: {self.count} gaps between surfaces, at most {MOST_GAPS}; take larger elements, or make the "
                 f"model with contact=False"
             )
-        self.N, self.rest, self.give = csc_array(N), rest, give
-        nodes = np.unique(self.N.indices // 3).astype(np.int32)
-        on = np.ascontiguousarray(self.N[(3 * nodes[:, None] + np.arange(3)).ravel()].toarray())
+        self.A = csc_array(hstack([found.N, found.T]) if friction > 0 else found.N)
+        self.rest, self.give, self.friction = found.rest, give, friction
+        nodes = np.unique(self.A.indices // 3).astype(np.int32)
+        on = np.ascontiguousarray(self.A[(3 * nodes[:, None] + np.arange(3)).ravel()].toarray())
         wanted = np.union1d(vertices, nodes).astype(np.int32)
         moved = factors.native.partial_solve(nodes, on, wanted).reshape(len(wanted), 3, -1)
         W = on.T @ moved[np.searchsorted(wanted, nodes)].reshape(on.shape)
         self.W = np.ascontiguousarray((W + W.T) / 2)
         share = on.reshape(-1, 3, on.shape[1])
-        gap, node = np.nonzero(np.abs(share).sum(axis=1).T)
+        row, node = np.nonzero(np.abs(share).sum(axis=1).T)
         self.native = _core.compliance.GapConstraints(
-            rest,
+            self.rest,
             give,
+            friction,
             self.W,
             np.ascontiguousarray(moved[np.searchsorted(wanted, vertices)]),
-            np.searchsorted(gap, np.arange(on.shape[1] + 1)).astype(np.int32),
+            np.searchsorted(row, np.arange(on.shape[1] + 1)).astype(np.int32),
             nodes[node],
-            np.ascontiguousarray(share[node, :, gap]),
+            np.ascontiguousarray(share[node, :, row]),
         )
 
     def forces(
         self, C: Float64, moved: Float64, displacement: Float64, tools: Callable[[Float64], Float64]
     ) -> tuple[Float64, Float64]:
-        """(m, 3) N of the tools on the tissue, and (g,) N in the gaps.
+        """(m, 3) N of the tools on the tissue, and (r,) N in the gaps: p, then with friction q.
 
         moved: (3n, 3m) mm/N, K⁻¹ times unit forces on the patches. tools: forces by displacement, (m, 3) of both. If they
         are C⁻¹ times it, the answer is direct. Otherwise tools and gaps are solved in turn. Raises `DataError` if that
         does not settle.
         """
-        D = np.asarray(self.N.T @ moved).T  # (3m, g)
+        D = np.asarray(self.A.T @ moved).T  # (3m, r)
         d = displacement.ravel()
         stiff = np.linalg.solve(C, D)
-        p = complementarity(self.W - D.T @ stiff, self.rest + stiff.T @ d, self.give)
+        p = self._solved(self.W - D.T @ stiff, stiff.T @ d)
         force = tools(displacement - (D @ p).reshape(-1, 3))
         if np.allclose(force.ravel(), np.linalg.solve(C, d - D @ p), rtol=1e-9, atol=0):
             return force, p
         for _ in range(MOST_TURNS):
-            p = complementarity(self.W, self.rest + D.T @ force.ravel(), self.give)
+            p = self._solved(self.W, D.T @ force.ravel())
             before, force = force, tools(displacement - (D @ p).reshape(-1, 3))
             if np.abs(force - before).max() <= SETTLED * np.abs(force).max():
                 return force, p
         raise DataError(
             "friction: no balance found of tools that slide and surfaces that meet; push less, or glue them"
         )
+
+    def _solved(self, M: Float64, moved: Float64) -> Float64:
+        """(r,) N of gaps and slips that are moved by (r,) mm, and by M times the forces."""
+        g = self.count
+        if self.friction == 0:
+            return complementarity(M, self.rest + moved, self.give)
+        p, q = np.zeros(g), np.zeros(2 * g)
+        for _ in range(MOST_TURNS):
+            before = p
+            p = complementarity(M[:g, :g], self.rest + moved[:g] + M[:g, g:] @ q, self.give)
+            q = rubbing(M[g:, g:], moved[g:] + M[g:, :g] @ p, self.friction * np.where(self.give == 0, p, 0), q)
+            if np.abs(p - before).max() <= SETTLED * np.abs(p).max():
+                return np.concatenate([p, q])
+        raise DataError("surface_friction: no balance found of surfaces that slide; give less friction, or push less")
+
+
+def rubbing(M: Float64, slip: Float64, cone: Float64, start: Float64) -> Float64:
+    """The q of least ½ qᵀM q + slipᵀq with |q| ≤ cone in each pair, (2g,): the dissipation by given forces is greatest.
+
+    Accelerated projected gradients with restart (B. O'Donoghue & E. Candès, Found. Comput. Math. 15 (2015) 715). M: (2g, 2g),
+    positive semidefinite. cone: (g,) N. start: (2g,).
+    """
+    rate = 1 / max(float(np.abs(M).sum(axis=1).max()), 1e-300)  # at least the largest eigenvalue
+    q, ahead, momentum = start, start, 1.0
+    for _ in range(MOST_STEPS):
+        slope = slip + M @ ahead
+        free = (ahead - rate * slope).reshape(-1, 2)
+        size = np.linalg.norm(free, axis=1)
+        kept = np.where(size > cone, cone / np.maximum(size, 1e-300), 1.0)
+        after = (free * kept[:, None]).ravel()
+        step = after - q
+        if np.abs(step).max(initial=0) <= SETTLED * np.abs(cone).max(initial=0):
+            return after
+        if slope @ step > 0:
+            momentum = 1.0
+        following = (1 + np.sqrt(1 + 4 * momentum**2)) / 2
+        ahead = after + (momentum - 1) / following * step
+        q, momentum = after, following
+    return q
 
 
 def complementarity(M: Float64, q: Float64, give: Float64 | None = None) -> Float64:

@@ -61,6 +61,8 @@ def write_tissue(path: str | Path, tissue: Tissue) -> None:
         "inertia": None if tissue.inertia is None else asdict(tissue.inertia),
         "attachments": [asdict(one) for one in tissue.attachments],
     }
+    if tissue.surface_friction > 0:
+        text["surface_friction"] = tissue.surface_friction
     constants = {"young": tissue.young, "poisson": tissue.poisson}
     if tissue.stiffening.any():
         constants["stiffening"] = tissue.stiffening
@@ -137,6 +139,7 @@ def read_tissue(path: str | Path) -> Tissue:
             inertia=inertia,
             stiffening=fields.get("stiffening", 0.0),
             attachments=[Attachment(**one) for one in text.get("attachments", [])],
+            surface_friction=float(text.get("surface_friction", 0.0)),
         )
     except (MaterialError, DataError) as problem:
         raise type(problem)(f"{path}: {problem}") from None

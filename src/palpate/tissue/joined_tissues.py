@@ -21,12 +21,15 @@ DEEPEST = 1.0  # edges: organs that overlap by more were not made of one label m
 
 
 def join_tissues(
-    tissues: Sequence[Tissue], bones: Sequence[TetMesh] = (), attachments: Sequence[Attachment] = ()
+    tissues: Sequence[Tissue],
+    bones: Sequence[TetMesh] = (),
+    attachments: Sequence[Attachment] = (),
+    surface_friction: float | None = None,
 ) -> Tissue:
     """Return several organs as one tissue, in which they touch each other.
 
-    Each keeps its stiffness and its supports. With the model `compliance` they press on each other where they meet, without
-    friction; other models let them go through each other. Organs that were meshed one by one overlap here and there by a part
+    Each keeps its stiffness and its supports. With the model `compliance` they press and rub on each other where they meet;
+    other models let them go through each other. Organs that were meshed one by one overlap here and there by a part
     of an element: they are moved apart as far as that takes, in the shape of least elastic energy, which then is at rest.
 
     Parameters
@@ -37,6 +40,8 @@ def join_tissues(
         What is rigid and does not move.
     attachments : sequence of Attachment, optional
         What attaches one to another, besides what the tissues have.
+    surface_friction : float, optional
+        Coulomb's coefficient between all of them, as of `Tissue`. The default is the largest of the tissues' own.
 
     Returns
     -------
@@ -85,6 +90,7 @@ def join_tissues(
         element=tissues[0].element,
         stiffening=of_all("stiffening", 0.0),
         attachments=[*(one for tissue in tissues for one in tissue.attachments), *attachments],
+        surface_friction=max(one.surface_friction for one in tissues) if surface_friction is None else surface_friction,
     )
     return _without_overlap(joined)
 
@@ -130,7 +136,8 @@ def _without_overlap(tissue: Tissue) -> Tissue:
             f"tissues: two organs overlap by {deepest:.2g} mm, more than an element; mesh them from one label map"
         )
     for _ in range(MOST_ROUNDS):
-        N, rest = organ_gaps(tissue.mesh)
+        found = organ_gaps(tissue.mesh)
+        N, rest = found.N, found.rest
         deepest = -rest.min(initial=0.0)
         if deepest <= SETTLED:
             return tissue

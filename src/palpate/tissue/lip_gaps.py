@@ -7,14 +7,15 @@ from scipy.spatial import cKDTree
 
 from palpate.arrays import Float64, Int64
 from palpate.meshes.cutting.cut_mesh import CutMesh
+from palpate.tissue.surface_gaps import SurfaceGaps, along
 
 KINK = 0.1  # standard deviation of the normals about their mean, from which on a part of a cut counts as two
 KINKS = 2  # rounds of halving: up to three kinks at a node
 SAME = 1e-8  # of the body's size: vertices that are nearer to each other are at one place
 
 
-def lip_gaps(mesh: CutMesh) -> csr_array:
-    """(3N, g) N: the weighted mean of the gap over each part of the cut, from the displacement (N, 3) of the nodes.
+def lip_gaps(mesh: CutMesh) -> SurfaceGaps:
+    """The weighted mean of the gap over each part of the cut.
 
     A node of the mesh before, of which the two lips have two copies, has a part of the cut: its weight is the node's own
     shape function, so the means are those of a mortar method. With it the jump of the displacement along the normal is
@@ -41,27 +42,31 @@ def lip_gaps(mesh: CutMesh) -> csr_array:
     apart = first != second  # at the blade's tip they are one
     point, i, first, second = point[apart], i[apart], first[apart], second[apart]
     if len(point) == 0:
-        return csr_array((3 * len(mesh.nodes), 0))
+        return SurfaceGaps.none(len(mesh.nodes))
     pair = np.sort(np.stack([first, second], axis=1), axis=1)
     gap = np.unique(pair, axis=0, return_inverse=True)[1].ravel()
     share = weight[vertex[point], i]
     outwards = np.where(first < second, share, -share)[:, None] * normal[point]  # of the same lip for all of a gap
     for _ in range(KINKS):
         gap = np.unique(2 * gap + _beyond_a_kink(gap, outwards), return_inverse=True)[1].ravel()
-    size = np.bincount(gap, share * np.linalg.norm(normal[point], axis=1))
-    pressed = (share / size[gap])[:, None] * normal[point]  # (p, 3)
-    rows, values = [], []
-    for nodal, by, sign in (
-        (nodes[vertex[point]], weight[vertex[point]], -1),
-        (nodes[other[point]], weight[other[point]], 1),
-    ):
-        rows.append(3 * nodal[:, :, None] + np.arange(3))
-        values.append(sign * by[:, :, None] * pressed[:, None])
-    columns = np.broadcast_to(gap[:, None, None], rows[0].shape)
-    at = (np.concatenate([r.ravel() for r in rows]), np.tile(columns.ravel(), 2))
-    return csr_array(
-        coo_array((np.concatenate([v.ravel() for v in values]), at), shape=(3 * len(mesh.nodes), int(gap.max()) + 1))
-    )
+    area = share * np.linalg.norm(normal[point], axis=1)
+    size = np.bincount(gap, area)[gap]
+    part, pressed = area / size, (share / size)[:, None] * normal[point]  # (p,), (p, 3)
+    count = int(gap.max()) + 1
+    mean = np.stack([np.bincount(gap, pressed[:, c], count) for c in range(3)], axis=1)
+    tangent = along(np.asarray(mean, dtype=np.float64))
+    nodal = np.concatenate([nodes[vertex[point]], nodes[other[point]]])  # (2p, 4), of the front and of the back
+    by = np.concatenate([-weight[vertex[point]], weight[other[point]]])
+    rows = (3 * nodal[:, :, None] + np.arange(3)).ravel()
+
+    def of_nodes(which: Int64, ways: Float64, columns: int) -> csr_array:
+        values = (by[:, :, None] * np.tile(ways, (2, 1))[:, None]).ravel()
+        return csr_array(
+            coo_array((values, (rows, np.repeat(np.tile(which, 2), 12))), shape=(3 * len(mesh.nodes), columns))
+        )
+
+    slips = [of_nodes(2 * gap + k, part[:, None] * tangent[gap, k], 2 * count) for k in (0, 1)]
+    return SurfaceGaps(of_nodes(gap, pressed, count), np.zeros(count), csr_array(slips[0] + slips[1]))
 
 
 def _beyond_a_kink(gap: Int64, normal: Float64) -> Int64:

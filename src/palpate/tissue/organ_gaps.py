@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array, eye_array, hstack, kron
+from scipy.sparse import coo_array, csr_array, eye_array, kron
 from scipy.spatial import cKDTree
 
 from palpate import _core
@@ -11,6 +11,7 @@ from palpate.arrays import Bool, Float64, Int32, Int64
 from palpate.meshes.cutting.cut_mesh import CutMesh, touched_surface
 from palpate.meshes.separate_organs import organs
 from palpate.meshes.tet_mesh import TetMesh
+from palpate.tissue.surface_gaps import SurfaceGaps, along
 
 REACH = 5.0  # mm: surfaces further apart at rest do not meet
 FACING = 0.3  # least cosine between a surface and the opposite of the other
@@ -33,8 +34,8 @@ class _Skin:
         return np.asarray(self.triangles[self.organ[self.triangles[:, 0]] == organ])
 
 
-def organ_gaps(mesh: TetMesh, reach: float = REACH) -> tuple[csr_array, Float64]:
-    """(3N, g) and (g,) mm: the mean gap over each part of an organ's surface that faces another, as Nᵀu + rest.
+def organ_gaps(mesh: TetMesh, reach: float = REACH) -> SurfaceGaps:
+    """The mean gap over each part of an organ's surface that faces another.
 
     Of two organs one has the parts: a vertex' part is weighted by its shape function (a mortar method, three points in a
     triangle). The gap at a point is the distance to the other surface; below 0 they overlap. The faces of cuts are not
@@ -42,19 +43,15 @@ def organ_gaps(mesh: TetMesh, reach: float = REACH) -> tuple[csr_array, Float64]
     """
     organ = organs(mesh)
     if organ.max() == 0:
-        return csr_array((3 * len(mesh.nodes), 0)), np.zeros(0)
+        return SurfaceGaps.none(len(mesh.nodes))
     skin = _skin(mesh, organ)
-    columns: list[csr_array] = []
-    rests: list[Float64] = []
+    parts: list[SurfaceGaps] = []
     for one in range(int(skin.organ.max()) + 1):
         for other in range(one):
             found = _between(skin, one, other, reach)
             if found is not None:
-                columns.append(found[0])
-                rests.append(found[1])
-    if not columns:
-        return csr_array((3 * len(mesh.nodes), 0)), np.zeros(0)
-    return csr_array(hstack(columns)), np.concatenate(rests)
+                parts.append(found)
+    return SurfaceGaps.together(parts) if parts else SurfaceGaps.none(len(mesh.nodes))
 
 
 def deepest_overlap(mesh: TetMesh) -> float:
@@ -89,7 +86,7 @@ def _skin(mesh: TetMesh, organ: Int32) -> _Skin:
     return _Skin(mesh.places, skin.triangles[~skin.lip], carried, organ[carrier[:, 0]])
 
 
-def _between(skin: _Skin, one: int, other: int, reach: float) -> tuple[csr_array, Float64] | None:
+def _between(skin: _Skin, one: int, other: int, reach: float) -> SurfaceGaps | None:
     """Between two organs; None if they are too far apart."""
     near = [_near(skin, a, b, reach) for a, b in ((one, other), (other, one))]
     if not (near[0].any() and near[1].any()):
@@ -109,7 +106,7 @@ def _near(skin: _Skin, one: int, other: int, reach: float) -> Bool:
     return np.asarray(np.isfinite(distance).any(axis=1))
 
 
-def _gaps(skin: _Skin, near: Int32, mine: Int32, theirs: Int32, reach: float) -> tuple[csr_array, Float64] | None:
+def _gaps(skin: _Skin, near: Int32, mine: Int32, theirs: Int32, reach: float) -> SurfaceGaps | None:
     """Of the triangles `near` of `mine`, whose vertices have the parts."""
     corners = skin.places[near]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -143,12 +140,22 @@ def _gaps(skin: _Skin, near: Int32, mine: Int32, theirs: Int32, reach: float) ->
         at.append(np.broadcast_to(corner[:, None], (*part.shape, 3)))
         moved.append(share[:, :, None] * weight[:, None])
     row, column = np.concatenate(at), np.broadcast_to(np.concatenate([part, part])[:, :, None], (2 * len(part), 3, 3))
-    value = np.concatenate(moved)[..., None] * np.concatenate([normal, normal])[:, None, None]
+    value, direction = np.concatenate(moved), np.concatenate([normal, normal])[:, None, None]
+    mean = np.zeros((len(kept), 3))  # normals of the parts
+    np.add.at(mean, part[part >= 0], (share[:, :, None] * normal[:, None])[part >= 0])
+    tangent = along(mean)
     used = column >= 0
-    rows = (3 * row[used][:, None] + np.arange(3)).ravel()
-    entries = (value[used].ravel(), (rows, np.repeat(column[used], 3)))
-    of_vertices = csr_array(coo_array(entries, shape=(3 * len(skin.places), len(kept))))
-    return csr_array(kron(skin.carried, eye_array(3)).T @ of_vertices), rest
+    row, column, value = row[used], column[used], value[used]
+    rows = (3 * row[:, None] + np.arange(3)).ravel()
+    carried = csr_array(kron(skin.carried, eye_array(3)).T)
+
+    def of_nodes(which: Int64, ways: Float64, count: int) -> csr_array:
+        entries = ((value[:, None] * ways).ravel(), (rows, np.repeat(which, 3)))
+        return csr_array(carried @ csr_array(coo_array(entries, shape=(3 * len(skin.places), count))))
+
+    N = of_nodes(column, np.broadcast_to(direction, (*used.shape, 3))[used], len(kept))
+    slips = [of_nodes(2 * column + k, tangent[column, k], 2 * len(kept)) for k in (0, 1)]
+    return SurfaceGaps(N, rest, csr_array(slips[0] + slips[1]))
 
 
 def _areas(skin: _Skin, triangles: Int32) -> Float64:

@@ -15,12 +15,12 @@ from palpate.tissue.boundary_conditions import resting_on
 from palpate.tissue.io import read_tissue
 from palpate.tissue.joined_tissues import join_tissues
 from palpate.tissue.named_tissues import named_materials, poisson_of, young_of
-from palpate.tissue.tissue import Tissue
+from palpate.tissue.tissue import MOST_FRICTION, Tissue
 from palpate.volumes.io import read_labels
 from palpate.volumes.volume import Labels
 
 KIND, VERSION = "palpate scene", 1
-KEYS = ("labels", "organs", "bones", "attachments")
+KEYS = ("labels", "organs", "bones", "attachments", "surface_friction")
 SPRING_KEYS = ("first", "second", "stiffness", "radius")
 ORGAN_KEYS = ("young", "tissue", "poisson", "edge", "towards", "depth", "keep")
 EDGE, TOWARDS, DEPTH = 6.0, (0.0, 1.0, 0.0), 0.2  # mm; of a patient who lies on the back; of the organ's extent
@@ -42,10 +42,12 @@ def read_scene(path: str | Path) -> Tissue:
         bones: [vertebrae_L1]
         attachments:
           - {first: [10, -240, 330], second: [20, -235, 335], stiffness: 0.2}
+        surface_friction: 0.1
 
     Of an organ of the label map: `young` in kPa or a named `tissue`, `poisson` (0.45), the `edge` of its elements (6 mm), the
     way `towards` what holds it ([0, 1, 0], the back) and the `depth` of what is held there, as a part of its extent (0.2);
-    `keep` as for `tetrahedralize`. An attachment has the arguments of `Attachment`. Files are relative to the scene's.
+    `keep` as for `tetrahedralize`. An attachment has the arguments of `Attachment`. `surface_friction` is Coulomb's
+    coefficient between all surfaces that meet. Files are relative to the scene's.
 
     Parameters
     ----------
@@ -82,7 +84,10 @@ def read_scene(path: str | Path) -> Tissue:
         labels = read_labels(path.parent / content["labels"]) if content.get("labels") else None
         tissues = [_tissue(path.parent, labels, name, given or {}) for name, given in organs.items()]
         rigid = [_bone(labels, name, given or {}) for name, given in bones.items()]
-        return join_tissues(tissues, rigid, [_attachment(one) for one in content.get("attachments") or []])
+        attachments = [_attachment(one) for one in content.get("attachments") or []]
+        rubs = "surface_friction" in content
+        friction = _number("scene", content, "surface_friction", 0.0, MOST_FRICTION) if rubs else None
+        return join_tissues(tissues, rigid, attachments, friction)
     except PalpateError as problem:
         raise type(problem)(f"{path}: {problem}") from None
 

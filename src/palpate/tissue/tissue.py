@@ -21,6 +21,7 @@ from palpate.tissue.vibration import Inertia
 
 KPA = 1e-3  # N/mm² in a kPa
 MOST_STIFFENING = 100.0
+MOST_FRICTION = 10.0  # of surfaces on each other
 ELEMENTS = ("smoothed", "P1", "P2", "mixed")
 AT_NODES = ("smoothed", "P1")
 """Elements whose unknowns are the nodes' displacements alone. All real-time models take these, the references all."""
@@ -112,6 +113,9 @@ class Tissue:
         depend on it.
     attachments : sequence of Attachment, optional
         Springs between places of the surface. The model `compliance` alone takes a tissue that has some.
+    surface_friction : float, optional
+        Coulomb's coefficient between surfaces that meet, no unit, 0 to 10: of organs beside each other, and of the lips of
+        cuts. The default is 0: serous membranes are wet and smooth. In sessions, the model `compliance` alone knows of it.
 
     Raises
     ------
@@ -138,6 +142,7 @@ class Tissue:
     inertia: Inertia | None
     stiffening: Float64
     attachments: tuple[Attachment, ...]
+    surface_friction: float
 
     def __init__(
         self,
@@ -154,6 +159,7 @@ class Tissue:
         inertia: Inertia | None = None,
         stiffening: Constant = 0.0,
         attachments: Sequence[Attachment] = (),
+        surface_friction: float = 0.0,
     ) -> None:
         modulus = constant_per_tet("young", young, mesh)
         ratio = constant_per_tet("poisson", poisson, mesh)
@@ -186,6 +192,9 @@ class Tissue:
         object.__setattr__(self, "relaxation", _relaxation_by_region(relaxation, mesh))
         object.__setattr__(self, "inertia", inertia)
         object.__setattr__(self, "attachments", tuple(attachments))
+        if not 0 <= surface_friction <= MOST_FRICTION:
+            raise MaterialError(f"surface_friction: {surface_friction:g}; give 0 to {MOST_FRICTION:g}, such as 0.1")
+        object.__setattr__(self, "surface_friction", float(surface_friction))
         _refuse_negative_ratios(self)
         if inertia is not None and self.relaxation is not None and not self.relaxes_alike:
             raise MaterialError(

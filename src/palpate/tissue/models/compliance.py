@@ -39,8 +39,8 @@ class ComplianceModel(TissueModel):
     says how far that is off. If it has inertia, the loop moves
     it in its lowest modes, and adds what the others give (residual flexibility) with a lag.
 
-    contact: whether the lips of cuts, and organs beside each other, press on each other where they meet, without friction
-    (`GapContact`); they do not in tissue that relaxes or has inertia.
+    contact: whether the lips of cuts, and organs beside each other, press on each other where they meet, with the tissue's
+    `surface_friction` (`GapContact`); they do not in tissue that relaxes or has inertia.
 
     Raises `MaterialError` if the stiffness is not positive definite, `DataError` on a memory that is not positive.
     """
@@ -115,7 +115,7 @@ class ComplianceModel(TissueModel):
             force = found.forces(self.compliance(found)).ravel()
         else:
             force, pressed = self._with_gaps(found, nodes, load)
-            whole += (self.gaps.N @ pressed).reshape(-1, 3)
+            whole += (self.gaps.A @ pressed).reshape(-1, 3)
         whole[nodes] += (load @ force).reshape(-1, 3)
         u = self.factors.solve(whole.ravel())
         state.u[:] = 0
@@ -123,7 +123,7 @@ class ComplianceModel(TissueModel):
         return -force.reshape(-1, 3), self._certified_error(u, whole.ravel()), 0
 
     def _with_gaps(self, found: Contacts, nodes: Int32, load: Float64) -> tuple[Float64, Float64]:
-        """(3m,) N of the tools on the tissue, and (g,) N in the gaps."""
+        """(3m,) N of the tools on the tissue, and (r,) N in the gaps."""
         assert self.gaps is not None
         unknowns = (3 * nodes[:, None] + np.arange(3)).ravel()
         unit = np.zeros((3 * len(self.places), load.shape[1]))
