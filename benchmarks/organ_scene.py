@@ -116,7 +116,7 @@ def main() -> None:
         "|---|---|",
         f"| nodes | {', '.join(f'{n:,}' for n in counts)}: {counts.sum():,} |",
         f"| pairs of organs less than {NEAR:g} mm apart | {'; '.join(touching(tissue))} |",
-        f"| gaps | {model.gaps.N.shape[1]:,} |",
+        f"| gaps | {len(model.gaps.rest):,} |",
         f"| meshed and joined | {meshed:.1f} s |",
         f"| model made | {made:.1f} s |",
         f"| ticks a second | {frame.tick / SECONDS:,.0f} |",

@@ -11,10 +11,10 @@ struct Dissection {
     std::vector<int> first; // (parts + 1) where in `order` each part begins
 };
 
-// Nested dissection of space: the nodes are halved across the axis that
-// needs the smallest cut, both halves come first, the cut last; so on down to `leaf` nodes. A cut is the smallest set
-// of nodes that touches every edge between the halves (a vertex cover, by Konig's theorem from a maximum matching).
-// places: (nodes, 3).
+// Nested dissection of space: a plane cuts the nodes in two, both halves come first, the cut last; so on down to `leaf`
+// nodes. A cut is the smallest set of nodes that touches every edge between the halves (a vertex cover, by Konig's
+// theorem from a maximum matching). Of planes in several directions the one with the smallest cut is taken, the larger
+// half counted against it. places: (nodes, 3).
 Dissection dissect(const SparsityPattern& pattern, const double* places, int leaf);
 
 } // namespace palpate
