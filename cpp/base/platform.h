@@ -7,11 +7,6 @@
 
 namespace palpate {
 
-#ifdef __wasm__
-constexpr bool may_have_huge_pages = false;
-#else
-constexpr bool may_have_huge_pages = true;
-#endif
 void prefer_huge_pages(void* memory, size_t size); // where the system offers a choice
 int process_id();
 

@@ -14,7 +14,7 @@ constexpr int width = Supernodes::panel, tile = width * width;
 constexpr int leaf = 12; // nodes that need no further cut
 
 struct Workspace { // of a thread
-    FactorValues<double> front;
+    std::vector<double> front;
     std::vector<int> local;       // where the unknowns of a place are in the front
     std::vector<int64_t> address; // of a child's row in the front
 };
@@ -43,8 +43,8 @@ private:
     const Supernodes& tree;
     FactorValues<double>& value;
     std::vector<std::vector<int>> children;
-    std::vector<FactorValues<double>> update; // Schur complements that wait for the parent, as panels
-    std::vector<uint8_t> above;               // supernodes above all the subtrees that are tasks
+    std::vector<std::unique_ptr<double[]>> update; // Schur complements that wait for the parent, as panels
+    std::vector<uint8_t> above;                    // supernodes above all the subtrees that are tasks
     std::atomic<bool> failed{false};
 
     // Roots of independent subtrees of at most a sixteenth of the work, the longest first.
@@ -83,7 +83,7 @@ private:
         assemble(s, front, w);
         for (int child : children[s]) {
             add(child, front, w);
-            update[child] = {};
+            update[child].reset();
         }
         double* out = value.data() + tree.entry_start[s];
         // The inverses of the diagonal tiles wait where the last panels will be written.
@@ -98,10 +98,10 @@ private:
         }
         for (int p = own; p < own + below; p++) out = std::copy_n(front.at(p), int64_t(tile) * own, out);
         if (below == 0) return;
-        update[s].resize(FrontalMatrix::size(below));
+        update[s].reset(new double[FrontalMatrix::size(below)]);
         for (int p = 0; p < below; p++)
             std::copy_n(front.at(own + p) + int64_t(tile) * own, int64_t(tile) * (p + 1),
-                        update[s].data() + FrontalMatrix::offset(p));
+                        update[s].get() + FrontalMatrix::offset(p));
     }
 
     // The supernode's own columns of K; unit pivots where columns are padded.
@@ -136,7 +136,7 @@ private:
             row[k] = FrontalMatrix::offset(i / width) + i % width;
             column[k] = width * int64_t(i);
         }
-        const double* from = update[child].data();
+        const double* from = update[child].get();
         for (int p = 0; width * p < rows; p++) {
             const double* panel = from + FrontalMatrix::offset(p);
             const int many = std::min(width, rows - width * p);

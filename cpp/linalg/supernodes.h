@@ -1,6 +1,5 @@
 // Elimination tree and layout of a sparse factor. Made by linalg/sparse_cholesky.cpp; constant, read by any thread.
 #pragma once
-#include "base/huge_page_allocator.h"
 #include "linalg/nested_dissection.h"
 
 namespace palpate {
@@ -8,7 +7,7 @@ namespace palpate {
 // The factor's numbers. Supernode s has its own panels first (panel p: columns 0 .. 8p + 7 of 8 rows, whose last tile,
 // on the diagonal, is stored inverted), then the panels below (all its columns), each column by column: a substitution
 // reads them in order.
-template <class T> using FactorValues = std::vector<T, HugePageAllocator<T>>;
+template <class T> using FactorValues = std::vector<T, CacheAlignedAllocator<T>>;
 
 // Where the factor of a matrix of 3x3 node blocks has entries: its columns in supernodes, each a run of nodes that are
 // eliminated as one dense front. A supernode's rows lie in its ancestors: that is what makes sparse solves cheap.

@@ -32,7 +32,9 @@ from palpate.simulation.session_events import SessionEvents
 from palpate.simulation.session_journal import SessionJournal
 from palpate.simulation.session_notes import MOST_NOTES, checked_note
 from palpate.simulation.session_replay import ReplaySteps
+from palpate.tissue.contact_patches import contacts
 from palpate.tissue.cutting_work import CuttingWork, cutting_work, surface_toughness, together
+from palpate.tissue.models.compliance import ComplianceModel
 from palpate.tissue.models.registry import model as build
 from palpate.tissue.models.registry import name_of
 from palpate.tissue.models.tissue_model import TissueModel
@@ -371,11 +373,12 @@ class Session:
         return np.array(frame.point)[held], np.array(frame.displacement)[held]
 
     def _held_energy(self, model: TissueModel, points: Float64, ways: Float64) -> float:
-        """Elastic energy, mJ, of a linear model that is held so: half of the forces times their ways."""
+        """Elastic energy, mJ, of a body that is cut, while it is held so: half of the forces times their ways."""
         if not len(points):
             return 0.0
-        force = model.push(points, ways, np.full(len(points), self.settings.radius)).force
-        return float(-(np.reshape(force, (-1, 3)) * ways).sum() / 2)
+        assert isinstance(model, ComplianceModel)
+        found = contacts(model.tissue, points, ways, np.full(len(points), self.settings.radius))
+        return float((model.held_forces(found) * ways).sum() / 2)
 
     @property
     def shown(self) -> Int32:

@@ -111,10 +111,8 @@ class ComplianceModel(TissueModel):
         """Directly: the patches' compliance C = WᵀK⁻¹W, the forces by it, then their field, whose error is certified."""
         nodes, load = self.loads(found)
         whole = np.zeros((len(self.places), 3))
-        if self.gaps is None:
-            force = found.forces(self.compliance(found)).ravel()
-        else:
-            force, pressed = self._with_gaps(found, nodes, load)
+        force, pressed = self._forces(found, nodes, load)
+        if self.gaps is not None:
             whole += (self.gaps.A @ pressed).reshape(-1, 3)
         whole[nodes] += (load @ force).reshape(-1, 3)
         u = self.factors.solve(whole.ravel())
@@ -122,9 +120,14 @@ class ComplianceModel(TissueModel):
         state.u[~self.tissue.held] = u.reshape(-1, 3)
         return -force.reshape(-1, 3), self._certified_error(u, whole.ravel()), 0
 
-    def _with_gaps(self, found: Contacts, nodes: Int32, load: Float64) -> tuple[Float64, Float64]:
+    def held_forces(self, found: Contacts) -> Float64:
+        """(m, 3) N of the tools on the tissue, without the field and its certificate."""
+        return self._forces(found, *self.loads(found))[0].reshape(-1, 3)
+
+    def _forces(self, found: Contacts, nodes: Int32, load: Float64) -> tuple[Float64, Float64]:
         """(3m,) N of the tools on the tissue, and (r,) N in the gaps."""
-        assert self.gaps is not None
+        if self.gaps is None:
+            return found.forces(self.compliance(found)).ravel(), np.zeros(0)
         unknowns = (3 * nodes[:, None] + np.arange(3)).ravel()
         unit = np.zeros((3 * len(self.places), load.shape[1]))
         unit[unknowns] = load
