@@ -190,6 +190,10 @@ void bind_compliance(nb::module_& m) {
             "row by row.");
     nb::class_<ComplianceModel, TissueModel>(m, "ComplianceModel",
                                              "Exact linear finite elements by tables of Green's functions.")
+        .def_prop_rw(
+            "looks_ahead", [](const ComplianceModel& m) { return m.looks_ahead.load(); },
+            [](ComplianceModel& m, bool ahead) { m.looks_ahead = ahead; },
+            "Whether tables are computed for what no hand is near to.")
         .def(
             "__init__",
             [](ComplianceModel* self, const SparseCholesky& factor, In<int32_t, 1> free, In<int32_t, 1> vertices,

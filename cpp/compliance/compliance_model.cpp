@@ -323,7 +323,8 @@ void ComplianceModel::begin_realtime(ModelState& state) const {
     auto& s = static_cast<ComplianceState&>(state);
     for (size_t k = 0; k < s.samples.size(); k++) {
         ComplianceState::Sample& one = *s.samples[k];
-        one.precompute = std::make_unique<PrecomputeThread>(samples[k], one.greens, modes, gaps, one.snapshots);
+        one.precompute =
+            std::make_unique<PrecomputeThread>(samples[k], one.greens, modes, gaps, looks_ahead, one.snapshots);
     }
     s.tables = TablePolicy::background;
 }

@@ -90,6 +90,9 @@ public:
     const LoadRecursion recursion;
     const VibrationModes modes;
     const GapConstraints gaps;
+    // Whether tables are computed for what no hand is near to; not while another body is made, which needs the
+    // processor.
+    std::atomic<bool> looks_ahead{true};
 
 private:
     const size_t budget;

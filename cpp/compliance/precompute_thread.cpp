@@ -23,8 +23,8 @@ constexpr double reach_margin = 1.25; // reach of the blocks over the patch's wi
 
 PrecomputeThread::PrecomputeThread(const FactoredStiffness& stiffness, GreensFunctions& greens,
                                    const VibrationModes& modes, const GapConstraints& gaps,
-                                   TripleBuffer<ContactSnapshot>& snapshots)
-    : stiffness(stiffness), greens(greens), modes(modes), gaps(gaps), snapshots(snapshots),
+                                   const std::atomic<bool>& looks_ahead, TripleBuffer<ContactSnapshot>& snapshots)
+    : stiffness(stiffness), greens(greens), modes(modes), gaps(gaps), looks_ahead(looks_ahead), snapshots(snapshots),
       fields(std::vector<float>(3 * size_t(stiffness.vertices()), 0.0f)) {
     thread = std::thread([this] { run(); });
 }
@@ -62,7 +62,7 @@ bool PrecomputeThread::work() {
         if (compute_wanted_blocks()) return true;
         if (length(velocity) < slow_speed && compute_columns()) return true;
     }
-    return reach > 0 && compute_nearest_blocks();
+    return looks_ahead && reach > 0 && compute_nearest_blocks();
 }
 
 // Takes the newest snapshot: the patch's centre, width and velocity.

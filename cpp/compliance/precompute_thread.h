@@ -32,7 +32,8 @@ struct ContactSnapshot {
 class PrecomputeThread {
 public:
     PrecomputeThread(const FactoredStiffness& stiffness, GreensFunctions& greens, const VibrationModes& modes,
-                     const GapConstraints& gaps, TripleBuffer<ContactSnapshot>& snapshots);
+                     const GapConstraints& gaps, const std::atomic<bool>& looks_ahead,
+                     TripleBuffer<ContactSnapshot>& snapshots);
     ~PrecomputeThread();
     // The next piece of work, of some ms. False: there was none. The thread calls it; where there are no threads
     // (wasm/), who runs the ticks does, between them.
@@ -44,6 +45,7 @@ private:
     GreensFunctions& greens;
     const VibrationModes& modes;
     const GapConstraints& gaps;
+    const std::atomic<bool>& looks_ahead; // also for what no hand is near to
     TripleBuffer<ContactSnapshot>& snapshots;
     TripleBuffer<std::vector<float>> fields;
     ContactSnapshot snapshot;

@@ -337,7 +337,8 @@ class Session:
             )
         tissues = self._tissues.after(kind, blade)
         tissue = tissues[-1]
-        model = self.first if tissue is self.first.tissue and name_of(self.first) == name else build(tissue, name)
+        same = tissue is self.first.tissue and name_of(self.first) == name
+        model = self.first if same else self._built(tissue, name)
         displayed = self._surfaces.add(self.bodies + 1, model)
         before, held = (self.tissue, self.model), self._held()
         with self._lock:
@@ -353,6 +354,16 @@ class Session:
             self.events.cut(kind, blade)
         self.cutting_work = self._works_after(kind, *before, held)  # the loop need not wait for it
         return True
+
+    def _built(self, tissue: Tissue, name: str) -> TissueModel:
+        """The model of the next body. Meanwhile the present one computes no tables that only that body's would replace."""
+        assert isinstance(self.model, ComplianceModel)
+        present = self.model.native
+        present.looks_ahead = False
+        try:
+            return build(tissue, name)
+        finally:
+            present.looks_ahead = True
 
     def _works_after(
         self, kind: CutKind, before: Tissue, model: TissueModel, held: tuple[Float64, Float64]
