@@ -141,8 +141,8 @@ def main() -> None:
         ("an organ that no tool touches moves by", "{0.moved:.1f} mm | {1.moved:.1f} mm"),
     ]
     lines = [
-        f"{', '.join(f'{n:,}' for n in counts)} nodes, {counts.sum():,} in all, meshed and joined in {meshed:.1f} s. Pairs of "
-        f"organs less than {NEAR:g} mm apart: {'; '.join(touching(tissue))}.",
+        f"{', '.join(f'{n:,}' for n in counts)} nodes, {counts.sum():,} in all, meshed and joined in {meshed:.1f} s. Pairs "
+        f"of organs less than {NEAR:g} mm apart: {'; '.join(touching(tissue))}.",
         "",
         f"| quantity | smooth | friction {FRICTION:g} |",
         "|---|---|---|",
