@@ -141,12 +141,12 @@ def cut_mesh(mesh: TetMesh, blades: Sequence[Blade]) -> CutMesh:
     for blade in every:
         slit.slit(blade.points, blade.triangles)
     found = pieces(slit)
-    while len(pinched := pinches(found, zone.open)):
+    while len(pinched := pinches(found, zone.rim)):
         for a, b in pinched.tolist():
             slit.split(a, b, 0.5)
         found = pieces(slit)
     of_zone = virtual_nodes(zone.part, found)
-    drawn = skin(zone.part, slit, found, of_zone, zone.open)
+    drawn = skin(zone.part, slit, found, of_zone, zone.rim)
     made, copies = whole_nodes(zone, of_zone)
     return CutMesh(
         mesh.nodes[made.origin],

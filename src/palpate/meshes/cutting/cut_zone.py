@@ -18,7 +18,7 @@ from palpate.meshes.triangle_surface import connected_groups
 class CutZone:
     """All tetrahedra about the nodes of those that blades may split, as a mesh.
 
-    tets: (z,) and nodes: (n,) their numbers in the whole mesh, ascending. part: the mesh. open: (k, 3) sorted nodes of
+    tets: (z,) and nodes: (n,) their numbers in the whole mesh, ascending. part: the mesh. rim: (k, 3) sorted nodes of
     its faces beyond which the whole goes on. still: (n,) True for nodes whose tetrahedra all stay whole.
     """
 
@@ -26,7 +26,7 @@ class CutZone:
     tets: Int64
     nodes: Int64
     part: TetMesh
-    open: Int64
+    rim: Int64
     still: Bool
 
 
@@ -46,8 +46,8 @@ def cut_zone(mesh: TetMesh, blades: Sequence[Blade], near: float) -> CutZone:
     nodes = np.unique(mesh.tets[tets]).astype(np.int64)
     part = TetMesh(mesh.nodes[nodes], np.searchsorted(nodes, mesh.tets[tets]), mesh.region[tets])
     pairs, faces = mesh.shared_faces
-    rim = np.asarray(inside[pairs].sum(axis=1) == 1)
-    return CutZone(mesh, tets, nodes, part, np.searchsorted(nodes, faces[rim]), ~moved[nodes])
+    goes_on = np.asarray(inside[pairs].sum(axis=1) == 1)
+    return CutZone(mesh, tets, nodes, part, np.searchsorted(nodes, faces[goes_on]), ~moved[nodes])
 
 
 def whole_nodes(zone: CutZone, made: VirtualNodes) -> tuple[VirtualNodes, Int64]:

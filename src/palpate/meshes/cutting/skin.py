@@ -29,7 +29,7 @@ class Skin:
         return np.asarray(np.einsum("sa,sak->sk", self.weight, values[tets[self.tet]]))
 
 
-def skin(mesh: TetMesh, slit: "_core.cutting.SlitComplex", found: Pieces, made: VirtualNodes, open: Int64) -> Skin:
+def skin(mesh: TetMesh, slit: "_core.cutting.SlitComplex", found: Pieces, made: VirtualNodes, rim: Int64) -> Skin:
     """Return the surface of a slit mesh.
 
     A point of the complex is one vertex for all parts that hang together there, so the lips of a cut have vertices of
@@ -45,16 +45,16 @@ def skin(mesh: TetMesh, slit: "_core.cutting.SlitComplex", found: Pieces, made: 
         Its parts.
     made : VirtualNodes
         The copies.
-    open : ndarray, (k, 3)
+    rim : ndarray, (k, 3)
         Sorted nodes of faces that do not belong to the surface, though they bound the mesh.
 
     Returns
     -------
     Skin
-        The surface: oriented, and watertight but for `open`.
+        The surface: oriented, and watertight but for `rim`.
     """
     vertex = _vertices(found)
-    corner, lip = _boundary(found, open)
+    corner, lip = _boundary(found, rim)
     triangles = vertex[corner[:, :1], FACES[corner[:, 1]]]
     used, numbered = np.unique(triangles, return_inverse=True)
     slot = _representatives(used, vertex, found, made)
@@ -64,10 +64,10 @@ def skin(mesh: TetMesh, slit: "_core.cutting.SlitComplex", found: Pieces, made: 
     return Skin(numbered.reshape(-1, 3).astype(np.int32), lip, tet.astype(np.int32), weight)
 
 
-def pinches(found: Pieces, open: Int64) -> Int64:
+def pinches(found: Pieces, rim: Int64) -> Int64:
     """(p, 2) points of the complex: edges at which the surface of its parts would meet itself, split to be cured."""
     vertex = _vertices(found)
-    corner, _ = _boundary(found, open)
+    corner, _ = _boundary(found, rim)
     faces = FACES[corner[:, 1]]
     part = np.repeat(corner[:, 0], 3)
     ends = np.stack([faces.ravel(), np.roll(faces, -1, axis=1).ravel()], axis=1)
@@ -85,10 +85,10 @@ def _vertices(found: Pieces) -> Int64:
     return connected_groups(found.corners.size, same)[1].reshape(-1, 4)
 
 
-def _boundary(found: Pieces, open: Int64) -> tuple[Int64, Bool]:
+def _boundary(found: Pieces, rim: Int64) -> tuple[Int64, Bool]:
     """(T, 2) part and number of its face, for all faces that no bond joins; and whether a blade made it."""
     faces = np.sort(found.corners[:, FACES], axis=2)  # (n, 4, 3)
-    key = row_keys(np.concatenate([faces.reshape(-1, 3), found.faces, open]))
+    key = row_keys(np.concatenate([faces.reshape(-1, 3), found.faces, rim]))
     own, cut, beyond = np.split(key, [4 * len(faces), 4 * len(faces) + len(found.faces)])
     own = own.reshape(-1, 4)
     single = np.unique(own, return_inverse=True, return_counts=True)
