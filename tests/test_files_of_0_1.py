@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import palpate as pp
+from palpate.simulation.recorded_session import session_like
 
 HERE = Path(__file__).parent / "data" / "0.1"
 LIMIT = 1e-5  # share of the largest value, where another instruction set rounds otherwise
@@ -112,25 +113,25 @@ def test_a_fitted_tissue_is_read(expected, tissue_of_0_1):
         same(getattr(tissue.report, key), expected[f"tissue/{key}"])
 
 
-def test_a_session_is_replayed(expected, tissue_of_0_1, alike):
-    """Its settings are checked by `replay`, and its states by their digests, which one instruction set alone repeats."""
+def test_a_session_is_replayed(expected, tissue_of_0_1):
+    """Its settings are checked by `replay`. Version 0.2 eliminates a factor's nodes in another order, so that states round
+    otherwise: their digests differ."""
     record = pp.read_record(HERE / "session.h5")
     assert [name for _, name, _ in record.changes] == ["compliance"]
     assert record.marks == ((250, 0, 0), (500, 1, 1))
-    differs = digest.session_of(tissue_of_0_1).replay(record)
-    assert differs is None or not alike
-    session = digest.session_of(tissue_of_0_1)
+    session_like(record, tissue_of_0_1).replay(record)
+    session = session_like(record, tissue_of_0_1)
     forces = np.concatenate([force for _, force in session.replayed(record, 10)])
-    same(forces, expected["session/forces"], alike)
-    same(session.displacement, expected["session/displacement"], alike)
+    same(forces, expected["session/forces"], bits=False)
+    same(session.displacement, expected["session/displacement"], bits=False)
 
 
-def test_a_session_is_scored(expected, tissue_of_0_1, alike):
+def test_a_session_is_scored(expected, tissue_of_0_1):
     task = pp.Task("biopsy", target="lump", strain=0.1, force=0.5)
     result = pp.score(pp.read_record(HERE / "session.h5"), tissue_of_0_1, task)
-    same(result.force, expected["score/force"], alike)
+    same(result.force, expected["score/force"], bits=False)
     for key, value in digest.figures(result).items():
-        same(value, expected[f"score/{key}"], alike, most=1e-2)  # times and volumes over a limit go in steps
+        same(value, expected[f"score/{key}"], bits=False, most=1e-2)  # times and volumes over a limit go in steps
     assert len(result.claims) == 2
 
 

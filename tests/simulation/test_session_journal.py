@@ -2,6 +2,7 @@
 
 import json
 import os
+import tracemalloc
 import warnings
 import zlib
 
@@ -61,6 +62,49 @@ def test_every_cut_of_a_journal_is_the_beginning_of_the_record(written, models, 
     assert len(lengths) > 5
     assert left.marks == tuple(mark for mark in record.marks if mark[0] <= left.length)
     assert session_of(models["compliance"], sweeps=4).replay(left) is None, "it replays to the bit"
+
+
+def test_a_session_with_a_journal_has_the_record_of_one_without(models, tmp_path):
+    """While it goes on, when it is closed, and when the disk takes nothing."""
+    plain, kept = (session_of(models["compliance"], sweeps=4) for _ in range(2))
+    kept.journal = start_journal(tmp_path / "session.h5", kept.description())
+    for part in range(3):
+        for session in (plain, kept):
+            session.step([hold((0, 0, 25), (0, 0, -0.01 * k)) for k in range(part, part + 250)])
+            session.mark(0, 0)
+        if part == 1:
+            full = os.open(os.devnull, os.O_RDONLY)  # takes nothing
+            journal, kept.journal._file = kept.journal._file, full
+            with pytest.warns(UserWarning, match="is kept in memory"):
+                kept.step([None] * 200)
+            kept.journal._file = journal
+            plain.step([None] * 200)
+        assert_same(kept.record(), plain.record())
+    kept.journal.close()
+    assert_same(kept.record(), plain.record())
+
+
+def assert_same(one, other):
+    for name in COLUMNS:
+        assert np.array_equal(getattr(one, name), getattr(other, name)), name
+        assert getattr(one, name).dtype == getattr(other, name).dtype
+    assert (one.length, one.marks) == (other.length, other.marks)
+
+
+def test_a_long_session_with_a_journal_takes_no_more_memory(models, tmp_path):
+    grown = {}
+    for kept in (False, True):
+        session = session_of(models["compliance"], sweeps=4)
+        if kept:
+            session.journal = start_journal(tmp_path / "session.h5", session.description())
+        session.step([hold((0, 0, 25), (0, 0, -0.01 * k)) for k in range(100)])
+        tracemalloc.start()
+        for part in range(600):  # as often as a session of five minutes by the clock is collected
+            session.step([hold((0, 0, 25), (0, 0, -0.0005 * (part + k))) for k in range(30)])
+        grown[kept] = tracemalloc.get_traced_memory()[0]
+        tracemalloc.stop()
+    assert grown[False] > 8e5  # 18,000 commands
+    assert grown[True] < 0.1 * grown[False]
 
 
 def test_damage_in_the_middle_ends_the_journal_there(written, tmp_path):

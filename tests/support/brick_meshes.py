@@ -37,3 +37,14 @@ def block(n=11, young=5.0, poisson=0.3, **options):
     """The 50 mm cube of n³ nodes, held at its bottom (z = 0)."""
     mesh = brick((n - 1,) * 3)
     return pp.Tissue(mesh, young, poisson, mesh.nodes[:, 2] == 0, **options)
+
+
+def dome(cells, depth, half, bend, sign):
+    """A block whose top is a paraboloid of radius `bend` mm, with smaller elements at its apex, (0, 0, 0)."""
+    k = 5.0  # the ends' elements over those at the apex: cosh k
+    x = brick((cells, cells, depth), (1, 1, 1)).nodes
+    across = half * np.sinh(k * (2 * x[:, :2] - 1)) / np.sinh(k)
+    below = half * np.sinh(k * (1 - x[:, 2])) / np.sinh(k)
+    z = -below - np.minimum((across**2).sum(axis=1), half**2 / 4) / (2 * bend) * (1 - below / half)
+    nodes = np.column_stack([across[:, 0], sign * across[:, 1], sign * z])
+    return nodes, brick((cells, cells, depth), (1, 1, 1)).tets

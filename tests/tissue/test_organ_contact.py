@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from support.brick_meshes import brick
+from support.brick_meshes import brick, dome
 
 import palpate as pp
 from palpate.errors import DataError, FileError, MaterialError, MeshError
@@ -71,17 +71,6 @@ def depth_inside(tissue, u):
                 height = np.abs(np.einsum("fc,fc->f", point - faces[:, 0], normal)) / np.linalg.norm(normal, axis=1)
                 worst = max(worst, height[over].min())
     return worst
-
-
-def dome(cells, depth, half, bend, sign):
-    """A block whose top is a paraboloid of radius `bend` mm, with smaller elements at its apex, (0, 0, 0)."""
-    k = 5.0  # the ends' elements over those at the apex: cosh k
-    x = brick((cells, cells, depth), (1, 1, 1)).nodes
-    across = half * np.sinh(k * (2 * x[:, :2] - 1)) / np.sinh(k)
-    below = half * np.sinh(k * (1 - x[:, 2])) / np.sinh(k)
-    z = -below - np.minimum((across**2).sum(axis=1), half**2 / 4) / (2 * bend) * (1 - below / half)
-    nodes = np.column_stack([across[:, 0], sign * across[:, 1], sign * z])
-    return nodes, brick((cells, cells, depth), (1, 1, 1)).tets
 
 
 def test_hertz_contact_of_two_spheres():

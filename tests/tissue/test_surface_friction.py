@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
-from support.brick_meshes import brick
+from support.brick_meshes import brick, dome
 
 import palpate as pp
 from palpate.errors import DataError, MaterialError
 from palpate.meshes.separate_organs import organs
-from palpate.tissue.gap_contact import rubbing
+from palpate.tissue.gap_contact import complementarity, rubbing
+from palpate.tissue.organ_gaps import organ_gaps
 from palpate.tissue.reference.linear_elasticity import FiniteElements
 
 RADIUS = 10.0
@@ -93,6 +94,40 @@ def test_what_does_not_slip_is_one_body():
     stuck, smooth = (rubbed(two, friction).push(*push).force for friction in (10.0, 0.0))
     assert np.linalg.norm(stuck - stiff) < 0.01 * np.linalg.norm(stiff)
     assert np.linalg.norm(smooth - stiff) > 0.05 * np.linalg.norm(stiff)
+
+
+def test_spheres_pressed_together_and_moved_along_each_other():
+    """Cattaneo and Mindlin (K. L. Johnson, Contact Mechanics, 1985, eq. 7.42): a ring slips that grows inwards, till all
+    does. The bodies have sides and bases, so they give some per cent more than half spaces."""
+    young, poisson, bend, half, approach, friction = 15.0, 0.3, 120.0, 120.0, 1.0, 0.4
+    parts = [dome(18, 10, half, bend, 1), dome(20, 10, half, bend, -1)]
+    nodes = np.concatenate([parts[0][0], parts[1][0] - (0, 0, approach)])
+    tets = np.concatenate([parts[0][1], parts[1][1] + len(parts[0][0])])
+    base = np.isclose(nodes[:, 2], -half) | np.isclose(nodes[:, 2], half - approach)
+    tissue = pp.Tissue(pp.TetMesh(nodes, tets), young, poisson, base)
+    found = organ_gaps(tissue.mesh, 8.0)
+    near = np.flatnonzero(found.rest < 0.3)
+    N, T = found.N.tocsc()[:, near], found.T.tocsc()[:, (2 * near[:, None] + [0, 1]).ravel()]
+    A, count = np.hstack([N.toarray(), T.toarray()]), len(near)
+    free = np.repeat(~tissue.held, 3)
+    W = A[free].T @ FiniteElements(tissue).factors.solve(A[free])
+    M, G = young * 1e-3 / (1 - poisson**2) / 2, young * 1e-3 / 2 / (1 + poisson)  # N/mm²: 1/M of two bodies alike
+    radius, normal = np.sqrt(bend / 2 * approach), 4 / 3 * M * np.sqrt(bend / 2) * approach**1.5
+    unit = np.zeros_like(nodes)
+    unit[organs(tissue.mesh) == 1, 0] = 1  # the upper body and its base
+    slip, ratio = T.T @ unit.ravel(), []
+    for way in (0.1, 0.3, 0.8):
+        p, q = np.zeros(count), np.zeros(2 * count)
+        for _ in range(30):
+            p = complementarity(W[:count, :count], found.rest[near] + W[:count, count:] @ q)
+            q = rubbing(W[count:, count:], way * slip + W[count:, :count] @ p, friction * p, q)
+        ratio.append(-(q @ slip) / (friction * p.sum()))
+        assert p.sum() == pytest.approx(normal, rel=0.01)
+    slips_at = 3 * friction * normal * (2 - poisson) / (8 * radius * G)  # mm, from where on all slips
+    expected = [1 - max(1 - way / slips_at, 0) ** 1.5 for way in (0.1, 0.3, 0.8)]
+    assert ratio == pytest.approx(expected, rel=0.11)
+    assert ratio[0] < expected[0]
+    assert ratio[2] == pytest.approx(1, rel=1e-3)
 
 
 def test_a_hand_that_rubs_to_and_fro_loses_energy(beside):

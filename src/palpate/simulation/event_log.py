@@ -34,9 +34,10 @@ class EventLog:
             self._joined.append(_join(self._pieces))
             self._pieces = []
 
-    def columns(self) -> dict[str, Any]:
-        """All pieces as one, by name."""
-        return dict(zip(COLUMNS, _join(self._joined + self._pieces), strict=True))
+    def columns(self, before: tuple[Any, ...] | None = None) -> dict[str, Any]:
+        """All pieces as one, by name. before: columns of earlier events, which are kept elsewhere."""
+        earlier = [] if before is None else [before]
+        return dict(zip(COLUMNS, _join(earlier + self._joined + self._pieces), strict=True))
 
 
 def _join(pieces: list[tuple[Any, ...]]) -> tuple[Any, ...]:

@@ -10,7 +10,8 @@ from palpate.simulation.session_notes import SessionNote
 
 
 class SessionEvents:
-    """The events of a session, out of the loop's bounded queues. journal: takes them as they come, if there is one.
+    """The events of a session, out of the loop's bounded queues. journal: takes them as they come, if there is one; then
+    the loop's are kept there alone, so that a session of hours takes no more memory.
 
     The loop says at which ticks another model or body began; what it was is told to `model` or `cut` before, in the same
     order. marks: (tick, what, tool) of each claim. notes: those there are now.
@@ -35,11 +36,12 @@ class SessionEvents:
     def collect(self, loop: Any) -> None:
         """Takes what there is in the loop's queues, and frees the model that a change has replaced."""
         events = loop.drain()
-        self._log.add(events)
         self._begun += loop.changes()
         loop.free_retired()
         if self.journal and not loop.dropped():
             self.journal.append(events, self.changes, self.marks, self.cuts, self.notes)
+        else:
+            self._log.add(events)
 
     @property
     def changes(self) -> tuple[tuple[int, str, int], ...]:
@@ -58,4 +60,5 @@ class SessionEvents:
     def columns(self) -> dict[str, Any]:
         """What a `Record` holds of all events so far."""
         told = {"changes": self.changes, "marks": tuple(self.marks), "cuts": self.cuts, "notes": self.notes}
-        return {**self._log.columns(), **told}
+        journaled = self.journal.columns() if self.journal else None
+        return {**self._log.columns(journaled), **told}

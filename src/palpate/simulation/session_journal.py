@@ -47,6 +47,7 @@ class SessionJournal:
         self._told = [0, 0, 0]  # changes, marks and cuts that are written
         self._notes: tuple[SessionNote, ...] = ()  # that are written
         self._warned = False
+        self._last: tuple[Any, ...] | None = None  # its columns, once it is closed
         try:
             self._file = _locked(path)
         except OSError as problem:
@@ -96,7 +97,19 @@ class SessionJournal:
 
     def close(self) -> None:
         """Closes the file and leaves it."""
+        self._last = self.columns()
         os.close(self._file)
+
+    def columns(self) -> tuple[Any, ...]:
+        """All of the loop's events that it was given, also those that the disk has not taken yet, as `COLUMNS`."""
+        if self._last is not None:
+            return self._last
+        os.lseek(self._file, 0, os.SEEK_SET)
+        written = bytearray()
+        while len(written) < self._end and (part := os.read(self._file, self._end - len(written))):
+            written += part
+        lines = (bytes(written) + self._waiting).splitlines()[1:]
+        return tuple(event_columns([json.loads(line.partition(b" ")[2]) for line in lines]).values())
 
     def _write(self, content: dict[str, Any]) -> OSError | None:
         text = json.dumps(content).encode()
@@ -114,6 +127,17 @@ class SessionJournal:
         return None
 
 
+def event_columns(pieces: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """The loop's events in the lines of a journal, by name."""
+    columns: dict[str, Any] = {
+        name: np.frombuffer(b"".join(base64.b64decode(piece.get(name, "")) for piece in pieces), dtype)
+        for name, (dtype, _) in COLUMNS.items()
+    }
+    for name in ("points", "displacements"):
+        columns[name] = columns[name].reshape(-1, 3)
+    return columns
+
+
 def read_journal(path: Path) -> dict[str, Any] | None:
     """What `Record` is made of, up to the last digest; None if the session died before its first.
 
@@ -124,16 +148,11 @@ def read_journal(path: Path) -> dict[str, Any] | None:
     if not lines or lines[0].pop("kind", None) != KIND:
         return None
     head, *pieces = lines
-    record: dict[str, Any] = {
-        name: np.frombuffer(b"".join(base64.b64decode(piece.get(name, "")) for piece in pieces), dtype)
-        for name, (dtype, _) in COLUMNS.items()
-    }
+    record = event_columns(pieces)
     if not record["digest_ticks"].size:
         return None
     length = int(record["digest_ticks"][-1])
     obeyed, switched = record["ticks"] < length, record["switches"] < length
-    for name in ("points", "displacements"):
-        record[name] = record[name].reshape(-1, 3)
     for name in ("ticks", "tools", "kinds", "points", "displacements"):
         record[name] = record[name][obeyed]
     for name in ("switches", "lacking"):

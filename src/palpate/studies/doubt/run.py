@@ -5,6 +5,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from palpate.arrays import AnyArray, Float64, Int32
 from palpate.cluster.file_tasks import FileTask
@@ -67,11 +68,12 @@ def judge_breast(seed: int, setting: Setting, tell: Callable[[float], None]) -> 
 
     And "miss", mm across between the lump and where it was found; "young", kPa; of some "contrast_std", to first order.
     """
-    body = random_body(seed, setting)
-    found = sampled(body, seed, setting)
-    doubt, ball = samples_of(found, body.mark, seed, setting)
-    tell(0.7)
-    plain, with_lump = true_forces(body, doubt.point, setting)
+    with threadpool_limits(1, user_api="blas"):  # whose rounding depends on the number of threads
+        body = random_body(seed, setting)
+        found = sampled(body, seed, setting)
+        doubt, ball = samples_of(found, body.mark, seed, setting)
+        tell(0.7)
+        plain, with_lump = true_forces(body, doubt.point, setting)
     truth = {
         "diameter": body.diameter,
         "depth": float((doubt.point - body.centre) @ doubt.normal),
