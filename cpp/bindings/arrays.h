@@ -29,7 +29,7 @@ template <class T, class... Sizes> Owned<T, sizeof...(Sizes)> uninitialized(Size
 }
 
 // The memory of a vector of as many elements, without a copy.
-template <class T, class... Sizes> Owned<T, sizeof...(Sizes)> taken(std::vector<T>&& from, Sizes... shape) {
+template <class T, class... Sizes> Owned<T, sizeof...(Sizes)> adopted(std::vector<T>&& from, Sizes... shape) {
     auto* kept = new std::vector<T>(std::move(from));
     return {kept->data(), {size_t(shape)...}, nb::capsule(kept, [](void* p) noexcept {
                 delete static_cast<std::vector<T>*>(p);

@@ -8,10 +8,10 @@ using namespace palpate;
 
 namespace {
 
-using Matrix = std::tuple<Owned<int, 1>, Owned<int, 1>, Owned<double, 3>>;
+using SparseRows = std::tuple<Owned<int, 1>, Owned<int, 1>, Owned<double, 3>>;
 
-Matrix stiffness(In<double, 2> nodes, In<int32_t, 2> tets, In<int32_t, 1> region, In<double, 1> filled,
-                 In<double, 1> lam, In<double, 1> mu, bool smoothed) {
+SparseRows stiffness(In<double, 2> nodes, In<int32_t, 2> tets, In<int32_t, 1> region, In<double, 1> filled,
+                     In<double, 1> lam, In<double, 1> mu, bool smoothed) {
     const size_t count = tets.shape(0), many = nodes.shape(0);
     expect(nodes.shape(1) == 3 && tets.shape(1) == 4, "expected nodes (n, 3) and tets (m, 4)");
     expect(many < (1u << 30) && count < (1u << 27), "too many nodes or tetrahedra");
@@ -25,8 +25,8 @@ Matrix stiffness(In<double, 2> nodes, In<int32_t, 2> tets, In<int32_t, 1> region
                              mu.data(),    int(many),   int(count),    filled.data()};
     BlockCsr K = unlocked([&] { return smoothed ? smoothed_stiffness(solid, all) : p1_stiffness(solid, all); });
     const size_t blocks = K.column.size();
-    return {taken(std::move(K.start), many + 1), taken(std::move(K.column), blocks),
-            taken(std::move(K.block), blocks, 3, 3)};
+    return {adopted(std::move(K.start), many + 1), adopted(std::move(K.column), blocks),
+            adopted(std::move(K.block), blocks, 3, 3)};
 }
 
 } // namespace
