@@ -48,9 +48,8 @@ def raised() -> Iterator[Callable[[], bool]]:
     before, told = signal.getsignal(signal.SIGINT), sys.unraisablehook
 
     def interrupt(number: int, frame: FrameType | None) -> None:
-        if any(code is show.__code__ or code.co_filename == _IMPORTING for code in _running(frame)) and _again(
-            _insists
-        ):
+        lost = any(code is show.__code__ or code.co_filename == _IMPORTING for code in _running(frame))
+        if lost and _again(_insists):
             return  # extension modules that are being made drop exceptions, or abort; the hook would drop it once more
         if time.monotonic() < handled[0] + AGAIN:
             return  # the thread's last signal, sent while the one before was handled

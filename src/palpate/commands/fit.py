@@ -132,8 +132,10 @@ def fit_command(
     from palpate.errors import FileError
     from palpate.simulation.starting_model import starting_model
     from palpate.tissue.named_tissues import material_lines
+    from palpate.tissue.tissue import check_surface_friction
 
     writable(output)
+    check_surface_friction(surface_friction)
     if radius is not None and not radius > 0:
         raise typer.BadParameter(f"{radius:g} mm; give the radius of the contacts, above 0", param_hint="--radius")
     if error_map is not None:

@@ -29,11 +29,12 @@ def gap_contact(tissue: Tissue, factors: Factors, vertices: Int32) -> GapContact
     If there are too many gaps, those that are widest at rest are left out, with a warning. Raises `DataError` if there
     are too many of lips and attachments.
     """
-    parts = [organ_gaps(tissue.mesh)]
+    rubs = tissue.surface_friction > 0
+    parts = [organ_gaps(tissue.mesh, slips=rubs)]
     if isinstance(tissue.mesh, CutMesh):
-        parts.append(lip_gaps(tissue.mesh))
+        parts.append(lip_gaps(tissue.mesh, slips=rubs))
     springs, stretch = attachment_gaps(tissue)
-    parts.append(SurfaceGaps(springs, np.zeros(len(stretch)), csr_array((springs.shape[0], 2 * len(stretch)))))
+    parts.append(SurfaceGaps(springs, np.zeros(len(stretch)), csr_array((springs.shape[0], 2 * rubs * len(stretch)))))
     every = SurfaceGaps.together(parts)
     give = np.concatenate([np.zeros(len(every.rest) - len(stretch)), stretch])
     free = np.repeat(~tissue.held, 3)
@@ -47,6 +48,6 @@ def gap_contact(tissue: Tissue, factors: Factors, vertices: Int32) -> GapContact
             f"contact: surfaces more than {rest[opens].max():.2g} mm apart at rest do not meet in this model",
             stacklevel=4,
         )
-    slips = (2 * opens[:, None] + np.arange(2)).ravel()
+    slips = (2 * opens[:, None] + np.arange(2 * rubs)).ravel()
     found = SurfaceGaps(csr_array(N[:, opens]), rest[opens], csr_array(T[:, slips]))
     return GapContact(factors, found, give[opens], tissue.surface_friction, vertices)

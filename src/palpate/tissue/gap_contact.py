@@ -31,9 +31,9 @@ class GapContact:
     under unit forces (p, q). The forces of the tools are C⁻¹ (d − D (p, q)), and gaps and slips
     (rest, 0) + DᵀC⁻¹d + (AᵀK⁻¹A − DᵀC⁻¹D) (p, q).
 
-    found: the gaps, by free nodes. give: (g,) mm/N of springs across gaps, whose force is −Nᵀu over it, of any sign; 0:
-    surfaces that may meet. friction: μ. vertices: free nodes that are touched or shown. native: all of it for the loop.
-    Raises `DataError` for more than `MOST_GAPS` gaps.
+    found: the gaps, by free nodes, with their slips if there is friction. give: (g,) mm/N of springs across gaps, whose
+    force is −Nᵀu over it, of any sign; 0: surfaces that may meet. friction: μ. vertices: free nodes that are touched or
+    shown. native: all of it for the loop. Raises `DataError` for more than `MOST_GAPS` gaps.
     """
 
     def __init__(self, factors: Factors, found: SurfaceGaps, give: Float64, friction: float, vertices: Int32) -> None:
@@ -43,7 +43,7 @@ class GapContact:
                 f"contact: {self.count} gaps between surfaces, at most {MOST_GAPS}; take larger elements, or make the "
                 f"model with contact=False"
             )
-        self.A = csc_array(hstack([found.N, found.T]) if friction > 0 else found.N)
+        self.A = csc_array(hstack([found.N, found.T]))
         self.rest, self.give, self.friction = found.rest, give, friction
         nodes = np.unique(self.A.indices // 3).astype(np.int32)
         on = np.ascontiguousarray(self.A[(3 * nodes[:, None] + np.arange(3)).ravel()].toarray())
@@ -96,11 +96,12 @@ class GapContact:
             return complementarity(M, self.rest + moved, self.give)
         p, q = np.zeros(g), np.zeros(2 * g)
         for _ in range(MOST_TURNS):
-            before = p
+            before = np.concatenate([p, q])
             p = complementarity(M[:g, :g], self.rest + moved[:g] + M[:g, g:] @ q, self.give)
             q = rubbing(M[g:, g:], moved[g:] + M[g:, :g] @ p, self.friction * np.where(self.give == 0, p, 0), q)
-            if np.abs(p - before).max() <= SETTLED * np.abs(p).max():
-                return np.concatenate([p, q])
+            both = np.concatenate([p, q])
+            if np.abs(both - before).max() <= SETTLED * np.abs(p).max():
+                return both
         raise DataError("surface_friction: no balance found of surfaces that slide; give less friction, or push less")
 
 

@@ -14,8 +14,8 @@ KINKS = 2  # rounds of halving: up to three kinks at a node
 SAME = 1e-8  # of the body's size: vertices that are nearer to each other are at one place
 
 
-def lip_gaps(mesh: CutMesh) -> SurfaceGaps:
-    """The weighted mean of the gap over each part of the cut.
+def lip_gaps(mesh: CutMesh, slips: bool = False) -> SurfaceGaps:
+    """The weighted mean of the gap over each part of the cut; slips: and the slips there.
 
     A node of the mesh before, of which the two lips have two copies, has a part of the cut: its weight is the node's own
     shape function, so the means are those of a mortar method. With it the jump of the displacement along the normal is
@@ -53,8 +53,6 @@ def lip_gaps(mesh: CutMesh) -> SurfaceGaps:
     size = np.bincount(gap, area)[gap]
     part, pressed = area / size, (share / size)[:, None] * normal[point]  # (p,), (p, 3)
     count = int(gap.max()) + 1
-    mean = np.stack([np.bincount(gap, pressed[:, c], count) for c in range(3)], axis=1)
-    tangent = along(np.asarray(mean, dtype=np.float64))
     nodal = np.concatenate([nodes[vertex[point]], nodes[other[point]]])  # (2p, 4), of the front and of the back
     by = np.concatenate([-weight[vertex[point]], weight[other[point]]])
     rows = (3 * nodal[:, :, None] + np.arange(3)).ravel()
@@ -65,8 +63,13 @@ def lip_gaps(mesh: CutMesh) -> SurfaceGaps:
             coo_array((values, (rows, np.repeat(np.tile(which, 2), 12))), shape=(3 * len(mesh.nodes), columns))
         )
 
-    slips = [of_nodes(2 * gap + k, part[:, None] * tangent[gap, k], 2 * count) for k in (0, 1)]
-    return SurfaceGaps(of_nodes(gap, pressed, count), np.zeros(count), csr_array(slips[0] + slips[1]))
+    N = of_nodes(gap, pressed, count)
+    if not slips:
+        return SurfaceGaps(N, np.zeros(count), csr_array((N.shape[0], 0)))
+    mean = np.stack([np.bincount(gap, pressed[:, c], count) for c in range(3)], axis=1)
+    tangent = along(np.asarray(mean, dtype=np.float64))
+    along_first, along_second = (of_nodes(2 * gap + k, part[:, None] * tangent[gap, k], 2 * count) for k in (0, 1))
+    return SurfaceGaps(N, np.zeros(count), csr_array(along_first + along_second))
 
 
 def _beyond_a_kink(gap: Int64, normal: Float64) -> Int64:

@@ -34,8 +34,8 @@ class _Skin:
         return np.asarray(self.triangles[self.organ[self.triangles[:, 0]] == organ])
 
 
-def organ_gaps(mesh: TetMesh, reach: float = REACH) -> SurfaceGaps:
-    """The mean gap over each part of an organ's surface that faces another.
+def organ_gaps(mesh: TetMesh, reach: float = REACH, slips: bool = False) -> SurfaceGaps:
+    """The mean gap over each part of an organ's surface that faces another; slips: and the slips there.
 
     Of two organs one has the parts: a vertex' part is weighted by its shape function (a mortar method, three points in a
     triangle). The gap at a point is the distance to the other surface; below 0 they overlap. The faces of cuts are not
@@ -48,7 +48,7 @@ def organ_gaps(mesh: TetMesh, reach: float = REACH) -> SurfaceGaps:
     parts: list[SurfaceGaps] = []
     for one in range(int(skin.organ.max()) + 1):
         for other in range(one):
-            found = _between(skin, one, other, reach)
+            found = _between(skin, one, other, reach, slips)
             if found is not None:
                 parts.append(found)
     return SurfaceGaps.together(parts) if parts else SurfaceGaps.none(len(mesh.nodes))
@@ -86,14 +86,14 @@ def _skin(mesh: TetMesh, organ: Int32) -> _Skin:
     return _Skin(mesh.places, skin.triangles[~skin.lip], carried, organ[carrier[:, 0]])
 
 
-def _between(skin: _Skin, one: int, other: int, reach: float) -> SurfaceGaps | None:
+def _between(skin: _Skin, one: int, other: int, reach: float, slips: bool) -> SurfaceGaps | None:
     """Between two organs; None if they are too far apart."""
     near = [_near(skin, a, b, reach) for a, b in ((one, other), (other, one))]
     if not (near[0].any() and near[1].any()):
         return None
     if near[0].sum() >= near[1].sum():  # the finer surface has the parts
-        return _gaps(skin, skin.part(one)[near[0]], skin.part(one), skin.part(other), reach)
-    return _gaps(skin, skin.part(other)[near[1]], skin.part(other), skin.part(one), reach)
+        return _gaps(skin, skin.part(one)[near[0]], skin.part(one), skin.part(other), reach, slips)
+    return _gaps(skin, skin.part(other)[near[1]], skin.part(other), skin.part(one), reach, slips)
 
 
 def _near(skin: _Skin, one: int, other: int, reach: float) -> Bool:
@@ -106,7 +106,7 @@ def _near(skin: _Skin, one: int, other: int, reach: float) -> Bool:
     return np.asarray(np.isfinite(distance).any(axis=1))
 
 
-def _gaps(skin: _Skin, near: Int32, mine: Int32, theirs: Int32, reach: float) -> SurfaceGaps | None:
+def _gaps(skin: _Skin, near: Int32, mine: Int32, theirs: Int32, reach: float, slips: bool) -> SurfaceGaps | None:
     """Of the triangles `near` of `mine`, whose vertices have the parts."""
     corners = skin.places[near]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -141,9 +141,6 @@ def _gaps(skin: _Skin, near: Int32, mine: Int32, theirs: Int32, reach: float) ->
         moved.append(share[:, :, None] * weight[:, None])
     row, column = np.concatenate(at), np.broadcast_to(np.concatenate([part, part])[:, :, None], (2 * len(part), 3, 3))
     value, direction = np.concatenate(moved), np.concatenate([normal, normal])[:, None, None]
-    mean = np.zeros((len(kept), 3))  # normals of the parts
-    np.add.at(mean, part[part >= 0], (share[:, :, None] * normal[:, None])[part >= 0])
-    tangent = along(mean)
     used = column >= 0
     row, column, value = row[used], column[used], value[used]
     rows = (3 * row[:, None] + np.arange(3)).ravel()
@@ -154,8 +151,13 @@ def _gaps(skin: _Skin, near: Int32, mine: Int32, theirs: Int32, reach: float) ->
         return csr_array(carried @ csr_array(coo_array(entries, shape=(3 * len(skin.places), count))))
 
     N = of_nodes(column, np.broadcast_to(direction, (*used.shape, 3))[used], len(kept))
-    slips = [of_nodes(2 * column + k, tangent[column, k], 2 * len(kept)) for k in (0, 1)]
-    return SurfaceGaps(N, rest, csr_array(slips[0] + slips[1]))
+    if not slips:
+        return SurfaceGaps(N, rest, csr_array((N.shape[0], 0)))
+    mean = np.zeros((len(kept), 3))  # normals of the parts
+    np.add.at(mean, part[part >= 0], (share[:, :, None] * normal[:, None])[part >= 0])
+    tangent = along(mean)
+    one, other = (of_nodes(2 * column + k, tangent[column, k], 2 * len(kept)) for k in (0, 1))
+    return SurfaceGaps(N, rest, csr_array(one + other))
 
 
 def _areas(skin: _Skin, triangles: Int32) -> Float64:

@@ -12,7 +12,8 @@ from palpate.arrays import Float64
 class SurfaceGaps:
     """Gaps rest + Nᵀu, each a mean over a part of a surface, and the slips Tᵀu of the surfaces along each other there.
 
-    N: (3N, g). rest: (g,) mm. T: (3N, 2g), two directions for each gap, at right angles to its mean normal.
+    N: (3N, g). rest: (g,) mm. T: (3N, 2g), two directions for each gap, at right angles to its mean normal;
+    (3N, 0) where nobody asks for slips.
     """
 
     N: csr_array

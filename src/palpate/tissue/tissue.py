@@ -192,8 +192,7 @@ class Tissue:
         object.__setattr__(self, "relaxation", _relaxation_by_region(relaxation, mesh))
         object.__setattr__(self, "inertia", inertia)
         object.__setattr__(self, "attachments", tuple(attachments))
-        if not 0 <= surface_friction <= MOST_FRICTION:
-            raise MaterialError(f"surface_friction: {surface_friction:g}; give 0 to {MOST_FRICTION:g}, such as 0.1")
+        check_surface_friction(surface_friction)
         object.__setattr__(self, "surface_friction", float(surface_friction))
         _refuse_negative_ratios(self)
         if inertia is not None and self.relaxation is not None and not self.relaxes_alike:
@@ -385,6 +384,12 @@ def _node_indices(fixed: ArrayLike, count: int) -> Int32:
     if array.min() < 0 or array.max() >= count:
         raise MaterialError(f"fixed: node {int(array.max())} or {int(array.min())}; nodes are 0 to {count - 1}")
     return np.unique(array).astype(np.int32)
+
+
+def check_surface_friction(friction: float) -> None:
+    """Raises `MaterialError` for a coefficient that no surfaces have."""
+    if not 0 <= friction <= MOST_FRICTION:
+        raise MaterialError(f"surface_friction: {friction:g}; give 0 to {MOST_FRICTION:g}, such as 0.1")
 
 
 def _refuse_rigid_motions(mesh: TetMesh, fixed: Int32) -> None:

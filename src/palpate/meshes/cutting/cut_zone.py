@@ -18,8 +18,8 @@ from palpate.meshes.triangle_surface import connected_groups
 class CutZone:
     """All tetrahedra about the nodes of those that blades may split, as a mesh.
 
-    tets: (z,) and nodes: (n,) their numbers in the whole mesh, ascending. part: the mesh. rim: (k, 3) sorted nodes of
-    its faces beyond which the whole goes on. still: (n,) True for nodes whose tetrahedra all stay whole.
+    whole: the mesh that is cut. tets: (z,) and nodes: (n,) their numbers in it, ascending. part: their mesh. rim: (k, 3)
+    sorted nodes of its faces beyond which the whole goes on. still: (n,) True for nodes whose tetrahedra all stay whole.
     """
 
     whole: TetMesh

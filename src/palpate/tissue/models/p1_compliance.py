@@ -20,7 +20,7 @@ class P1ComplianceModel(ComplianceModel):
 
 
 class _P1Elements(FiniteElements):
-    """The stiffness as matrix products: made sooner than by scikit-fem, and equal but for rounding."""
+    """The stiffness by our own kernel: made sooner than by scikit-fem, and equal but for rounding."""
 
     def _stiffness(self) -> csr_array:
         return csr_array(p1_stiffness(self.tissue.mesh, *lame(self.tissue.young, self.tissue.poisson)))
