@@ -1,6 +1,6 @@
 #include "bindings/arrays.h"
+#include "cutting/cut_body.h"
 #include "cutting/jump_factor.h"
-#include "cutting/slit_complex.h"
 
 using namespace nb::literals;
 using namespace palpate;
@@ -21,99 +21,51 @@ std::vector<BladeTriangle> triangles_of(In<double, 2> points, In<int32_t, 2> tri
     return blade_triangles(points.data(), triangles.data(), int(triangles.shape(0)));
 }
 
-void expect_mesh(const In<double, 2>& nodes, const In<int32_t, 2>& tets, double near) {
-    expect(nodes.shape(1) == 3 && tets.shape(1) == 4, "expected nodes (n, 3) and tets (m, 4)");
-    expect_finite(nodes, "nodes: not finite");
-    expect_numbers(tets, nodes.shape(0), "tets: names a node that is not there");
-    expect(near >= 0, "near: 0 mm or more");
-}
-
-// (things, columns), element by element.
-template <class T, class Things, class Get> Owned<T, 2> table(const Things& things, int columns, const Get& get) {
-    auto out = uninitialized<T>(things.size(), columns);
+// Rows of arrays as a table.
+template <class T, class Rows> Owned<T, 2> table(const Rows& rows, int columns) {
+    auto out = uninitialized<T>(rows.size(), columns);
     T* to = out.data();
-    for (const auto& one : things)
-        for (int k = 0; k < columns; k++) *to++ = T(get(one, k));
+    for (const auto& row : rows) to = std::copy(row.begin(), row.end(), to);
     return out;
 }
 
-void bind_slit_complex(nb::module_& m) {
-    using Slit = SlitComplex;
-    m.def(
-        "meets",
-        [](In<double, 2> points, In<int32_t, 2> triangles, In<double, 2> nodes, In<int32_t, 2> tets, double near) {
-            const std::vector<BladeTriangle> blade = triangles_of(points, triangles);
-            expect_mesh(nodes, tets, near);
-            auto out = zeros<uint8_t>(tets.shape(0));
-            unlocked([&] {
-                for (size_t t = 0; t < tets.shape(0); t++) {
-                    const double* x[4];
-                    for (int k = 0; k < 4; k++) x[k] = nodes.data() + 3 * size_t(tets.data()[4 * t + k]);
-                    out.data()[t] = std::any_of(blade.begin(), blade.end(),
-                                                [&](const BladeTriangle& one) { return one.meets(x, near); });
-                }
-            });
-            return out;
-        },
-        "points"_as_is, "triangles"_as_is, "nodes"_as_is, "tets"_as_is, "near"_a,
-        "0 for tetrahedra that surely lie more than `near` mm from a blade, (m,).");
-    nb::class_<Slit>(
-        m, "SlitComplex",
-        "Tetrahedra into which those of a mesh are split, and the faces among them that a blade has passed.")
-        .def(
-            "__init__",
-            [](Slit* self, In<double, 2> nodes, In<int32_t, 2> tets, double near) {
-                expect_mesh(nodes, tets, near);
-                new (self) Slit(nodes.data(), int(nodes.shape(0)), tets.data(), int(tets.shape(0)), near);
-            },
-            "nodes"_as_is, "tets"_as_is, "near"_a, "near: mm; what lies so near to a plane lies on it.")
-        .def(
-            "slit",
-            [](Slit& self, In<double, 2> points, In<int32_t, 2> triangles) {
-                const std::vector<BladeTriangle> blade = triangles_of(points, triangles);
-                unlocked([&] { self.slit(blade); });
-            },
-            "points"_as_is, "triangles"_as_is, "Cuts along a blade, triangles (t, 3) of points (p, 3) mm.")
-        .def(
-            "split",
-            [](Slit& self, int a, int b, double t) {
-                const int count = int(self.support.size());
-                expect(a >= 0 && a < count && b >= 0 && b < count && self.is_edge(a, b), "a, b: not an edge");
-                expect(t > 0 && t < 1, "t: above 0, below 1");
-                return self.split(a, b, t);
-            },
-            "a"_a, "b"_a, "t"_a,
-            "The number of a new point at (1 - t) a + t b, which every tetrahedron of that edge gets.")
-        .def_prop_ro(
-            "places", [](const Slit& s) { return rows(s.place); }, nb::rv_policy::automatic,
-            "Of the points, (p, 3) mm.")
-        .def_prop_ro(
-            "corners", [](const Slit& s) { return table<int>(s.corner, 4, [](auto& c, int k) { return c[k]; }); },
-            nb::rv_policy::automatic, "Points of the tetrahedra, (t, 4), positively oriented.")
-        .def_prop_ro(
-            "parent", [](const Slit& s) { return copied(s.parent); }, nb::rv_policy::automatic,
-            "Tetrahedron of the mesh, (t,).")
-        .def_prop_ro(
-            "between", [](const Slit& s) { return table<int>(s.support, 4, [](auto& p, int k) { return p.node[k]; }); },
-            nb::rv_policy::automatic,
-            "Nodes of the mesh between which the points lie, (p, 4); -1 where there are fewer.")
-        .def_prop_ro(
-            "weights",
-            [](const Slit& s) { return table<double>(s.support, 4, [](auto& p, int k) { return p.weight[k]; }); },
-            nb::rv_policy::automatic, "How much these count, (p, 4).")
-        .def_prop_ro(
-            "passed", [](const Slit& s) { return table<int>(s.cut, 3, [](auto& c, int k) { return c.first[k]; }); },
-            nb::rv_policy::automatic, "Ascending points of the faces that a blade has passed, (f, 3).")
-        .def_prop_ro(
-            "normals",
-            [](const Slit& s) { return table<double>(s.cut, 3, [](auto& c, int k) { return c.second[k]; }); },
-            nb::rv_policy::automatic, "The blade's normals there, (f, 3).");
+template <class T, class Values> Owned<T, 1> column(const Values& values) {
+    auto out = uninitialized<T>(values.size());
+    std::copy(values.begin(), values.end(), out.data());
+    return out;
+}
+
+nb::dict cut(In<double, 2> nodes, In<int32_t, 2> tets, In<double, 2> points, In<int32_t, 2> triangles) {
+    expect(nodes.shape(1) == 3 && tets.shape(1) == 4, "expected nodes (n, 3) and tets (m, 4)");
+    expect(tets.shape(0) > 0 && tets.shape(0) < (1u << 27), "tets: none, or too many");
+    expect_finite(nodes, "nodes: not finite");
+    expect_numbers(tets, nodes.shape(0), "tets: names a node that is not there");
+    const std::vector<BladeTriangle> blade = triangles_of(points, triangles);
+    const CutBody body = unlocked([&] {
+        return cut_body(nodes.data(), int(nodes.shape(0)), tets.data(), int(tets.shape(0)), blade);
+    });
+    nb::dict out;
+    out["tets"] = table<int>(body.mesh.tet, 4);
+    out["origin"] = column<int>(body.mesh.origin);
+    out["parent"] = column<int>(body.mesh.parent);
+    out["share"] = column<double>(body.mesh.share);
+    out["side"] = column<int>(body.mesh.side);
+    out["body"] = column<int>(body.mesh.body);
+    out["triangles"] = table<int>(body.skin.triangle, 3);
+    out["lip"] = column<bool>(body.skin.lip);
+    out["tet"] = column<int>(body.skin.tet);
+    auto weight = uninitialized<double>(body.skin.tet.size(), 4);
+    std::copy(body.skin.weight.begin(), body.skin.weight.end(), weight.data());
+    out["weight"] = weight;
+    return out;
 }
 
 } // namespace
 
 void bind_cutting(nb::module_& m) {
-    bind_slit_complex(m);
+    m.def("cut", &cut, "nodes"_as_is, "tets"_as_is, "points"_as_is, "triangles"_as_is,
+          "A mesh that the triangles (t, 3) of a blade with points (p, 3) mm have cut, as palpate.meshes.cutting.cut_mesh "
+          "has it: tets, origin, parent, share, side, body; of its surface triangles, lip, tet, weight.");
     nb::class_<JumpFactor>(m, "JumpFactor", "The factor M = L S L' of the unknowns of a cut; it grows by rows.")
         .def(
             "__init__",

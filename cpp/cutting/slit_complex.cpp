@@ -113,12 +113,27 @@ bool SlitComplex::meets(const BladeTriangle& triangle, const std::array<int, 4>&
 }
 
 void SlitComplex::slit(const std::vector<BladeTriangle>& blade) {
-    for (const BladeTriangle& triangle : blade) slit(triangle);
+    if (blade.empty()) return;
+    Point3 low = blade[0].corner[0], high = low;
+    for (const BladeTriangle& triangle : blade)
+        for (const Point3& x : triangle.corner)
+            for (int d = 0; d < 3; d++) low[d] = std::min(low[d], x[d] - near), high[d] = std::max(high[d], x[d] + near);
+    std::vector<int> reached; // tetrahedra of the mesh whose boxes meet that of the blade
+    for (int t = 0; t < int(whole.size()); t++) {
+        bool apart = false;
+        for (int d = 0; d < 3; d++) {
+            const auto at = [&](int k) { return place[3 * size_t(whole[t][k]) + d]; };
+            const auto [least, most] = std::minmax({at(0), at(1), at(2), at(3)});
+            apart |= least > high[d] || most < low[d];
+        }
+        if (!apart) reached.push_back(t);
+    }
+    for (const BladeTriangle& triangle : blade) slit(triangle, reached);
 }
 
-void SlitComplex::slit(const BladeTriangle& triangle) {
+void SlitComplex::slit(const BladeTriangle& triangle, const std::vector<int>& reached) {
     std::vector<Face> edges; // (low, high, 0): with the faces of two, they are split by the same function
-    for (size_t t = 0; t < pieces.size(); t++) {
+    for (int t : reached) {
         if (!meets(triangle, whole[t])) continue;
         for (int k : pieces[t])
             if (meets(triangle, corner[k])) active[k] = 1, actives.push_back(k);

@@ -56,7 +56,7 @@ private:
     std::vector<int> actives;
 
     bool meets(const BladeTriangle& triangle, const std::array<int, 4>& tet) const;
-    void slit(const BladeTriangle& triangle);
+    void slit(const BladeTriangle& triangle, const std::vector<int>& reached);
     template <class Distance> std::vector<int8_t> split_across(const Distance& distance, std::vector<Face> edges);
     std::vector<Face> faces_on(const std::vector<int8_t>& height, const std::vector<uint8_t>& out) const;
     std::vector<int> about(int a, int b) const;

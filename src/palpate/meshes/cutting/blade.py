@@ -39,8 +39,8 @@ class Blade:
     triangles: Int32
 
     def __init__(self, points: ArrayLike, triangles: ArrayLike) -> None:
-        x = float64("points", points, (None, 3)).copy()
-        t = np.array(triangles)
+        x = float64("points", points, (None, 3)).copy(order="C")
+        t = np.array(triangles, order="C")
         if t.ndim != 2 or t.shape[1] != 3 or not 0 < len(t) <= MOST_TRIANGLES or t.dtype.kind not in "iu":
             raise DataError(
                 f"triangles: expected whole numbers of shape (F, 3), F from 1 to {MOST_TRIANGLES}, got {t.shape} {t.dtype}"

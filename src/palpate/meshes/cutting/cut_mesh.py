@@ -10,13 +10,9 @@ from palpate import _core
 from palpate.arrays import Bool, Float64, Int32
 from palpate.errors import MeshError
 from palpate.meshes.cutting.blade import Blade
-from palpate.meshes.cutting.cut_zone import cut_zone, whole_nodes, whole_skin
-from palpate.meshes.cutting.skin import Skin, pinches, skin
-from palpate.meshes.cutting.virtual_nodes import pieces, virtual_nodes
+from palpate.meshes.cutting.skin import Skin
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.volumes.centerline import Centerline
-
-ON = 1e-9  # of the mesh's extent: what lies so near to a blade lies on it
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -135,30 +131,24 @@ def cut_mesh(mesh: TetMesh, blades: Sequence[Blade]) -> CutMesh:
     """
     every = (*mesh.blades, *blades) if isinstance(mesh, CutMesh) else tuple(blades)
     mesh = mesh.uncut if isinstance(mesh, CutMesh) else mesh
-    near = ON * float(np.ptp(mesh.nodes, axis=0).max())
-    zone = cut_zone(mesh, every, near)
-    slit = _core.cutting.SlitComplex(zone.part.nodes, zone.part.tets, near)
-    for blade in every:
-        slit.slit(blade.points, blade.triangles)
-    found = pieces(slit)
-    while len(pinched := pinches(found, zone.rim)):
-        for a, b in pinched.tolist():
-            slit.split(a, b, 0.5)
-        found = pieces(slit)
-    of_zone = virtual_nodes(zone.part, found)
-    drawn = skin(zone.part, slit, found, of_zone, zone.rim)
-    made, copies = whole_nodes(zone, of_zone)
+    offset = np.cumsum([0, *(len(blade.points) for blade in every)], dtype=np.int32)
+    made = _core.cutting.cut(
+        mesh.nodes,
+        mesh.tets,
+        np.concatenate([np.empty((0, 3)), *(blade.points for blade in every)]),
+        np.concatenate([np.empty((0, 3), np.int32), *(b.triangles + first for b, first in zip(every, offset, strict=False))]),
+    )
     return CutMesh(
-        mesh.nodes[made.origin],
-        made.tets,
-        mesh.region[made.parent],
+        mesh.nodes[made["origin"]],
+        made["tets"],
+        mesh.region[made["parent"]],
         mesh.names,
-        share=made.share,
-        side=made.side,
-        body=made.body,
-        origin=made.origin,
-        parent=made.parent,
-        skin=whole_skin(zone, of_zone, drawn, made, copies),
+        share=made["share"],
+        side=made["side"],
+        body=made["body"],
+        origin=made["origin"],
+        parent=made["parent"],
+        skin=Skin(made["triangles"], made["lip"], made["tet"], made["weight"]),
         blades=every,
         centerline=mesh.centerline,
     )

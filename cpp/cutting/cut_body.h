@@ -1,0 +1,17 @@
+// A mesh that blades have cut: used when a mesh is cut, from Python's palpate.meshes.cutting (bindings/cutting.cpp) and
+// in the exported page.
+#pragma once
+#include "cutting/cut_skin.h"
+
+namespace palpate {
+
+struct CutBody {
+    VirtualNodes mesh;
+    CutSkin skin;
+};
+
+// nodes: (node_count, 3) mm; tets: (tet_count, 4), positively oriented; blade: (..) triangles, one after the other.
+CutBody cut_body(const double* nodes, int node_count, const int32_t* tets, int tet_count,
+                 const std::vector<BladeTriangle>& blade);
+
+} // namespace palpate

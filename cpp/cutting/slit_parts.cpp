@@ -1,0 +1,125 @@
+#include "cutting/slit_parts.h"
+#include "base/vec3.h"
+#include "cutting/disjoint_sets.h"
+#include <algorithm>
+
+namespace palpate {
+namespace {
+
+double volume_of(const SlitComplex& slit, const std::array<int, 4>& corner) {
+    double side[3][3];
+    for (int k = 0; k < 3; k++)
+        for (int d = 0; d < 3; d++)
+            side[k][d] = slit.place[3 * size_t(corner[k + 1]) + d] - slit.place[3 * size_t(corner[0]) + d];
+    const auto [a, b, c] = side;
+    return (a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) +
+            a[2] * (b[0] * c[1] - b[1] * c[0])) /
+           6;
+}
+
+} // namespace
+
+SlitParts::SlitParts(const SlitComplex& slit)
+    : slit(slit), beyond(4 * slit.corner.size(), -1), passed(4 * slit.corner.size()), above(4 * slit.corner.size()) {
+    for (const auto& corner : slit.corner) volume.push_back(volume_of(slit, corner));
+    pair_faces();
+    mark_passed();
+    do group();
+    while (stick_crumbs());
+}
+
+// Faces by their lowest point, then by the other two: two of the same points are those of neighbours.
+void SlitParts::pair_faces() {
+    struct Half {
+        int middle, high, face;
+    };
+    std::vector<int> start(slit.support.size() + 1);
+    std::vector<std::array<int, 3>> points(beyond.size());
+    for (int face = 0; face < int(points.size()); face++) {
+        const auto& corner = slit.corner[face / 4];
+        for (int k = 0; k < 3; k++) points[face][k] = corner[tet_face[face % 4][k]];
+        std::sort(points[face].begin(), points[face].end());
+        start[points[face][0] + 1]++;
+    }
+    for (size_t p = 1; p < start.size(); p++) start[p] += start[p - 1];
+    std::vector<Half> half(points.size());
+    std::vector<int> at(start.begin(), start.end() - 1);
+    for (int face = 0; face < int(points.size()); face++)
+        half[at[points[face][0]]++] = {points[face][1], points[face][2], face};
+    for (size_t p = 0; p + 1 < start.size(); p++) {
+        std::sort(&half[0] + start[p], &half[0] + start[p + 1], [](const Half& a, const Half& b) {
+            return a.middle != b.middle ? a.middle < b.middle : a.high != b.high ? a.high < b.high : a.face < b.face;
+        });
+        for (int k = start[p] + 1; k < start[p + 1]; k++)
+            if (half[k].middle == half[k - 1].middle && half[k].high == half[k - 1].high) {
+                beyond[half[k].face] = half[k - 1].face / 4;
+                beyond[half[k - 1].face] = half[k].face / 4;
+            }
+    }
+}
+
+void SlitParts::mark_passed() {
+    if (slit.cut.empty()) return;
+    for (int face = 0; face < int(beyond.size()); face++) {
+        if (beyond[face] < 0) continue;
+        const auto& corner = slit.corner[face / 4];
+        SlitComplex::Face points;
+        for (int k = 0; k < 3; k++) points[k] = corner[tet_face[face % 4][k]];
+        std::sort(points.begin(), points.end());
+        const auto found = slit.cut.find(points);
+        if (found == slit.cut.end()) continue;
+        double inwards = 0;
+        for (int d = 0; d < 3; d++) {
+            double middle = 0;
+            for (int p : corner) middle += slit.place[3 * size_t(p) + d] / 4;
+            inwards += (middle - slit.place[3 * size_t(points[0]) + d]) * found->second[d];
+        }
+        passed[face] = 1;
+        above[face] = inwards > 0 ? 1 : -1;
+    }
+}
+
+void SlitParts::group() {
+    DisjointSets within(count()), whole(count());
+    for (int face = 0; face < int(beyond.size()); face++) {
+        if (!bonded(face) || beyond[face] < face / 4) continue;
+        whole.join(face / 4, beyond[face]);
+        if (slit.parent[face / 4] == slit.parent[beyond[face]]) within.join(face / 4, beyond[face]);
+    }
+    const int fragments = within.number(fragment);
+    whole.number(body);
+    owner.assign(fragments, -1);
+    fragment_of.assign(fragments, -1);
+    share.assign(fragments, 0);
+    for (int i = 0; i < count(); i++) {
+        share[fragment[i]] += volume[i];
+        if (owner[fragment[i]] < 0) owner[fragment[i]] = slit.parent[i], fragment_of[fragment[i]] = i;
+    }
+    std::vector<double> of_owner(*std::max_element(owner.begin(), owner.end()) + 1);
+    for (int f = 0; f < fragments; f++) of_owner[owner[f]] += share[f];
+    for (int f = 0; f < fragments; f++) share[f] /= of_owner[owner[f]];
+}
+
+// A body of crumbs alone is stuck on again: the faces around it count as not passed. Whether there was one.
+bool SlitParts::stick_crumbs() {
+    std::vector<uint8_t> holds(*std::max_element(body.begin(), body.end()) + 1);
+    for (int i = 0; i < count(); i++) holds[body[i]] |= share[fragment[i]] >= least_share;
+    bool stuck = false;
+    for (int face = 0; face < int(beyond.size()); face++)
+        if (passed[face] && !(holds[body[face / 4]] && holds[body[beyond[face]]])) passed[face] = 0, stuck = true;
+    return stuck;
+}
+
+std::vector<int> SlitParts::vertices() const {
+    DisjointSets same(4 * count());
+    for (int face = 0; face < int(beyond.size()); face++) {
+        const int i = face / 4, j = beyond[face];
+        if (bonded(face) && i < j)
+            common_corners(slit.corner[i], slit.corner[j], i, j, [&](int a, int b) { same.join(a, b); });
+    }
+    std::vector<int> out;
+    same.number(out);
+    return out;
+}
+
+} // namespace palpate
