@@ -1,6 +1,10 @@
 #include "bindings/arrays.h"
 #include "cutting/cut_body.h"
+#include "cutting/incision.h"
 #include "cutting/jump_factor.h"
+#include "cutting/lip_gaps.h"
+#include <nanobind/stl/array.h>
+#include <nanobind/stl/optional.h>
 
 using namespace nb::literals;
 using namespace palpate;
@@ -35,15 +39,62 @@ template <class T, class Values> Owned<T, 1> column(const Values& values) {
     return out;
 }
 
+template <int columns, class T> std::vector<std::array<int, columns>> rows_of(const In<T, 2>& given) {
+    std::vector<std::array<int, columns>> out(given.shape(0));
+    for (size_t k = 0; k < out.size(); k++) std::copy_n(given.data() + columns * k, columns, out[k].begin());
+    return out;
+}
+
+nb::tuple drawn(In<int32_t, 2> triangles, In<uint8_t, 1> lip, In<int32_t, 1> rank, int ranks) {
+    expect(triangles.shape(1) == 3 && lip.size() == triangles.shape(0), "triangles: (t, 3), lip: (t,)");
+    expect(ranks > 0 && ranks < 100000, "ranks: one or more");
+    expect_numbers(triangles, rank.size(), "triangles: names a vertex that is not there");
+    expect_numbers(rank, size_t(ranks), "rank: one that is not there");
+    const DrawnSkin made = drawn_skin(rows_of<3>(triangles), {lip.data(), lip.data() + lip.size()},
+                                      {rank.data(), rank.data() + rank.size()}, ranks);
+    return nb::make_tuple(column<int>(made.vertex), table<int>(made.triangle, 3), column<int>(made.lips));
+}
+
+nb::tuple incision_of(const ContactSurface& surface, In<double, 2> path, double step, double above,
+                      std::optional<std::array<double, 3>> direction) {
+    expect(path.shape(1) == 3 && path.shape(0) > 1, "path: two or more points (p, 3)");
+    expect_finite(path, "path: not finite");
+    expect(step > 0 && above >= 0 && surface.triangles() > 0, "step: above 0 mm; above: 0 mm or more");
+    std::vector<Point3> corners(path.shape(0));
+    for (size_t k = 0; k < corners.size(); k++) std::copy_n(path.data() + 3 * k, 3, corners[k].begin());
+    const Incision made = incision(surface, corners, step, above, direction ? direction->data() : nullptr);
+    return nb::make_tuple(table<double>(made.upper, 3), made.way);
+}
+
+nb::tuple gaps_of_lips(In<int32_t, 2> triangles, In<uint8_t, 1> lip, In<int32_t, 2> carrier, In<double, 2> weight,
+                       In<double, 2> places, In<int32_t, 1> origin, double same) {
+    const size_t vertices = places.shape(0);
+    expect(triangles.shape(1) == 3 && lip.size() == triangles.shape(0), "triangles: (t, 3), lip: (t,)");
+    expect(carrier.shape(1) == 4 && weight.shape(1) == 4 && places.shape(1) == 3,
+           "carrier, weight: (s, 4), places: (s, 3)");
+    expect(carrier.shape(0) == vertices && weight.shape(0) == vertices, "carrier, weight: one a vertex");
+    expect_numbers(triangles, vertices, "triangles: names a vertex that is not there");
+    expect_numbers(carrier, origin.size(), "carrier: names a node that is not there");
+    expect_finite(places, "places: not finite");
+    expect_finite(weight, "weight: not finite");
+    expect(same >= 0, "same: 0 mm or more");
+    const LipGaps made = unlocked([&] {
+        return lip_gaps({int(vertices), int(lip.size()), triangles.data(), lip.data(), carrier.data(), weight.data(),
+                         places.data(), origin.data()},
+                        same);
+    });
+    return nb::make_tuple(column<int>(made.first), column<int>(made.node), table<double>(made.normal, 3),
+                          table<double>(made.tangent, 6));
+}
+
 nb::dict cut(In<double, 2> nodes, In<int32_t, 2> tets, In<double, 2> points, In<int32_t, 2> triangles) {
     expect(nodes.shape(1) == 3 && tets.shape(1) == 4, "expected nodes (n, 3) and tets (m, 4)");
     expect(tets.shape(0) > 0 && tets.shape(0) < (1u << 27), "tets: none, or too many");
     expect_finite(nodes, "nodes: not finite");
     expect_numbers(tets, nodes.shape(0), "tets: names a node that is not there");
     const std::vector<BladeTriangle> blade = triangles_of(points, triangles);
-    const CutBody body = unlocked([&] {
-        return cut_body(nodes.data(), int(nodes.shape(0)), tets.data(), int(tets.shape(0)), blade);
-    });
+    const CutBody body =
+        unlocked([&] { return cut_body(nodes.data(), int(nodes.shape(0)), tets.data(), int(tets.shape(0)), blade); });
     nb::dict out;
     out["tets"] = table<int>(body.mesh.tet, 4);
     out["origin"] = column<int>(body.mesh.origin);
@@ -64,8 +115,19 @@ nb::dict cut(In<double, 2> nodes, In<int32_t, 2> tets, In<double, 2> points, In<
 
 void bind_cutting(nb::module_& m) {
     m.def("cut", &cut, "nodes"_as_is, "tets"_as_is, "points"_as_is, "triangles"_as_is,
-          "A mesh that the triangles (t, 3) of a blade with points (p, 3) mm have cut, as palpate.meshes.cutting.cut_mesh "
+          "A mesh that the triangles (t, 3) of a blade with points (p, 3) mm have cut, as "
+          "palpate.meshes.cutting.cut_mesh "
           "has it: tets, origin, parent, share, side, body; of its surface triangles, lip, tet, weight.");
+    m.def("drawn", &drawn, "triangles"_as_is, "lip"_as_is, "rank"_as_is, "ranks"_a,
+          "What a display draws of a cut body's surface: vertices of it (n,), triangles (t, 3) of these, and the first "
+          "vertex on lips of each rank (ranks,). rank: of each vertex's region.");
+    m.def("incision", &incision_of, "surface"_a, "path"_as_is, "step"_a, "above"_a, "direction"_a = nb::none(),
+          "The points (p, 3) mm of a blade's upper end that follows a surface, and its way, (0, 0, 0) if it has none.");
+    m.def(
+        "lip_gaps", &gaps_of_lips, "triangles"_as_is, "lip"_as_is, "carrier"_as_is, "weight"_as_is, "places"_as_is,
+        "origin"_as_is, "same"_a,
+        "The gaps between lips: first (gaps + 1) and node (entries) of sparse columns, their normals (entries, 3) and "
+        "two tangents (entries, 6). same: mm, of vertices at one place.");
     nb::class_<JumpFactor>(m, "JumpFactor", "The factor M = L S L' of the unknowns of a cut; it grows by rows.")
         .def(
             "__init__",

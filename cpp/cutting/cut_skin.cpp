@@ -94,4 +94,25 @@ std::vector<std::array<int, 2>> pinched_edges(const SlitParts& parts) {
     return out;
 }
 
+DrawnSkin drawn_skin(const std::vector<std::array<int, 3>>& triangle, const std::vector<uint8_t>& lip,
+                     const std::vector<int>& rank, int ranks) {
+    const int count = int(rank.size());
+    const auto layer = [&](size_t t, int v) { return lip[t] ? 1 + rank[v] : 0; };
+    std::vector<int> number(size_t(count) * (1 + ranks), -1); // by layer, then vertex
+    for (size_t t = 0; t < triangle.size(); t++)
+        for (int v : triangle[t]) number[size_t(count) * layer(t, v) + v] = 0;
+    DrawnSkin out;
+    for (size_t k = 0; k < number.size(); k++) {
+        if (k >= size_t(count) && k % count == 0) out.lips.push_back(int(out.vertex.size()));
+        if (number[k] < 0) continue;
+        number[k] = int(out.vertex.size());
+        out.vertex.push_back(int(k % count));
+    }
+    for (size_t t = 0; t < triangle.size(); t++) {
+        out.triangle.push_back(triangle[t]);
+        for (int& v : out.triangle.back()) v = number[size_t(count) * layer(t, v) + v];
+    }
+    return out;
+}
+
 } // namespace palpate

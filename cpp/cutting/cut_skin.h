@@ -20,4 +20,16 @@ CutSkin cut_skin(const SlitParts& parts, const VirtualNodes& made, const double*
 // Edges of the complex at which the surface of its parts would meet itself; once they are split, it does not.
 std::vector<std::array<int, 2>> pinched_edges(const SlitParts& parts);
 
+// What a display draws of it. A vertex on the rim of a cut is there twice, so that the rim is sharp; those of the lips
+// come last, by rank.
+struct DrawnSkin {
+    std::vector<int> vertex;                  // (drawn vertices) of the skin
+    std::vector<std::array<int, 3>> triangle; // drawn vertices
+    std::vector<int> lips;                    // (ranks) the first vertex on lips of each rank
+};
+
+// rank: (vertices) of the region that each one moves with, 0 to ranks - 1.
+DrawnSkin drawn_skin(const std::vector<std::array<int, 3>>& triangle, const std::vector<uint8_t>& lip,
+                     const std::vector<int>& rank, int ranks);
+
 } // namespace palpate

@@ -117,7 +117,8 @@ void SlitComplex::slit(const std::vector<BladeTriangle>& blade) {
     Point3 low = blade[0].corner[0], high = low;
     for (const BladeTriangle& triangle : blade)
         for (const Point3& x : triangle.corner)
-            for (int d = 0; d < 3; d++) low[d] = std::min(low[d], x[d] - near), high[d] = std::max(high[d], x[d] + near);
+            for (int d = 0; d < 3; d++)
+                low[d] = std::min(low[d], x[d] - near), high[d] = std::max(high[d], x[d] + near);
     std::vector<int> reached; // tetrahedra of the mesh whose boxes meet that of the blade
     for (int t = 0; t < int(whole.size()); t++) {
         bool apart = false;

@@ -59,10 +59,11 @@ void SlitParts::pair_faces() {
 }
 
 void SlitParts::mark_passed() {
-    if (slit.cut.empty()) return;
+    std::vector<uint8_t> lowest(slit.support.size()); // of a face that was passed: the search among all of them is slow
+    for (const auto& [points, normal] : slit.cut) lowest[points[0]] = 1;
     for (int face = 0; face < int(beyond.size()); face++) {
-        if (beyond[face] < 0) continue;
         const auto& corner = slit.corner[face / 4];
+        if (beyond[face] < 0 || std::none_of(corner.begin(), corner.end(), [&](int p) { return lowest[p]; })) continue;
         SlitComplex::Face points;
         for (int k = 0; k < 3; k++) points[k] = corner[tet_face[face % 4][k]];
         std::sort(points.begin(), points.end());

@@ -26,8 +26,9 @@ struct SlitParts {
     // (parts, 4) vertices of a surface: corners of bonded parts that lie at one point have one number.
     std::vector<int> vertices() const;
     // Calls give(a, b), the places of equal points among the corners of two bonded parts i and j: 4 i + .., 4 j + ..
-    template <class Give> static void common_corners(const std::array<int, 4>& a, const std::array<int, 4>& b, int i,
-                                                     int j, const Give& give) {
+    template <class Give>
+    static void common_corners(const std::array<int, 4>& a, const std::array<int, 4>& b, int i, int j,
+                               const Give& give) {
         for (int m = 0; m < 4; m++)
             for (int n = 0; n < 4; n++)
                 if (a[m] == b[n]) give(4 * i + m, 4 * j + n);

@@ -1,36 +1,46 @@
 // The touch engine in a browser: a C interface for web/src/engine. One organ, one thread: who calls step() by the clock
 // calls prepare() between.
-// Memory is the caller's: it asks for it by allocate() and fills it before make().
-#include "compliance/compliance_model.h"
-#include "elements/smoothed_stiffness.h"
+// Memory is the caller's: it asks for it by allocate() and fills it before make() or cut().
+#include "cutting/incision.h"
 #include "simulation/simulation.h"
+#include "wasm/organ_body.h"
 #include <algorithm>
-#include <iterator>
 #include <memory>
 
 using namespace palpate;
 
 namespace {
 
-constexpr size_t table_bytes = size_t(256) << 20; // of the compliance's tables, as in Python
+enum Made : int { made = 0, not_positive_definite = 1, piece_comes_free = 2, no_way = 3, nothing_met = 4 };
 
-enum Made : int { made = 0, not_positive_definite = 1 };
-
-struct Organ { // in the order in which each refers to those before
-    std::unique_ptr<SparseCholesky> factor;
-    std::unique_ptr<ComplianceModel> model;
-    std::unique_ptr<ContactSurface> surface;
+struct Organ {
+    OrganSolid solid;
+    std::vector<std::vector<BladeTriangle>> cuts;
+    std::unique_ptr<OrganBody> whole, present, next; // the uncut one, one that was cut, one from the next tick on
     std::unique_ptr<Simulation> simulation;
     Commands commands;
-    std::vector<int> shown_nodes;
-    std::vector<float> shown; // mm, their displacements
+    std::vector<float> moved, drawn; // mm, displacements of shown nodes, and of what is drawn
+    const OrganBody& body() const { return present ? *present : *whole; }
 } organ;
 
-std::vector<int> numbered_free(const uint8_t* fixed, int nodes) {
-    std::vector<int> out(nodes, -1);
-    for (int i = 0, next = 0; i < nodes; i++)
-        if (!fixed[i]) out[i] = next++;
-    return out;
+template <class T> void take(std::vector<T>& to, const T* from, size_t count) { to.assign(from, from + count); }
+
+// The body of all cuts so far takes over from the next tick on.
+Made change_body() {
+    std::vector<BladeTriangle> blades;
+    for (const auto& cut : organ.cuts) blades.insert(blades.end(), cut.begin(), cut.end());
+    OrganBody* to = organ.whole.get();
+    organ.next.reset();
+    if (!blades.empty()) {
+        bool comes_free = false;
+        organ.next = std::make_unique<OrganBody>(cut_body_of(organ.solid, blades, comes_free));
+        to = organ.next.get();
+        if (comes_free) return piece_comes_free;
+        if (!to->model) return not_positive_definite;
+    }
+    organ.simulation->change(
+        {to->model.get(), to->model->make_state(), 1, to->surface.get(), to->surface->scratch(), to->shown});
+    return made;
 }
 
 } // namespace
@@ -41,37 +51,55 @@ EXPORTED void* allocate(size_t bytes) { return ::operator new(bytes); }
 EXPORTED void release(void* memory) { ::operator delete(memory); }
 
 // node: (nodes, 3) mm; tet: (tets, 4); region, lam, mu: (tets); fixed: (nodes); triangle: (triangles, 3) of the outer
-// surface; shown: (count) ascending; lengths in mm, forces in N.
+// surface; shown: (count) ascending; labels: the largest region first; lengths in mm, forces in N, toughness in J/m^2.
 EXPORTED int make(int nodes, const double* node, int tets, const int32_t* tet, const int32_t* region, const double* lam,
                   const double* mu, const uint8_t* fixed, int triangles, const int32_t* triangle, int count,
-                  const int32_t* shown, double radius, double limit, double friction) {
-    const std::vector<int> free_index = numbered_free(fixed, nodes);
-    std::vector<double> places;
-    for (int i = 0; i < nodes; i++)
-        if (free_index[i] >= 0) places.insert(places.end(), node + 3 * size_t(i), node + 3 * size_t(i) + 3);
-    {
-        const BlockCsr K = smoothed_stiffness({node, tet, region, lam, mu, nodes, tets}, free_index);
-        organ.factor = std::make_unique<SparseCholesky>(K, places.data());
-    }
-    if (!organ.factor->positive) return not_positive_definite;
-    std::vector<int> vertices;
-    std::copy_if(shown, shown + count, std::back_inserter(vertices), [&](int i) { return free_index[i] >= 0; });
-    organ.model =
-        std::make_unique<ComplianceModel>(factored_stiffness(*organ.factor, free_index, vertices, node), table_bytes);
-    organ.factor->value = {}; // ticks and tables take the rounded one
-    organ.surface = std::make_unique<ContactSurface>(node, nodes, triangle, triangles, fixed);
+                  const int32_t* shown, int regions, const int32_t* labels, double edge, double radius, double limit,
+                  double friction, double toughness) {
+    OrganSolid& solid = organ.solid;
+    take(solid.node, node, 3 * size_t(nodes)), take(solid.fixed, fixed, nodes);
+    take(solid.tet, tet, 4 * size_t(tets)), take(solid.region, region, tets);
+    take(solid.lam, lam, tets), take(solid.mu, mu, tets);
+    take(solid.triangle, triangle, 3 * size_t(triangles)), take(solid.regions, labels, regions);
+    solid.shown.assign(shown, shown + count);
+    solid.edge = edge;
+    organ.whole = std::make_unique<OrganBody>(whole_body(solid));
+    if (!organ.whole->model) return not_positive_definite;
     SimulationSettings settings;
     settings.sweeps = 1;
     settings.limit = limit;
     settings.tools.radius = radius;
     settings.tools.friction = friction;
-    organ.simulation = std::make_unique<Simulation>(*organ.model, *organ.surface, settings);
+    settings.tools.blade.toughness = toughness;
+    organ.simulation = std::make_unique<Simulation>(*organ.whole->model, *organ.whole->surface, settings);
     organ.simulation->follow_clock(true);
-    organ.shown_nodes.assign(shown, shown + count);
-    organ.shown.resize(3 * size_t(count));
     return made;
 }
 
+// Cuts along a way on the surface of the organ as it is, (points, 3) mm, `depth` mm deep.
+EXPORTED int cut(int points, const double* point, double depth) {
+    std::vector<Point3> path(points);
+    for (int k = 0; k < points; k++) std::copy_n(point + 3 * size_t(k), 3, path[k].begin());
+    const double edge = organ.solid.edge;
+    const Incision way = incision(*organ.body().surface, path, incision_step * edge, edge, nullptr);
+    if (way.upper.empty()) return no_way;
+    const double before = organ.body().area;
+    organ.cuts.push_back(way.swept(depth + edge));
+    Made answer = change_body();
+    if (answer == made && organ.next->area == before) answer = nothing_met;
+    if (answer != made) organ.cuts.pop_back(), organ.next.reset();
+    return answer;
+}
+
+// Takes the last cut back. The organ has one.
+EXPORTED int undo() {
+    organ.cuts.pop_back();
+    return change_body();
+}
+
+// Of the body that was cut last: numbers of drawn vertices, triangles and regions, area (mm^2) of all cuts, and where
+// these lie: vertices (.., 3) mm as float32, triangles (.., 3), the first vertex on lips of each region, the blades'
+// triangles (.., 3, 3) mm as float64, and how many of those each cut has.
 EXPORTED void command(int tool, int kind, double x, double y, double z, double u, double v, double w, double serial) {
     organ.commands.serial = int64_t(serial);
     organ.commands.tool[tool] = {CommandKind(kind), {x, y, z}, {u, v, w}};

@@ -11,6 +11,7 @@ from support.example_organs import organ
 
 import palpate as pp
 from palpate.errors import DataError
+from palpate.meshes.cutting.cut_mesh import cut_mesh
 from palpate.tissue.contact_patches import contacts
 from palpate.tissue.gap_contact import complementarity
 from palpate.tissue.lip_gaps import lip_gaps
@@ -142,6 +143,25 @@ def test_lips_apart_by_2_mm_have_gaps_of_2_mm(slot):
     gap = np.abs(lip_gaps(mesh).N.T @ moved.ravel())
     assert gap.max() == pytest.approx(2, rel=1e-9)
     assert (gap > 1.999).sum() > len(gap) / 2
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.3, -0.7])
+def test_a_half_that_slides_slips_as_far_in_every_gap(tilt):
+    """Of a cut all the way through, moved along it as a rigid body: the gaps stay closed, and all slips are its way."""
+    tissue = organ(8)
+    middle, along, down = tissue.mesh.nodes.mean(axis=0), np.array((0.0, 1.0, tilt)), np.array((0.4 * tilt, 0.0, -1.0))
+    blade = pp.Blade.swept([middle - 100 * along - 90 * down, middle + 100 * along - 90 * down], down, 200)
+    mesh = cut_mesh(tissue.mesh, [blade])
+    found = lip_gaps(mesh, slips=True)
+    side = np.cross(along, down)
+    body = mesh.body[np.argmax((mesh.nodes[mesh.tets].mean(axis=1) - middle) @ side)]
+    way = (0.6 * along / np.linalg.norm(along) + down) / 2
+    u = np.zeros_like(mesh.nodes)
+    u[np.unique(mesh.tets[mesh.body == body])] = way
+    slips = (found.T.T @ u.ravel()).reshape(-1, 2)
+    assert len(found.rest) > 30
+    assert np.abs(found.N.T @ u.ravel()).max() < 1e-9
+    assert np.linalg.norm(slips, axis=1) == pytest.approx(np.linalg.norm(way), rel=1e-9)
 
 
 @settings(max_examples=12)

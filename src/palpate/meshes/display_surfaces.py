@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from palpate import _core
 from palpate.arrays import Float32, Float64, Int32, Int64
 from palpate.meshes.cutting.cut_mesh import CutMesh
 from palpate.meshes.separate_organs import main_regions, organs
@@ -75,18 +76,15 @@ def _with_organs(drawn: DisplayedSurface, mesh: TetMesh, organ: Int32) -> Displa
 
 def _of_cut(mesh: CutMesh, nodes: Int32) -> DisplayedSurface:
     skin = mesh.skin
-    count, labels = len(skin.tet), regions_by_size(mesh)
-    place = np.array([labels.index(region) for region in mesh.region[skin.tet].tolist()])
-    # A vertex on the rim is there twice; those of lips come last, by region.
-    twice = skin.triangles + count * np.where(skin.lip[:, None], 1 + place[skin.triangles], 0)
-    used, numbered = np.unique(twice, return_inverse=True)
-    vertex = used % count
+    labels = regions_by_size(mesh)
+    rank = np.array([labels.index(region) for region in mesh.region[skin.tet].tolist()], dtype=np.int32)
+    vertex, triangles, lips = _core.cutting.drawn(skin.triangles, skin.lip.view(np.uint8), rank, len(labels))
     drawn = DisplayedSurface(
         nodes,
         mesh.places[vertex],
-        numbered.reshape(-1, 3).astype(np.int32),
-        (Part("organ", 0, len(twice), False),),
-        tuple(np.searchsorted(used, count * np.arange(1, 1 + len(labels))).tolist()),
+        triangles,
+        (Part("organ", 0, len(triangles), False),),
+        tuple(lips.tolist()),
         np.minimum(np.searchsorted(nodes, mesh.tets[skin.tet[vertex]]), len(nodes) - 1),  # of weight 0 where not there
         skin.weight[vertex].astype(np.float32),
     )

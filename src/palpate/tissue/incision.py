@@ -1,10 +1,9 @@
 """A blade that follows a tissue's surface."""
 
-from itertools import pairwise
-
 import numpy as np
 
-from palpate.arrays import ArrayLike, Float64, float64
+from palpate import _core
+from palpate.arrays import ArrayLike, float64
 from palpate.errors import DataError
 from palpate.meshes.cutting.blade import Blade
 from palpate.tissue.tissue import Tissue
@@ -53,25 +52,8 @@ def incision(tissue: Tissue, path: ArrayLike, depth: float, direction: ArrayLike
         raise DataError(
             f"path: point {corners[bad].tolist()} lies {far[bad]:.3g} mm off the surface; give points on it"
         )
-    points = _along(corners, STEP * tissue.edge)
-    hits = [tissue.surface.closest(x) for x in points]
-    way = _way(direction, np.mean([tissue.surface.normal(hit) for hit in hits], axis=0))
-    on = np.array([x + way * (way @ (hit.point - x)) for x, hit in zip(points, hits, strict=True)])
-    return Blade.swept(on - tissue.edge * way, way, depth + tissue.edge)
-
-
-def _way(direction: ArrayLike | None, normal: Float64) -> Float64:
-    way = -normal if direction is None else float64("direction", direction, (3,))
-    length = float(np.linalg.norm(way))
-    if not length > 1e-6:
+    way = None if direction is None else float64("direction", direction, (3,)).tolist()
+    upper, way = _core.cutting.incision(tissue.surface, corners, STEP * tissue.edge, tissue.edge, way)
+    if not any(way):
         raise DataError("direction: (0, 0, 0) points nowhere; give the way of the blade, such as (0, 0, -1)")
-    return np.asarray(way / length)
-
-
-def _along(corners: Float64, step: float) -> Float64:
-    """Points of a polyline, its corners among them, no farther from each other than `step` mm."""
-    points = [corners[:1]]
-    for a, b in pairwise(corners):
-        parts = max(1, int(np.ceil(np.linalg.norm(b - a) / step)))
-        points.append(a + np.arange(1, parts + 1)[:, None] / parts * (b - a))
-    return np.concatenate(points)
+    return Blade.swept(upper, way, depth + tissue.edge)

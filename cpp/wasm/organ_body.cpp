@@ -1,0 +1,164 @@
+#include "wasm/organ_body.h"
+#include "base/vec3.h"
+#include "elements/smoothed_stiffness.h"
+#include <algorithm>
+
+namespace palpate {
+namespace {
+
+constexpr size_t table_bytes = size_t(256) << 20; // of the compliance's tables, as in Python
+constexpr double on_a_line = 1e-6;                // of the held nodes' extent
+
+std::vector<int> numbered_free(const std::vector<uint8_t>& fixed) {
+    std::vector<int> out(fixed.size(), -1);
+    for (size_t i = 0, next = 0; i < fixed.size(); i++)
+        if (!fixed[i]) out[i] = int(next++);
+    return out;
+}
+
+void make_model(OrganBody& body, const ElasticSolid& solid, const std::vector<uint8_t>& fixed) {
+    const std::vector<int> free_index = numbered_free(fixed);
+    std::vector<double> places;
+    for (int i = 0; i < solid.nodes; i++)
+        if (free_index[i] >= 0) places.insert(places.end(), solid.node + 3 * size_t(i), solid.node + 3 * size_t(i) + 3);
+    body.factor = std::make_unique<SparseCholesky>(smoothed_stiffness(solid, free_index), places.data());
+    if (!body.factor->positive) return;
+    std::vector<int> vertices;
+    for (int i : body.shown)
+        if (free_index[i] >= 0) vertices.push_back(i);
+    body.model = std::make_unique<ComplianceModel>(factored_stiffness(*body.factor, free_index, vertices, solid.node),
+                                                   table_bytes);
+    body.factor->value = {}; // ticks and tables take the rounded one
+}
+
+// Whether these points (mm) are not all on one line: held, they leave no rigid motion.
+bool hold_still(const std::vector<Point3>& points) {
+    const auto furthest = [&](const auto& size) {
+        double most = 0;
+        Point3 found{0, 0, 0};
+        for (const Point3& x : points) {
+            const double d[3] = {x[0] - points[0][0], x[1] - points[0][1], x[2] - points[0][2]};
+            if (size(d) > most) most = size(d), found = {d[0], d[1], d[2]};
+        }
+        return std::pair(most, found);
+    };
+    if (points.empty()) return false;
+    const auto [long_side, axis] = furthest([](const double* d) { return length(d); });
+    const auto off_axis = [&, size = long_side, along = axis](const double* d) {
+        const double part = dot(d, along.data()) / (size * size);
+        const double off[3] = {d[0] - part * along[0], d[1] - part * along[1], d[2] - part * along[2]};
+        return length(off);
+    };
+    return long_side > 0 && furthest(off_axis).first > on_a_line * long_side;
+}
+
+bool pieces_are_held(const VirtualNodes& mesh, const OrganSolid& solid) {
+    std::vector<std::vector<Point3>> held(*std::max_element(mesh.body.begin(), mesh.body.end()) + 1);
+    for (size_t t = 0; t < mesh.tet.size(); t++)
+        for (int i : mesh.tet[t]) {
+            const double* x = &solid.node[3 * size_t(mesh.origin[i])];
+            if (solid.fixed[mesh.origin[i]]) held[mesh.body[t]].push_back({x[0], x[1], x[2]});
+        }
+    return std::all_of(held.begin(), held.end(), hold_still);
+}
+
+template <class T> std::vector<T> picked(const std::vector<T>& from, const std::vector<int>& at) {
+    std::vector<T> out;
+    for (int i : at) out.push_back(from[i]);
+    return out;
+}
+
+// The surface that tools touch, and what is drawn.
+void make_surfaces(OrganBody& body, const OrganSolid& solid, const std::vector<double>& node,
+                   const std::vector<uint8_t>& fixed) {
+    const VirtualNodes& mesh = body.cut.mesh;
+    const CutSkin& skin = body.cut.skin;
+    const size_t vertices = skin.tet.size();
+    std::vector<double> place(3 * vertices);
+    std::vector<uint8_t> held(vertices, 1);
+    std::vector<int32_t> carrier;
+    std::vector<int> rank;
+    for (size_t v = 0; v < vertices; v++) {
+        const auto& tet = mesh.tet[skin.tet[v]];
+        carrier.insert(carrier.end(), tet.begin(), tet.end());
+        for (int k = 0; k < 4; k++) {
+            const double w = skin.weight[4 * v + k];
+            if (w != 0) body.shown.push_back(tet[k]);
+            if (w != 0 && !fixed[tet[k]]) held[v] = 0;
+            for (int d = 0; d < 3; d++) place[3 * v + d] += w * node[3 * size_t(tet[k]) + d];
+        }
+        const auto label =
+            std::find(solid.regions.begin(), solid.regions.end(), solid.region[mesh.parent[skin.tet[v]]]);
+        rank.push_back(int(label - solid.regions.begin()));
+    }
+    std::sort(body.shown.begin(), body.shown.end());
+    body.shown.erase(std::unique(body.shown.begin(), body.shown.end()), body.shown.end());
+    body.surface = std::make_unique<ContactSurface>(place.data(), int(vertices), skin.triangle[0].data(),
+                                                    int(skin.triangle.size()), held.data());
+    body.surface->carry(carrier.data(), skin.weight.data(), int(vertices), fixed.data(), int(fixed.size()));
+
+    body.drawn = drawn_skin(skin.triangle, skin.lip, rank, int(solid.regions.size()));
+    for (int v : body.drawn.vertex)
+        for (int k = 0; k < 4; k++) {
+            const auto at = std::lower_bound(body.shown.begin(), body.shown.end(), carrier[4 * size_t(v) + k]);
+            // A node that is not shown counts for nothing there.
+            body.carrier.push_back(std::min(int(at - body.shown.begin()), int(body.shown.size()) - 1));
+            body.carrying.push_back(float(skin.weight[4 * size_t(v) + k]));
+        }
+    for (int v : body.drawn.vertex)
+        for (int d = 0; d < 3; d++) body.rest.push_back(float(place[3 * size_t(v) + d]));
+    for (size_t t = 0; t < skin.triangle.size(); t++) {
+        if (!skin.lip[t]) continue;
+        const auto [a, b, c] = skin.triangle[t];
+        double u[3], w[3];
+        for (int d = 0; d < 3; d++) {
+            u[d] = place[3 * size_t(b) + d] - place[3 * size_t(a) + d];
+            w[d] = place[3 * size_t(c) + d] - place[3 * size_t(a) + d];
+        }
+        const double n[3] = {u[1] * w[2] - u[2] * w[1], u[2] * w[0] - u[0] * w[2], u[0] * w[1] - u[1] * w[0]};
+        body.area += length(n) / 4; // half of a triangle, of one of the two lips
+    }
+}
+
+} // namespace
+
+const float* OrganBody::carried(const std::vector<float>& of_nodes, std::vector<float>& out) const {
+    if (!was_cut()) return of_nodes.data();
+    out.assign(3 * drawn.vertex.size(), 0);
+    for (size_t k = 0; k < carrier.size(); k++)
+        for (int d = 0; d < 3; d++) out[3 * (k / 4) + d] += carrying[k] * of_nodes[3 * size_t(carrier[k]) + d];
+    return out.data();
+}
+
+OrganBody whole_body(const OrganSolid& solid) {
+    OrganBody body;
+    body.shown = solid.shown;
+    make_model(body,
+               {solid.node.data(), solid.tet.data(), solid.region.data(), solid.lam.data(), solid.mu.data(),
+                solid.nodes(), solid.tets()},
+               solid.fixed);
+    body.surface = std::make_unique<ContactSurface>(solid.node.data(), solid.nodes(), solid.triangle.data(),
+                                                    int(solid.triangle.size() / 3), solid.fixed.data());
+    return body;
+}
+
+OrganBody cut_body_of(const OrganSolid& solid, const std::vector<BladeTriangle>& blades, bool& comes_free) {
+    OrganBody body;
+    body.cut = cut_body(solid.node.data(), solid.nodes(), solid.tet.data(), solid.tets(), blades);
+    const VirtualNodes& mesh = body.cut.mesh;
+    comes_free = !pieces_are_held(mesh, solid);
+    if (comes_free) return body;
+    std::vector<double> node;
+    for (int i : mesh.origin) node.insert(node.end(), &solid.node[3 * size_t(i)], &solid.node[3 * size_t(i)] + 3);
+    const std::vector<uint8_t> fixed = picked(solid.fixed, mesh.origin);
+    const std::vector<int32_t> region = picked(solid.region, mesh.parent);
+    const std::vector<double> lam = picked(solid.lam, mesh.parent), mu = picked(solid.mu, mesh.parent);
+    make_surfaces(body, solid, node, fixed);
+    make_model(body,
+               {node.data(), mesh.tet[0].data(), region.data(), lam.data(), mu.data(), int(mesh.origin.size()),
+                int(mesh.tet.size()), mesh.share.data()},
+               fixed);
+    return body;
+}
+
+} // namespace palpate
