@@ -5,6 +5,7 @@
 #include "cutting/lip_gaps.h"
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/optional.h>
+#include <nanobind/stl/tuple.h>
 
 using namespace nb::literals;
 using namespace palpate;
@@ -45,29 +46,32 @@ template <int columns, class T> std::vector<std::array<int, columns>> rows_of(co
     return out;
 }
 
-nb::tuple drawn(In<int32_t, 2> triangles, In<uint8_t, 1> lip, In<int32_t, 1> rank, int ranks) {
+std::tuple<Owned<int, 1>, Owned<int, 2>, Owned<int, 1>> drawn(In<int32_t, 2> triangles, In<uint8_t, 1> lip,
+                                                              In<int32_t, 1> rank, int ranks) {
     expect(triangles.shape(1) == 3 && lip.size() == triangles.shape(0), "triangles: (t, 3), lip: (t,)");
     expect(ranks > 0 && ranks < 100000, "ranks: one or more");
     expect_numbers(triangles, rank.size(), "triangles: names a vertex that is not there");
     expect_numbers(rank, size_t(ranks), "rank: one that is not there");
     const DrawnSkin made = drawn_skin(rows_of<3>(triangles), {lip.data(), lip.data() + lip.size()},
                                       {rank.data(), rank.data() + rank.size()}, ranks);
-    return nb::make_tuple(column<int>(made.vertex), table<int>(made.triangle, 3), column<int>(made.lips));
+    return {column<int>(made.vertex), table<int>(made.triangle, 3), column<int>(made.lips)};
 }
 
-nb::tuple incision_of(const ContactSurface& surface, In<double, 2> path, double step, double above,
-                      std::optional<std::array<double, 3>> direction) {
+std::tuple<Owned<double, 2>, std::array<double, 3>> incision_of(const ContactSurface& surface, In<double, 2> path,
+                                                                double step, double above,
+                                                                std::optional<std::array<double, 3>> direction) {
     expect(path.shape(1) == 3 && path.shape(0) > 1, "path: two or more points (p, 3)");
     expect_finite(path, "path: not finite");
     expect(step > 0 && above >= 0 && surface.triangles() > 0, "step: above 0 mm; above: 0 mm or more");
     std::vector<Point3> corners(path.shape(0));
     for (size_t k = 0; k < corners.size(); k++) std::copy_n(path.data() + 3 * k, 3, corners[k].begin());
     const Incision made = incision(surface, corners, step, above, direction ? direction->data() : nullptr);
-    return nb::make_tuple(table<double>(made.upper, 3), made.way);
+    return {table<double>(made.upper, 3), made.way};
 }
 
-nb::tuple gaps_of_lips(In<int32_t, 2> triangles, In<uint8_t, 1> lip, In<int32_t, 2> carrier, In<double, 2> weight,
-                       In<double, 2> places, In<int32_t, 1> origin, double same) {
+std::tuple<Owned<int, 1>, Owned<int, 1>, Owned<double, 2>, Owned<double, 2>>
+gaps_of_lips(In<int32_t, 2> triangles, In<uint8_t, 1> lip, In<int32_t, 2> carrier, In<double, 2> weight,
+             In<double, 2> places, In<int32_t, 1> origin, double same) {
     const size_t vertices = places.shape(0);
     expect(triangles.shape(1) == 3 && lip.size() == triangles.shape(0), "triangles: (t, 3), lip: (t,)");
     expect(carrier.shape(1) == 4 && weight.shape(1) == 4 && places.shape(1) == 3,
@@ -83,11 +87,16 @@ nb::tuple gaps_of_lips(In<int32_t, 2> triangles, In<uint8_t, 1> lip, In<int32_t,
                          places.data(), origin.data()},
                         same);
     });
-    return nb::make_tuple(column<int>(made.first), column<int>(made.node), table<double>(made.normal, 3),
-                          table<double>(made.tangent, 6));
+    return {column<int>(made.first), column<int>(made.node), table<double>(made.normal, 3),
+            table<double>(made.tangent, 6)};
 }
 
-nb::dict cut(In<double, 2> nodes, In<int32_t, 2> tets, In<double, 2> points, In<int32_t, 2> triangles) {
+using Ints = Owned<int, 1>;
+using CutArrays =
+    std::tuple<Owned<int, 2>, Ints, Ints, Owned<double, 1>, Ints, Ints, // tets, origin, parent, share, side, body
+               Owned<int, 2>, Owned<bool, 1>, Ints, Owned<double, 2>>;  // triangles, lip, tet, weight
+
+CutArrays cut(In<double, 2> nodes, In<int32_t, 2> tets, In<double, 2> points, In<int32_t, 2> triangles) {
     expect(nodes.shape(1) == 3 && tets.shape(1) == 4, "expected nodes (n, 3) and tets (m, 4)");
     expect(tets.shape(0) > 0 && tets.shape(0) < (1u << 27), "tets: none, or too many");
     expect_finite(nodes, "nodes: not finite");
@@ -95,20 +104,13 @@ nb::dict cut(In<double, 2> nodes, In<int32_t, 2> tets, In<double, 2> points, In<
     const std::vector<BladeTriangle> blade = triangles_of(points, triangles);
     const CutBody body =
         unlocked([&] { return cut_body(nodes.data(), int(nodes.shape(0)), tets.data(), int(tets.shape(0)), blade); });
-    nb::dict out;
-    out["tets"] = table<int>(body.mesh.tet, 4);
-    out["origin"] = column<int>(body.mesh.origin);
-    out["parent"] = column<int>(body.mesh.parent);
-    out["share"] = column<double>(body.mesh.share);
-    out["side"] = column<int>(body.mesh.side);
-    out["body"] = column<int>(body.mesh.body);
-    out["triangles"] = table<int>(body.skin.triangle, 3);
-    out["lip"] = column<bool>(body.skin.lip);
-    out["tet"] = column<int>(body.skin.tet);
     auto weight = uninitialized<double>(body.skin.tet.size(), 4);
     std::copy(body.skin.weight.begin(), body.skin.weight.end(), weight.data());
-    out["weight"] = weight;
-    return out;
+    return {table<int>(body.mesh.tet, 4),      column<int>(body.mesh.origin),
+            column<int>(body.mesh.parent),     column<double>(body.mesh.share),
+            column<int>(body.mesh.side),       column<int>(body.mesh.body),
+            table<int>(body.skin.triangle, 3), column<bool>(body.skin.lip),
+            column<int>(body.skin.tet),        weight};
 }
 
 } // namespace

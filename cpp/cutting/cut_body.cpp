@@ -6,7 +6,9 @@ namespace {
 
 constexpr double on_blade = 1e-9; // of the mesh's extent: what lies so near to a blade lies on it
 
-double extent(const double* nodes, int count) {
+} // namespace
+
+double mesh_extent(const double* nodes, int count) {
     double low[3] = {nodes[0], nodes[1], nodes[2]}, high[3] = {nodes[0], nodes[1], nodes[2]}, most = 0;
     for (int i = 0; i < count; i++)
         for (int d = 0; d < 3; d++) {
@@ -17,11 +19,9 @@ double extent(const double* nodes, int count) {
     return most;
 }
 
-} // namespace
-
 CutBody cut_body(const double* nodes, int node_count, const int32_t* tets, int tet_count,
                  const std::vector<BladeTriangle>& blade) {
-    SlitComplex slit(nodes, node_count, tets, tet_count, on_blade * extent(nodes, node_count));
+    SlitComplex slit(nodes, node_count, tets, tet_count, on_blade * mesh_extent(nodes, node_count));
     slit.slit(blade);
     while (true) {
         const SlitParts parts(slit);

@@ -14,4 +14,7 @@ struct CutBody {
 CutBody cut_body(const double* nodes, int node_count, const int32_t* tets, int tet_count,
                  const std::vector<BladeTriangle>& blade);
 
+// The longest side of the nodes' box, mm.
+double mesh_extent(const double* nodes, int count);
+
 } // namespace palpate

@@ -49,13 +49,17 @@ Incision incision(const ContactSurface& surface, const std::vector<Point3>& path
 
 std::vector<BladeTriangle> Incision::swept(double depth) const {
     std::vector<BladeTriangle> out;
-    for (size_t k = 1; k < upper.size(); k++) {
-        const Point3 &a = upper[k - 1], &b = upper[k];
-        Point3 under_a, under_b;
-        for (int d = 0; d < 3; d++) under_a[d] = a[d] + depth * way[d], under_b[d] = b[d] + depth * way[d];
-        out.emplace_back(a.data(), b.data(), under_b.data());
-        out.emplace_back(a.data(), under_b.data(), under_a.data());
-    }
+    const auto under = [&](const Point3& x) {
+        return Point3{x[0] + depth * way[0], x[1] + depth * way[1], x[2] + depth * way[2]};
+    };
+    for (const bool second : {false, true}) // as Blade.swept has them: the order has a say in how lips are triangulated
+        for (size_t k = 1; k < upper.size(); k++) {
+            const Point3 &a = upper[k - 1], &b = upper[k], below_a = under(a), below_b = under(b);
+            if (second)
+                out.emplace_back(a.data(), below_b.data(), below_a.data());
+            else
+                out.emplace_back(a.data(), b.data(), below_b.data());
+        }
     return out;
 }
 

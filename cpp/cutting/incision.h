@@ -6,6 +6,8 @@
 
 namespace palpate {
 
+constexpr double incision_step = 2; // mean edges between the points at which a blade follows the surface
+
 struct Incision {
     Point3 way;                // unit, from the blade's upper end to its tip; 0 if the normals cancel
     std::vector<Point3> upper; // mm, where its upper end goes

@@ -9,7 +9,8 @@ namespace palpate {
 namespace {
 
 constexpr double kink = 0.1; // standard deviation of the normals about their mean, from which on a part counts as two
-constexpr int kinks = 2;     // rounds of halving: up to three kinks at a node
+constexpr double at_mean = 1e-6; // of a normal that is the mean but for rounding: it stays on the first side
+constexpr int kinks = 2;         // rounds of halving: up to three kinks at a node
 
 using Vector = std::array<double, 3>;
 
@@ -134,6 +135,9 @@ double principal(double A[3][3], Vector& out) {
     for (int k = 1; k < 3; k++)
         if (A[k][k] > A[most][most]) most = k;
     out = {V[0][most], V[1][most], V[2][most]};
+    const double largest =
+        *std::max_element(out.begin(), out.end(), [](double a, double b) { return std::abs(a) < std::abs(b); });
+    for (double& v : out) v *= largest < 0 ? -1 : 1; // of both, always the same one
     return A[most][most];
 }
 
@@ -165,7 +169,7 @@ void halve_at_kinks(std::vector<Share>& shares) {
     }
     for (size_t k = 0; k < shares.size(); k++) {
         int& gap = shares[k].gap;
-        gap = 2 * gap + (turns[gap] && dot(off[k].data(), across[gap].data()) > 0);
+        gap = 2 * gap + (turns[gap] && dot(off[k].data(), across[gap].data()) > at_mean);
     }
     renumber(shares);
 }

@@ -44,8 +44,6 @@ std::vector<int> common(const std::vector<int>& a, const std::vector<int>& b) {
     return out;
 }
 
-constexpr int edge_ends[6][2] = {{0, 1}, {0, 2}, {0, 3}, {1, 2}, {1, 3}, {2, 3}};
-
 } // namespace
 
 BladeTriangle::BladeTriangle(const double* a, const double* b, const double* c) {

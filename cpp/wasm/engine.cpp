@@ -11,35 +11,47 @@ using namespace palpate;
 
 namespace {
 
-enum Made : int { made = 0, not_positive_definite = 1, piece_comes_free = 2, no_way = 3, nothing_met = 4 };
+enum Cut : int { nothing_met = 4 }; // beside what `Made` says
 
 struct Organ {
     OrganSolid solid;
     std::vector<std::vector<BladeTriangle>> cuts;
-    std::unique_ptr<OrganBody> whole, present, next; // the uncut one, one that was cut, one from the next tick on
+    std::vector<BladeTriangle> blade;         // of the next cut
+    std::unique_ptr<OrganBody> whole, opened; // before all cuts, and with them
     std::unique_ptr<Simulation> simulation;
     Commands commands;
+    bool by_clock = true;
     std::vector<float> moved, drawn; // mm, displacements of shown nodes, and of what is drawn
-    const OrganBody& body() const { return present ? *present : *whole; }
+    const OrganBody& body() const { return opened ? *opened : *whole; }
 } organ;
 
 template <class T> void take(std::vector<T>& to, const T* from, size_t count) { to.assign(from, from + count); }
 
-// The body of all cuts so far takes over from the next tick on.
-Made change_body() {
-    std::vector<BladeTriangle> blades;
-    for (const auto& cut : organ.cuts) blades.insert(blades.end(), cut.begin(), cut.end());
-    OrganBody* to = organ.whole.get();
-    organ.next.reset();
-    if (!blades.empty()) {
-        bool comes_free = false;
-        organ.next = std::make_unique<OrganBody>(cut_body_of(organ.solid, blades, comes_free));
-        to = organ.next.get();
-        if (comes_free) return piece_comes_free;
-        if (!to->model) return not_positive_definite;
-    }
+// A body takes over; none: the one before all cuts.
+void change_body(std::unique_ptr<OrganBody> to) {
+    const OrganBody& next = to ? *to : *organ.whole;
+    auto state = next.model->make_state();
+    if (organ.by_clock) next.model->begin_realtime(*state);
     organ.simulation->change(
-        {to->model.get(), to->model->make_state(), 1, to->surface.get(), to->surface->scratch(), to->shown});
+        {next.model.get(), std::move(state), 1, next.surface.get(), next.surface->scratch(), next.shown});
+    {
+        ActiveModel before = organ.simulation->retired();
+        if (organ.by_clock) before.model->end_realtime(*before.state);
+    }
+    organ.opened = std::move(to);
+}
+
+// The body with these cuts, if it can be made.
+int change_cuts(std::vector<std::vector<BladeTriangle>> cuts) {
+    std::vector<BladeTriangle> blades;
+    for (const auto& cut : cuts) blades.insert(blades.end(), cut.begin(), cut.end());
+    std::unique_ptr<OrganBody> to;
+    Made answer = made;
+    if (!blades.empty()) to = std::make_unique<OrganBody>(cut_body_of(organ.solid, blades, answer));
+    if (answer != made) return answer;
+    if (cuts.size() > organ.cuts.size() && to->area == organ.body().area) return nothing_met;
+    change_body(std::move(to));
+    organ.cuts = std::move(cuts);
     return made;
 }
 
@@ -76,30 +88,47 @@ EXPORTED int make(int nodes, const double* node, int tets, const int32_t* tet, c
     return made;
 }
 
-// Cuts along a way on the surface of the organ as it is, (points, 3) mm, `depth` mm deep.
-EXPORTED int cut(int points, const double* point, double depth) {
+// The blade of a cut along a way on the surface at rest, (points, 3) mm, `depth` mm deep. Returns how many triangles it
+// has, 0 if the surface's normals give it no way; blade_corners() gives those, (.., 3, 3) mm.
+EXPORTED int incise(int points, const double* point, double depth) {
     std::vector<Point3> path(points);
     for (int k = 0; k < points; k++) std::copy_n(point + 3 * size_t(k), 3, path[k].begin());
     const double edge = organ.solid.edge;
-    const Incision way = incision(*organ.body().surface, path, incision_step * edge, edge, nullptr);
-    if (way.upper.empty()) return no_way;
-    const double before = organ.body().area;
-    organ.cuts.push_back(way.swept(depth + edge));
-    Made answer = change_body();
-    if (answer == made && organ.next->area == before) answer = nothing_met;
-    if (answer != made) organ.cuts.pop_back(), organ.next.reset();
-    return answer;
+    organ.blade = incision(*organ.body().surface, path, incision_step * edge, edge, nullptr).swept(depth + edge);
+    return int(organ.blade.size());
+}
+
+EXPORTED void blade_corners(double* out) {
+    for (const BladeTriangle& triangle : organ.blade)
+        for (const Point3& x : triangle.corner) out = std::copy(x.begin(), x.end(), out);
+}
+
+// Cuts by the triangles of a blade, (triangles, 3, 3) mm.
+EXPORTED int cut(int triangles, const double* corners) {
+    auto cuts = organ.cuts;
+    cuts.emplace_back();
+    for (int t = 0; t < triangles; t++, corners += 9) cuts.back().emplace_back(corners, corners + 3, corners + 6);
+    return change_cuts(std::move(cuts));
 }
 
 // Takes the last cut back. The organ has one.
 EXPORTED int undo() {
-    organ.cuts.pop_back();
-    return change_body();
+    auto cuts = organ.cuts;
+    cuts.pop_back();
+    return change_cuts(std::move(cuts));
 }
 
-// Of the body that was cut last: numbers of drawn vertices, triangles and regions, area (mm^2) of all cuts, and where
-// these lie: vertices (.., 3) mm as float32, triangles (.., 3), the first vertex on lips of each region, the blades'
-// triangles (.., 3, 3) mm as float64, and how many of those each cut has.
+// What is drawn of a body that was cut. out: numbers of vertices, triangles and regions, mm^2 of all cuts; then where
+// these are: vertices (.., 3) mm as float32, triangles (.., 3), the first vertex on lips of each region.
+EXPORTED void opened(double* out) {
+    const OrganBody& body = *organ.opened;
+    *out++ = double(body.drawn.vertex.size()), *out++ = double(body.drawn.triangle.size());
+    *out++ = double(body.drawn.lips.size()), *out++ = body.area;
+    for (const void* at :
+         {(const void*)body.rest.data(), (const void*)body.drawn.triangle.data(), (const void*)body.drawn.lips.data()})
+        *out++ = double(reinterpret_cast<size_t>(at));
+}
+
 EXPORTED void command(int tool, int kind, double x, double y, double z, double u, double v, double w, double serial) {
     organ.commands.serial = int64_t(serial);
     organ.commands.tool[tool] = {CommandKind(kind), {x, y, z}, {u, v, w}};
@@ -115,7 +144,10 @@ EXPORTED void step(int ticks, double* forces) {
 }
 
 // 0: from now on a tick makes the tables that it lacks, so that its answer depends on nothing but the commands.
-EXPORTED void follow_clock(int on) { organ.simulation->follow_clock(on != 0); }
+EXPORTED void follow_clock(int on) {
+    organ.by_clock = on != 0;
+    organ.simulation->follow_clock(organ.by_clock);
+}
 
 // Some ms of work on tables for where the tools are going, and on the displayed field. Returns 0 if there was none.
 EXPORTED int prepare() {
@@ -125,7 +157,7 @@ EXPORTED int prepare() {
 }
 
 // The state as numbers: tick, faults, serial, work (N mm), then for each tool its contact, and the points,
-// displacements and forces of all, and their insertions. Returns the displacement of the shown nodes, mm.
+// displacements and forces of all, and their insertions. Returns the displacement of what is drawn, mm.
 EXPORTED const float* frame(double* out) {
     Simulation& now = *organ.simulation;
     *out++ = double(now.ticks), *out++ = double(now.faults), *out++ = double(organ.commands.serial), *out++ = now.work;
@@ -134,8 +166,10 @@ EXPORTED const float* frame(double* out) {
     for (const ToolProxy& tool : now.proxy) out = std::copy_n(tool.displacement, 3, out);
     for (const ToolProxy& tool : now.proxy) tool.total_force(out), out += 3;
     for (const ToolProxy& tool : now.proxy) *out++ = tool.insertion;
-    now.displayed_displacement(organ.shown_nodes.data(), int(organ.shown_nodes.size()), organ.shown.data());
-    return organ.shown.data();
+    const std::vector<int>& shown = organ.body().shown;
+    organ.moved.resize(3 * shown.size());
+    now.displayed_displacement(shown.data(), int(shown.size()), organ.moved.data());
+    return organ.body().carried(organ.moved, organ.drawn);
 }
 
 // Of the last tick, as a recording keeps it: TableEvent::missing_tables.

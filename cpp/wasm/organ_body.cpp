@@ -1,6 +1,7 @@
 #include "wasm/organ_body.h"
 #include "base/vec3.h"
 #include "elements/smoothed_stiffness.h"
+#include "wasm/lip_contact.h"
 #include <algorithm>
 
 namespace palpate {
@@ -8,6 +9,7 @@ namespace {
 
 constexpr size_t table_bytes = size_t(256) << 20; // of the compliance's tables, as in Python
 constexpr double on_a_line = 1e-6;                // of the held nodes' extent
+constexpr double one_place = 1e-8;                // of the body's extent, as in palpate.tissue.lip_gaps
 
 std::vector<int> numbered_free(const std::vector<uint8_t>& fixed) {
     std::vector<int> out(fixed.size(), -1);
@@ -16,19 +18,25 @@ std::vector<int> numbered_free(const std::vector<uint8_t>& fixed) {
     return out;
 }
 
-void make_model(OrganBody& body, const ElasticSolid& solid, const std::vector<uint8_t>& fixed) {
+// lips: of a cut body, which press on each other where they meet.
+Made make_model(OrganBody& body, const ElasticSolid& solid, const std::vector<uint8_t>& fixed, const LipGaps& lips) {
     const std::vector<int> free_index = numbered_free(fixed);
     std::vector<double> places;
     for (int i = 0; i < solid.nodes; i++)
         if (free_index[i] >= 0) places.insert(places.end(), solid.node + 3 * size_t(i), solid.node + 3 * size_t(i) + 3);
     body.factor = std::make_unique<SparseCholesky>(smoothed_stiffness(solid, free_index), places.data());
-    if (!body.factor->positive) return;
-    std::vector<int> vertices;
+    if (!body.factor->positive) return not_positive_definite;
+    std::vector<int> vertices, free_vertices;
     for (int i : body.shown)
-        if (free_index[i] >= 0) vertices.push_back(i);
-    body.model = std::make_unique<ComplianceModel>(factored_stiffness(*body.factor, free_index, vertices, solid.node),
-                                                   table_bytes);
+        if (free_index[i] >= 0) vertices.push_back(i), free_vertices.push_back(free_index[i]);
+    bool too_many = false;
+    GapConstraints gaps = lip_contact(lips, *body.factor, free_index, free_vertices, too_many);
+    if (too_many) return too_many_gaps;
+    FactoredStiffness stiffness = factored_stiffness(*body.factor, free_index, vertices, solid.node);
+    body.model = gaps.count > 0 ? std::make_unique<ComplianceModel>(std::move(stiffness), table_bytes, std::move(gaps))
+                                : std::make_unique<ComplianceModel>(std::move(stiffness), table_bytes);
     body.factor->value = {}; // ticks and tables take the rounded one
+    return made;
 }
 
 // Whether these points (mm) are not all on one line: held, they leave no rigid motion.
@@ -68,9 +76,9 @@ template <class T> std::vector<T> picked(const std::vector<T>& from, const std::
     return out;
 }
 
-// The surface that tools touch, and what is drawn.
-void make_surfaces(OrganBody& body, const OrganSolid& solid, const std::vector<double>& node,
-                   const std::vector<uint8_t>& fixed) {
+// The surface that tools touch, and what is drawn. Returns the gaps between its lips.
+LipGaps make_surfaces(OrganBody& body, const OrganSolid& solid, const std::vector<double>& node,
+                      const std::vector<uint8_t>& fixed) {
     const VirtualNodes& mesh = body.cut.mesh;
     const CutSkin& skin = body.cut.skin;
     const size_t vertices = skin.tet.size();
@@ -118,6 +126,9 @@ void make_surfaces(OrganBody& body, const OrganSolid& solid, const std::vector<d
         const double n[3] = {u[1] * w[2] - u[2] * w[1], u[2] * w[0] - u[0] * w[2], u[0] * w[1] - u[1] * w[0]};
         body.area += length(n) / 4; // half of a triangle, of one of the two lips
     }
+    return lip_gaps({int(vertices), int(skin.triangle.size()), skin.triangle[0].data(), skin.lip.data(), carrier.data(),
+                     skin.weight.data(), place.data(), mesh.origin.data()},
+                    one_place * mesh_extent(node.data(), int(fixed.size())));
 }
 
 } // namespace
@@ -136,28 +147,28 @@ OrganBody whole_body(const OrganSolid& solid) {
     make_model(body,
                {solid.node.data(), solid.tet.data(), solid.region.data(), solid.lam.data(), solid.mu.data(),
                 solid.nodes(), solid.tets()},
-               solid.fixed);
+               solid.fixed, {{0}, {}, {}, {}});
     body.surface = std::make_unique<ContactSurface>(solid.node.data(), solid.nodes(), solid.triangle.data(),
                                                     int(solid.triangle.size() / 3), solid.fixed.data());
     return body;
 }
 
-OrganBody cut_body_of(const OrganSolid& solid, const std::vector<BladeTriangle>& blades, bool& comes_free) {
+OrganBody cut_body_of(const OrganSolid& solid, const std::vector<BladeTriangle>& blades, Made& answer) {
     OrganBody body;
     body.cut = cut_body(solid.node.data(), solid.nodes(), solid.tet.data(), solid.tets(), blades);
     const VirtualNodes& mesh = body.cut.mesh;
-    comes_free = !pieces_are_held(mesh, solid);
-    if (comes_free) return body;
+    answer = comes_free;
+    if (!pieces_are_held(mesh, solid)) return body;
     std::vector<double> node;
     for (int i : mesh.origin) node.insert(node.end(), &solid.node[3 * size_t(i)], &solid.node[3 * size_t(i)] + 3);
     const std::vector<uint8_t> fixed = picked(solid.fixed, mesh.origin);
     const std::vector<int32_t> region = picked(solid.region, mesh.parent);
     const std::vector<double> lam = picked(solid.lam, mesh.parent), mu = picked(solid.mu, mesh.parent);
-    make_surfaces(body, solid, node, fixed);
-    make_model(body,
-               {node.data(), mesh.tet[0].data(), region.data(), lam.data(), mu.data(), int(mesh.origin.size()),
-                int(mesh.tet.size()), mesh.share.data()},
-               fixed);
+    const LipGaps lips = make_surfaces(body, solid, node, fixed);
+    answer = make_model(body,
+                        {node.data(), mesh.tet[0].data(), region.data(), lam.data(), mu.data(), int(mesh.origin.size()),
+                         int(mesh.tet.size()), mesh.share.data()},
+                        fixed, lips);
     return body;
 }
 

@@ -3,6 +3,7 @@
 #pragma once
 #include "compliance/compliance_model.h"
 #include "cutting/cut_body.h"
+#include "tissue/contact_surface.h"
 #include <memory>
 
 namespace palpate {
@@ -24,7 +25,7 @@ struct OrganSolid {
 // In the order in which each refers to those before.
 struct OrganBody {
     std::unique_ptr<SparseCholesky> factor;
-    std::unique_ptr<ComplianceModel> model; // none if the stiffness is not positive definite
+    std::unique_ptr<ComplianceModel> model; // none if it cannot be made
     std::unique_ptr<ContactSurface> surface;
     // Of a cut body: what is drawn, and what moves it.
     CutBody cut;
@@ -42,7 +43,10 @@ struct OrganBody {
 
 OrganBody whole_body(const OrganSolid& solid);
 
-// Of an organ that blades have passed. comes_free: a piece that no three of its held nodes hold, which has no model.
-OrganBody cut_body_of(const OrganSolid& solid, const std::vector<BladeTriangle>& blades, bool& comes_free);
+enum Made : int { made, not_positive_definite, comes_free, too_many_gaps }; // what became of a body
+
+// Of an organ that blades have passed; without a model unless it was made. comes_free: a piece that no three of its
+// nodes hold.
+OrganBody cut_body_of(const OrganSolid& solid, const std::vector<BladeTriangle>& blades, Made& answer);
 
 } // namespace palpate

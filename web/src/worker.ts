@@ -7,12 +7,13 @@ import { Prediction } from "./engine/prediction";
 import { TouchEngine } from "./engine/touch-engine";
 import { borderEdges, normalize, normals, packNormals, uniqueEdges } from "./organ/mesh-geometry";
 import { noteMessage, readNotes, readTimeline } from "./protocol/text-messages";
+import { readScene, type SceneArrays } from "./protocol/scene-arrays";
 import { readHands, readPeople, type OtherHand, type RoomState } from "./protocol/room-messages";
 import { buffersOf, type ColorMode, type FromWorker, type NodeArrays, type Organ, type Scale, type ToWorker } from "./protocol/worker-messages";
 import {
   CloseCode, ComparisonState, DIFFERENCE_BYTES, DIFFERENCE_KIND, DISTANCE_STEPS, FRAME_BYTES, decodeDifference, decodeFrame,
   HANDS_KIND, NOTES_KIND, PEOPLE_KIND, POSITION_KIND, TIMELINE_KIND, TRIALSTATUS_KIND, Role, decodePosition, decodeTrialStatus, encodeChoice, encodePlay, encodeCompare, encodeMark,
-  encodeLead, encodeScalpel, encodeSeen, encodeSelection, encodeToolCommand, type Frame, type Scene,
+  encodeLead, encodeScalpel, encodeSeen, encodeSelection, encodeToolCommand, type Frame,
 } from "./protocol/server-messages";
 
 const page = self as unknown as {
@@ -64,12 +65,12 @@ async function load(address: string, cut = false): Promise<void> {
   clearTimeout(late);
   if (answer.status === 403) throw new Refused((await answer.text()).replace("refused: ", ""));
   if (!answer.ok) throw new Error(`the server answers ${answer.status}`);
-  show(await answer.arrayBuffer(), cut);
+  show(readScene(await answer.arrayBuffer()), cut);
 }
 
 /** The organ was cut, or a cut was taken back: fetches what is to be drawn now. A failure is that of the socket too. */
 function followCut(): void {
-  if (fetching) return;
+  if (fetching || local) return; // a session in the page has shown it
   fetching = true;
   const frame = newest; // a replay that is paused sends no other one
   load(sceneAddress, true)
@@ -78,15 +79,8 @@ function followCut(): void {
     .finally(() => (fetching = false));
 }
 
-/** Shows an organ, from a `Scene` message. */
-function show(data: ArrayBuffer, cut = false): void {
-  const header = new DataView(data).getUint32(0, true);
-  const scene = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, header))) as Scene;
-  const rest = new Float32Array(data.slice(4 + header, 4 + header + 12 * scene.nodes));
-  const arrays = scene.gapes ? 2 : 1, open = rest.slice();
-  if (scene.gapes) new Float32Array(data.slice(4 + header + 12 * scene.nodes, 4 + header + 24 * scene.nodes)).forEach((x, i) => (open[i] += x));
-  const at = 4 + header + 12 * arrays * scene.nodes, end = at + 12 * scene.triangles;
-  const triangles = new Uint32Array(data.slice(at, end)), beside = scene.beside.length ? new Uint32Array(data.slice(end)) : null;
+/** Shows an organ, of a `Scene` message or one that was cut in the page. */
+function show({ scene, rest, open, triangles, beside }: SceneArrays, cut = false): void {
   const outer = scene.parts.find((p) => !p.inside) ?? scene.parts[0];
   const surface = triangles.subarray(3 * outer.first, 3 * (outer.first + outer.count));
   const unitNormals = new Float32Array(rest.length);
@@ -221,10 +215,10 @@ async function openFile(data: ArrayBuffer, module: ArrayBuffer): Promise<void> {
   const view = new DataView(data), parts: Uint8Array<ArrayBuffer>[] = [];
   for (let at = 0; at < data.byteLength; at += 4 + view.getUint32(at, true)) parts.push(new Uint8Array(data, at + 4, view.getUint32(at, true)));
   const [scene, solid, rules] = parts;
-  const engine = await TouchEngine.load(module);
-  show(scene.slice().buffer);
+  const engine = await TouchEngine.load(module), uncut = readScene(scene.slice().buffer);
+  show(uncut);
   engine.make(solid);
-  local = new LocalSession(engine, takeMessage, rules ? JSON.parse(new TextDecoder().decode(rules)) : null, (text) => page.postMessage({ kind: "notice", text }));
+  local = new LocalSession(engine, uncut, takeMessage, (opened) => show(opened, true), rules ? JSON.parse(new TextDecoder().decode(rules)) : null, (text) => page.postMessage({ kind: "notice", text }));
   local.start();
   page.postMessage({ kind: "status", good: true, text: "" });
 }

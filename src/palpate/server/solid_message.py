@@ -7,6 +7,7 @@ import numpy as np
 
 from palpate.errors import MaterialError
 from palpate.meshes.cutting.cut_mesh import refuse_cut
+from palpate.meshes.tet_mesh import regions_by_size
 from palpate.simulation.session import Session
 from palpate.tissue.models.compliance import ComplianceModel
 from palpate.tissue.reference.linear_elasticity import lame
@@ -53,7 +54,8 @@ def predicted_solid(session: Session) -> bytes:
 def solid_bytes(session: Session) -> bytes:
     """JSON, of a length that comes first (32 bits), then the arrays that web/src/engine/touch-engine.ts reads.
 
-    They are node, lam, mu (float64; mm, N/mm²), tet, region, triangle, shown (int32), fixed (uint8).
+    They are node, lam, mu (float64; mm, N/mm²), tet, region, triangle, shown, labels of the regions by size (int32), fixed
+    (uint8).
     """
     mesh, tissue, settings = session.mesh, session.model.tissue, session.settings
     lam, mu = lame(tissue.young, tissue.poisson)
@@ -64,14 +66,17 @@ def solid_bytes(session: Session) -> bytes:
         "tets": len(mesh.tets),
         "triangles": len(mesh.surface),
         "shown": len(session.shown),
+        "regions": len(labels := regions_by_size(mesh)),
+        "edge": tissue.edge,
         "radius": settings.radius,
         "limit": settings.limit,
         "friction": settings.friction,
+        "toughness": settings.toughness,
     }
     text = json.dumps(header).encode()
     arrays = [
         *(np.asarray(a, "<f8") for a in (mesh.nodes, lam, mu)),
-        *(np.asarray(a, "<i4") for a in (mesh.tets, mesh.region, mesh.surface, session.shown)),
+        *(np.asarray(a, "<i4") for a in (mesh.tets, mesh.region, mesh.surface, session.shown, labels)),
         tissue.held.astype(np.uint8),
     ]
     return struct.pack("<I", len(text)) + text + b"".join(a.tobytes() for a in arrays)

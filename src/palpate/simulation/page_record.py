@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 
 from palpate.bounded_read import existing_file, parse_json
-from palpate.errors import FileError
+from palpate.errors import DataError, FileError
+from palpate.simulation.session_cuts import cut_of
 from palpate.simulation.session_notes import MOST_NOTES, checked_note
 
 FORMAT, VERSION = "palpate page session", 1
@@ -55,6 +56,7 @@ def parse_page_record(text: bytes, path: str | Path) -> dict[str, Any]:
             "instructions": str(saved["instructions"]),
             "lesson": str(saved.get("lesson", "")),
             "marks": tuple((int(tick), int(what), int(tool)) for tick, what, tool in saved["marks"]),
+            "cuts": tuple(cut_of(one) for one in saved.get("cuts", ())),
             "notes": tuple(
                 checked_note(int(tick), (float(x), float(y), float(z)), str(text))
                 for tick, x, y, z, text in saved.get("notes", ())[:MOST_NOTES]
@@ -62,5 +64,5 @@ def parse_page_record(text: bytes, path: str | Path) -> dict[str, Any]:
         }
     except (FileError, MemoryError):
         raise
-    except (AttributeError, KeyError, OverflowError, TypeError, ValueError) as problem:
+    except (AttributeError, DataError, KeyError, OverflowError, TypeError, ValueError) as problem:
         raise FileError(f"{path}: no session that a page saved ({problem}); save it again") from None

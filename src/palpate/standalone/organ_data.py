@@ -3,9 +3,11 @@
 import json
 import struct
 
+from palpate.server.cutting_stroke import first_depth, may_cut
 from palpate.server.exam import Exam
 from palpate.server.scene_message import scene_bytes
 from palpate.server.solid_message import followed_model, solid_bytes
+from palpate.simulation.lesson import TOOLS
 from palpate.simulation.session import Session
 from palpate.tissue.tissue import Tissue
 
@@ -20,7 +22,9 @@ def session_of(tissue: Tissue, radius: float | None = None) -> Session:
 
 def organ_data(session: Session, title: str, task: str = "") -> bytes:
     """The scene as the server sends it, then the solid. Both begin with their length, 32 bits."""
-    return _joined(scene_bytes(session, title, task=task), solid_bytes(session))
+    cuts = may_cut(session) and session.first.tissue.surface_friction == 0  # the engine's lips do not rub
+    tools, depth = ((*TOOLS, "cut"), first_depth(session)) if cuts else (TOOLS, 0.0)
+    return _joined(scene_bytes(session, title, task=task, tools=tools, depth=depth), solid_bytes(session))
 
 
 def case_session(exam: Exam) -> Session:

@@ -1,8 +1,10 @@
 // A session in the page itself, in place of a server: it takes and sends the same messages.
-import { CommandKind, MARK_KIND, MOST_NOTES, NOTE_KIND, NoteStep, RATE, TOOLCOMMAND_KIND, TOOLS, decodeMark, decodeToolCommand, type ToolCommand } from "../protocol/server-messages";
+import { CommandKind, MARK_KIND, MOST_NOTES, NOTE_KIND, NoteStep, RATE, SCALPEL_KIND, TOOLCOMMAND_KIND, TOOLS, decodeMark, decodeToolCommand, type ToolCommand } from "../protocol/server-messages";
 import { Exam, type ExamRules } from "./exam";
 import { examFrameMessage, frameMessage } from "./frame-message";
 import { notesMessage, readNote } from "../protocol/text-messages";
+import type { SceneArrays } from "../protocol/scene-arrays";
+import { LocalCuts } from "./local-cuts";
 import { SessionRecord } from "./session-record";
 import { TickClock } from "./tick-clock";
 import type { EngineFrame, TouchEngine } from "./touch-engine";
@@ -12,12 +14,17 @@ export class LocalSession {
   private readonly waiting: (ToolCommand | null)[] = Array(TOOLS).fill(null); // newest commands, for the next tick
   private readonly record: SessionRecord;
   private readonly exam: Exam | null;
+  private readonly cuts: LocalCuts;
   private readonly clock = new TickClock((ticks) => this.run(ticks), () => this.show(), () => this.engine.prepare());
 
-  /** rules: of the lesson whose case it is. tell: shows the person a text. */
-  constructor(private readonly engine: TouchEngine, private readonly post: (message: ArrayBuffer) => void, rules: ExamRules | null, private readonly tell: (text: string) => void) {
+  /** organ: what is drawn first. present: shows what is drawn from now on. rules: of the lesson whose case it is. tell: shows the person a text. */
+  constructor(
+    private readonly engine: TouchEngine, organ: SceneArrays, private readonly post: (message: ArrayBuffer) => void,
+    present: (organ: SceneArrays) => void, rules: ExamRules | null, private readonly tell: (text: string) => void,
+  ) {
     this.record = new SessionRecord(engine, rules?.lesson ?? "");
     this.exam = rules && new Exam(rules);
+    this.cuts = new LocalCuts(engine, this.record, organ, (command) => this.queue({ ...command, serial: this.clock.asked }), present, tell);
   }
 
   /** Runs by the clock from now on. */
@@ -30,9 +37,14 @@ export class LocalSession {
     const kind = new DataView(data).getUint8(0);
     if (kind === NOTE_KIND) return this.exam ? undefined : this.note(data);
     if (kind === MARK_KIND) return this.mark(data);
+    if (kind === SCALPEL_KIND) return this.exam ? undefined : this.cuts.obey(data);
     if (kind !== TOOLCOMMAND_KIND) return; // there is nothing to compare with and nothing to select
     const command = decodeToolCommand(new DataView(data));
     if (this.exam && !this.exam.allows(command.kind)) return;
+    this.queue(command);
+  }
+
+  private queue(command: ToolCommand): void {
     this.waiting[command.tool] = command;
     this.clock.asked = command.serial;
   }
@@ -75,6 +87,7 @@ export class LocalSession {
   }
 
   private run(due: number): void {
+    this.cuts.change(this.ticks);
     this.obey();
     for (let i = 0; i < due; i++) {
       this.engine.step(1);
@@ -90,7 +103,7 @@ export class LocalSession {
   }
 
   private message({ shown, ...state }: EngineFrame): ArrayBuffer {
-    const unknown = { mesh_error: NaN, linearisation: NaN, least_volume: NaN, solution_age: 0, solution_error: 0, body: 0 };
+    const unknown = { mesh_error: NaN, linearisation: NaN, least_volume: NaN, solution_age: 0, solution_error: 0, body: this.cuts.bodies };
     const { late, busy } = this.clock;
     const frame = { ...state, ...unknown, model: 0, chosen: 0, late, busy, seconds: this.ticks / RATE };
     return this.exam ? examFrameMessage({ ...frame, late: 0, busy: 0 }, shown) : frameMessage(frame, shown);

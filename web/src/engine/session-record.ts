@@ -12,6 +12,7 @@ export class SessionRecord {
   private readonly digests: Row[] = []; // ticks, hexadecimal digits
   private readonly switches: Row[] = []; // tick, what it lacked
   private readonly marks: Row[] = []; // tick, what, tool
+  private readonly cuts: unknown[][] = []; // tick, "cut" or "undo", points and triangles of the blade
   readonly notes: NoteText[] = [];
   private readonly last: string[] = []; // command of each tool
   private missing = 0;
@@ -31,6 +32,18 @@ export class SessionRecord {
     this.marks.push([tick, kind, tool]);
   }
 
+  /** A cut before this tick; corners: of its blade's triangles, (triangles, 3, 3) mm. */
+  addCut(tick: number, corners: Float64Array): void {
+    const points = Array.from({ length: corners.length / 3 }, (_, i) => [...corners.subarray(3 * i, 3 * i + 3)]);
+    const triangles = Array.from({ length: points.length / 3 }, (_, i) => [3 * i, 3 * i + 1, 3 * i + 2]);
+    this.cuts.push([tick, "cut", points, triangles]);
+  }
+
+  /** The last cut is taken back before this tick. */
+  addUndo(tick: number): void {
+    this.cuts.push([tick, "undo"]);
+  }
+
   /** A tick has run: now there are so many. */
   addTick(ticks: number): void {
     const missing = this.engine.missingTables;
@@ -40,8 +53,8 @@ export class SessionRecord {
   }
 
   text(length: number): string {
-    const { commands, digests, switches, marks, lesson } = this;
+    const { commands, digests, switches, marks, cuts, lesson } = this;
     const notes = this.notes.map(({ tick, point, text }) => [tick, ...point, text]);
-    return JSON.stringify({ format: FORMAT, version: VERSION, ...this.engine.description, length, commands, digests, switches, marks, notes, ...(lesson && { lesson }) });
+    return JSON.stringify({ format: FORMAT, version: VERSION, ...this.engine.description, length, commands, digests, switches, marks, notes, ...(cuts.length > 0 && { cuts }), ...(lesson && { lesson }) });
   }
 }

@@ -10,8 +10,14 @@ interface Exports {
   release(at: number): void;
   make(
     nodes: number, node: number, tets: number, tet: number, region: number, lam: number, mu: number, fixed: number,
-    triangles: number, triangle: number, shownNodes: number, shown: number, radius: number, limit: number, friction: number,
+    triangles: number, triangle: number, shownNodes: number, shown: number, regions: number, labels: number, edge: number,
+    radius: number, limit: number, friction: number, toughness: number,
   ): number;
+  incise(points: number, point: number, depth: number): number;
+  blade_corners(out: number): void;
+  cut(triangles: number, corners: number): number;
+  undo(): number;
+  opened(out: number): void;
   command(tool: number, kind: number, x: number, y: number, z: number, u: number, v: number, w: number, serial: number): void;
   step(ticks: number, forces: number): void;
   follow_clock(on: number): void;
@@ -31,10 +37,32 @@ interface Header {
   tets: number;
   triangles: number;
   shown: number;
+  regions: number;
+  edge: number; // mm, of a mean element
   radius: number;
   limit: number;
   friction: number;
+  toughness: number; // J/m²
 }
+
+/** What is drawn of a body that was cut, as a `Scene` has it, mm; and the area of all its cuts, mm². */
+export interface OpenedBody {
+  rest: Float32Array<ArrayBuffer>; // (vertices, 3)
+  triangles: Uint32Array<ArrayBuffer>;
+  lips: number[];
+  area: number;
+}
+
+/** Why a cut is not made, by the number that the engine gives; 0: it is. */
+const REFUSALS = [
+  "",
+  "The cut body cannot be computed; cut less deep.",
+  "A piece would come free; cut less deep, or less far.",
+  "The cut has too many places where its lips may meet; cut less.",
+  "The blade has met nothing.",
+];
+
+export class CutRefused extends Error {}
 
 /** The state after a tick: lengths in mm, force in N of the tissue on the tool, tool after tool. */
 export interface EngineFrame {
@@ -51,9 +79,10 @@ export interface EngineFrame {
 }
 
 /** Bytes of each array of an organ's file, in their order. */
-const arrays = ({ nodes, tets, triangles, shown }: Header) => ({
-  node: 24 * nodes, lam: 8 * tets, mu: 8 * tets, tet: 16 * tets, region: 4 * tets, triangle: 12 * triangles, shown: 4 * shown, fixed: nodes,
+const arrays = ({ nodes, tets, triangles, shown, regions }: Header) => ({
+  node: 24 * nodes, lam: 8 * tets, mu: 8 * tets, tet: 16 * tets, region: 4 * tets, triangle: 12 * triangles, shown: 4 * shown, labels: 4 * regions, fixed: nodes,
 });
+const OPENED_NUMBERS = 7;
 
 /** An address in the engine's memory: beyond 2 GB the number that comes is negative. */
 const address = (given: number): number => given >>> 0;
@@ -62,7 +91,9 @@ export class TouchEngine {
   private readonly engine: Exports;
   private readonly forces: number;
   private readonly numbers: number;
-  private shownNodes = 0;
+  private shownNodes = 0; // of the whole organ
+  private drawn = 0; // vertices
+  edge = 0; // mm
   description: Record<string, unknown> = {};
 
   private constructor(engine: Exports) {
@@ -98,13 +129,15 @@ export class TouchEngine {
       new Uint8Array(this.engine.memory.buffer, at[name], bytes).set(file.subarray(from, from + bytes));
       from += bytes;
     }
-    const { nodes, tets, triangles, shown, radius, limit, friction } = header;
+    const { nodes, tets, triangles, shown, regions, edge, radius, limit, friction, toughness } = header;
     const failed = this.engine.make(
-      nodes, at.node, tets, at.tet, at.region, at.lam, at.mu, at.fixed, triangles, at.triangle, shown, at.shown, radius, limit, friction,
+      nodes, at.node, tets, at.tet, at.region, at.lam, at.mu, at.fixed, triangles, at.triangle, shown, at.shown, regions, at.labels, edge,
+      radius, limit, friction, toughness,
     );
     for (const each of Object.values(at)) this.engine.release(each);
     if (failed) throw new Error("the organ's stiffness is not positive definite");
-    this.shownNodes = shown;
+    this.shownNodes = this.drawn = shown;
+    this.edge = edge;
     this.description = header.description;
   }
 
@@ -138,8 +171,56 @@ export class TouchEngine {
     return {
       tick, faults, serial, energy,
       contact: take(TOOLS), point: take(3 * TOOLS), displacement: take(3 * TOOLS), force: take(3 * TOOLS), insertion: take(TOOLS),
-      shown: new Float32Array(this.engine.memory.buffer, shown, 3 * this.shownNodes),
+      shown: new Float32Array(this.engine.memory.buffer, shown, 3 * this.drawn),
     };
+  }
+
+  /** The blade of a cut along a way on the surface at rest (mm), `depth` mm deep: its triangles, (triangles, 3, 3) mm. */
+  incision(way: readonly (readonly number[])[], depth: number): Float64Array {
+    const points = this.put(Float64Array.from(way.flat())), count = 9 * this.engine.incise(way.length, points, depth);
+    this.engine.release(points);
+    if (count === 0) throw new CutRefused("The blade has no way into the tissue here; cut less far around.");
+    const at = address(this.engine.allocate(8 * count));
+    this.engine.blade_corners(at);
+    const corners = new Float64Array(this.engine.memory.buffer, at, count).slice();
+    this.engine.release(at);
+    return corners;
+  }
+
+  /** Cuts by the triangles of a blade. The cut body takes over at once; no tick runs while it is made. */
+  cut(blade: Float64Array): OpenedBody {
+    const corners = this.put(blade), refused = this.engine.cut(blade.length / 9, corners);
+    this.engine.release(corners);
+    if (refused) throw new CutRefused(REFUSALS[refused]);
+    return this.opened();
+  }
+
+  /** Takes the last cut back; left: how many cuts there are then. Null: none is left. */
+  undo(left: number): OpenedBody | null {
+    const refused = this.engine.undo();
+    if (refused) throw new CutRefused(REFUSALS[refused]);
+    if (left > 0) return this.opened();
+    this.drawn = this.shownNodes;
+    return null;
+  }
+
+  private opened(): OpenedBody {
+    this.engine.opened(this.numbers);
+    const { buffer } = this.engine.memory, numbers = new Float64Array(buffer, this.numbers, OPENED_NUMBERS);
+    const [vertices, triangles, regions, area, rest, triangle, lips] = numbers;
+    this.drawn = vertices;
+    return {
+      rest: new Float32Array(buffer, rest, 3 * vertices).slice(),
+      triangles: new Uint32Array(buffer, triangle, 3 * triangles).slice(),
+      lips: [...new Int32Array(buffer, lips, regions)],
+      area,
+    };
+  }
+
+  private put(numbers: Float64Array): number {
+    const at = address(this.engine.allocate(8 * numbers.length));
+    new Float64Array(this.engine.memory.buffer, at, numbers.length).set(numbers);
+    return at;
   }
 
   /** Which tables the last tick lacked, as a record keeps it. */

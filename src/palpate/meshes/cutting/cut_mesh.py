@@ -132,23 +132,26 @@ def cut_mesh(mesh: TetMesh, blades: Sequence[Blade]) -> CutMesh:
     every = (*mesh.blades, *blades) if isinstance(mesh, CutMesh) else tuple(blades)
     mesh = mesh.uncut if isinstance(mesh, CutMesh) else mesh
     offset = np.cumsum([0, *(len(blade.points) for blade in every)], dtype=np.int32)
-    made = _core.cutting.cut(
-        mesh.nodes,
-        mesh.tets,
+    blade = (
         np.concatenate([np.empty((0, 3)), *(blade.points for blade in every)]),
-        np.concatenate([np.empty((0, 3), np.int32), *(b.triangles + first for b, first in zip(every, offset, strict=False))]),
+        np.concatenate(
+            [np.empty((0, 3), np.int32), *(b.triangles + first for b, first in zip(every, offset, strict=False))]
+        ),
+    )
+    tets, origin, parent, share, side, body, triangles, lip, tet, weight = _core.cutting.cut(
+        mesh.nodes, mesh.tets, *blade
     )
     return CutMesh(
-        mesh.nodes[made["origin"]],
-        made["tets"],
-        mesh.region[made["parent"]],
+        mesh.nodes[origin],
+        tets,
+        mesh.region[parent],
         mesh.names,
-        share=made["share"],
-        side=made["side"],
-        body=made["body"],
-        origin=made["origin"],
-        parent=made["parent"],
-        skin=Skin(made["triangles"], made["lip"], made["tet"], made["weight"]),
+        share=share,
+        side=side,
+        body=body,
+        origin=origin,
+        parent=parent,
+        skin=Skin(triangles, lip, tet, weight),
         blades=every,
         centerline=mesh.centerline,
     )

@@ -1,0 +1,212 @@
+"""Cuts in an exported organ: its engine in Node against the native one, and a hand in a real Chromium, offline."""
+
+import json
+
+import numpy as np
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+from support.browser import LAPTOP, PHONE
+from support.engine_in_node import run_in_node
+from support.example_organs import organ
+from support.touch_page import Touched
+
+import palpate as pp
+from palpate.errors import FileError
+from palpate.simulation.page_record import parse_page_record
+from palpate.simulation.session_compatibility import recorded_settings
+from palpate.standalone.organ_data import session_of
+
+DEPTH = 16.0  # mm
+AWAY = (0, 0, 0, 0, 0, 0, 0)
+
+
+def across(tissue, offset=0.0):
+    """A way over the top, at right angles to x."""
+    top = tissue.mesh.nodes[np.argmax(tissue.mesh.nodes[:, 2])] + (offset, 0, 0)
+    return [tissue.surface.closest(top + (0, y, 0)).point for y in (-16.0, 0.0, 16.0)]
+
+
+def hold(point, displacement, ticks):
+    return [(1, *point, *displacement)] * ticks
+
+
+def in_order(places, triangles, values):
+    """Means of values (v, 3) over triangles, in the order of their middles at rest: that of the vertices may differ."""
+    middle = places[triangles].mean(axis=1)
+    return values[triangles].mean(axis=1)[np.lexsort(np.round(middle, 3).T)]
+
+
+@pytest.mark.parametrize("push", [(2.5, 0.2, -1.0), (-2.0, 0.3, 1.5)], ids=["pressed shut", "pulled open"])
+@pytest.mark.parametrize("size", [6, 8])
+def test_forces_of_a_cut_body_are_those_of_the_native_engine(size, push, tmp_path):
+    """A hand holds on while the organ is cut twice beside it and one cut is taken back."""
+    tissue = organ(size)
+    first, second = across(tissue, 0.37), pp.incision(tissue, across(tissue, -6.0), DEPTH / 2)
+    beside = tissue.surface.closest(np.array(first[1]) - (5, 0, 0)).point
+    given = [
+        *hold(beside, push, 150),
+        {"way": np.array(first).tolist(), "depth": DEPTH},
+        *hold(beside, push, 500),
+        {"blade": second.points[second.triangles].ravel().tolist()},
+        *hold(beside, push, 500),
+        None,
+        *hold(beside, push, 500),
+    ]
+    found = run_in_node(tmp_path, session_of(tissue), given)
+
+    native = session_of(tissue)
+    command = pp.Command(True, tuple(beside), push, "hold")
+    expected = [native.step([command] * 150)]
+    native.cut(pp.incision(tissue, first, DEPTH))
+    opened = native.displayed
+    expected.append(native.step([command] * 500))
+    native.cut(second)
+    expected.append(native.step([command] * 500))
+    native.undo()
+    expected.append(native.step([command] * 500))
+    forces = np.concatenate(expected)
+    np.testing.assert_allclose(found["forces"], forces, atol=2e-5 * np.abs(forces).max())
+    drawn = found["opened"][0]
+    rest, triangles = np.reshape(drawn["rest"], (-1, 3)), np.reshape(drawn["triangles"], (-1, 3))
+    there = opened.places, opened.triangles
+    np.testing.assert_allclose(in_order(rest, triangles, rest), in_order(*there, opened.places), atol=1e-4)
+    assert drawn["lips"] == list(opened.lips)
+    shown = native.displayed.carried(native.loop.frame().shown)
+    moved = in_order(rest, triangles, np.reshape(found["shown"], (-1, 3)))
+    np.testing.assert_allclose(moved, in_order(*there, shown), atol=1e-4)
+
+
+def test_lips_pressed_together_press_on_each_other(tmp_path):
+    """A hand that presses the cut shut feels what it felt before the cut, within what slides along it."""
+    tissue = organ(8)
+    way = across(tissue)
+    beside = tissue.surface.closest(np.array(way[1]) - (5, 0, 0)).point
+    push = {sign: (sign * 2.0, 0.0, 0.0) for sign in (1, -1)}
+    cut = {"way": np.array(way).tolist(), "depth": DEPTH}
+    lost = {}
+    for sign, ways in push.items():
+        forces = run_in_node(tmp_path, session_of(tissue), [*hold(beside, ways, 150), cut, *hold(beside, ways, 500)])[
+            "forces"
+        ]
+        before, after = abs(forces[149][0]), abs(forces[-1][0])
+        lost[sign] = 1 - after / before
+    assert lost[1] < 0.5 * lost[-1]
+    assert lost[-1] > 0.1
+
+
+def test_a_cut_taken_back_returns_forces_to_the_bit(tmp_path):
+    tissue = organ(8)
+    point = np.array(across(tissue)[1])
+    cut = {"way": np.array(across(tissue, 4.0)).tolist(), "depth": DEPTH}
+    press = [*hold(point, (0, 0, -2), 400), *[AWAY] * 400]
+    plain = run_in_node(tmp_path, session_of(tissue), [*press, *press])
+    undone = run_in_node(tmp_path, session_of(tissue), [*press, cut, None, *press])
+    assert undone["forces"] == plain["forces"]
+
+
+def test_cuts_that_cannot_be_are_refused_and_the_organ_stays(tmp_path):
+    tissue = organ(8)
+    top, point = tissue.mesh.nodes[:, 2].max(), np.array(across(tissue)[1])
+    through = pp.Blade.swept([(-200, -200, top - 9), (200, -200, top - 9)], (0, 1, 0), 400)
+    beside = pp.Blade.swept([(200, -20, top), (200, 20, top)], (0, 0, -1), 40)
+    blades = [{"blade": blade.points[blade.triangles].ravel().tolist()} for blade in (through, beside)]
+    press = hold(point, (0, 0, -2), 300)
+    plain, tried = (run_in_node(tmp_path, session_of(tissue), [*press, *some, *press]) for some in ([], blades))
+    assert ["come free" in tried["refused"][0], "met nothing" in tried["refused"][1]] == [True, True]
+    assert tried["opened"] == []
+    assert tried["forces"] == plain["forces"]
+    with pytest.raises(pp.errors.MaterialError, match="come free"):
+        pp.cut(tissue, through)
+
+
+@pytest.fixture(scope="module")
+def page_file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("exported") / "organ.html"
+    return pp.export(organ(9), path, title="Training")
+
+
+@pytest.fixture(params=[("laptop", "light"), ("phone", "dark")], ids=" ".join)
+def opened(browser, page_file, request):
+    device, scheme = request.param
+    how = {"viewport": PHONE, "has_touch": True, "is_mobile": True} if device == "phone" else {"viewport": LAPTOP}
+    context = browser.new_context(color_scheme=scheme, **how)
+    context.set_offline(True)
+    page = context.new_page()
+    requests = []
+    page.on("request", lambda request: requests.append(request.url))
+    mine = Touched(None, page)
+    mine.device = device
+    mine.open(page_file.as_uri())
+    yield mine
+    assert mine.problems == []
+    assert [url for url in requests if not url.startswith(("blob:", "data:"))] == [page_file.as_uri()]
+    context.close()
+
+
+def draw(touched, start, way, steps=20):
+    page = touched.page
+    page.mouse.move(*start)
+    page.mouse.down()
+    for i in range(1, steps + 1):
+        page.mouse.move(*(start + way * i / steps))
+        page.wait_for_timeout(20)
+    page.mouse.up()
+
+
+@pytest.mark.browser
+def test_a_stroke_cuts_offline_and_the_lips_part_where_one_pulls(opened, album, tmp_path):
+    page = opened.page
+    (page.tap if opened.device == "phone" else page.click)("#cut-tool")
+    assert opened.see("document.getElementById('undo-cut').disabled")
+    start, way = opened.place(0.36, 0.42), np.array((110, 0)) if opened.device == "phone" else np.array((220, 0))
+    draw(opened, start, way)
+    opened.wait("palpate.scene.made === 1 && palpate.frame.body === 1")
+    opened.until_told("Cut of")
+    assert opened.see("palpate.scene.lips[0] < palpate.scene.nodes")
+    opened.wait("document.getElementById('about').textContent.includes('1 cut')")
+    found = Axe().run(page)
+    assert found.violations_count == 0, found.generate_report()
+    if opened.device == "phone":
+        page.screenshot(path=album / "exported-cut-phone.png")
+        return
+    page.keyboard.press("2")  # pull
+    page.mouse.move(*(start + way / 2 + (0, 30)))
+    page.mouse.down()
+    page.mouse.move(*(start + way / 2 + (0, 120)), steps=20)
+    opened.settle()
+    force = opened.tool()[2]
+    tick = int(opened.see("palpate.frame.tick"))
+    page.screenshot(path=album / "exported-cut.png")
+    page.mouse.up()
+    opened.until_home()
+    page.keyboard.press("z")
+    opened.wait("palpate.scene.made === 0 && palpate.frame.body === 2")
+    with page.expect_download() as saved:
+        page.locator("#save-session").click()
+    saved.value.save_as(tmp_path / "session.json")
+    text = json.loads((tmp_path / "session.json").read_text())
+    assert [one[1] for one in text["cuts"]] == ["cut", "undo"]
+    record = pp.read_record(tmp_path / "session.json")
+    assert run_in_node(tmp_path, session_of(organ(9)), text) == text["digests"]
+    session = pp.Session(pp.model(organ(9), "compliance"), **recorded_settings(record))
+    replayed = np.concatenate([some for _, some in session.replayed(record, 1000)])
+    assert np.linalg.norm(force) > 0.05
+    assert np.abs(replayed[tick - 1, 0] - force).max() <= 1e-3  # another instruction set: a millinewton
+    assert session.cuts == 0
+
+
+@pytest.mark.parametrize(
+    "cuts", [[[5, "cut"]], [[5, "saw", [], []]], [["a", "undo"]], [[1, "cut", [[0, 0, 0]], [[0, 0, 0]]]], 3]
+)
+def test_cuts_that_no_page_saved_are_refused(cuts):
+    saved = {
+        "format": "palpate page session",
+        "version": 1,
+        "length": 10,
+        "commands": [],
+        "digests": [],
+        "switches": [],
+    }
+    saved |= {"model": "compliance", "tissue": "", "settings": {}, "instructions": "", "marks": [], "cuts": cuts}
+    with pytest.raises(FileError, match="no session that a page saved"):
+        parse_page_record(json.dumps(saved).encode(), "session.json")

@@ -1,0 +1,93 @@
+// Cuts in the page's own session: the stroke of a hand, the cut at its end, and undo.
+import type { SceneArrays } from "../protocol/scene-arrays";
+import { CommandKind, CutStep, decodeScalpel, type ToolCommand } from "../protocol/server-messages";
+import { CuttingStroke } from "./cutting-stroke";
+import type { SessionRecord } from "./session-record";
+import { CutRefused, type OpenedBody, type TouchEngine } from "./touch-engine";
+
+const BLADE = 0; // the tool that feels as the blade does
+const MOST_CUTS = 100; // changes of the body, whose cost grows with their number
+
+export class LocalCuts {
+  private stroke: CuttingStroke | null = null;
+  private due: CuttingStroke | "undo" | null = null; // a change of the body before the next tick
+  private made = 0; // cuts that there are
+  private area = 0; // mm² of these
+  bodies = 0; // how often the body has been changed
+
+  /** uncut: the organ before all cuts. command: to the loop's tools. present: the organ that is drawn from now on. tell: a text. */
+  constructor(
+    private readonly engine: TouchEngine,
+    private readonly record: SessionRecord,
+    private readonly uncut: SceneArrays,
+    private readonly command: (command: Omit<ToolCommand, "serial">) => void,
+    private readonly present: (organ: SceneArrays) => void,
+    private readonly tell: (text: string) => void,
+  ) {}
+
+  /** Takes a `Scalpel` message. */
+  obey(data: ArrayBuffer): void {
+    const { step, depth, point } = decodeScalpel(new DataView(data));
+    if (step === CutStep.undo) {
+      if (!this.stroke && !this.due && this.made > 0) this.due = "undo";
+    } else if (step === CutStep.begin) {
+      if (this.stroke || this.due) return;
+      this.stroke = new CuttingStroke(point, Math.min(depth, 2 * this.uncut.scene.reach), this.engine.edge); // through all of it
+      this.feel(true);
+    } else if (this.stroke) {
+      this.stroke.add(point);
+      this.feel(step !== CutStep.end);
+      if (step === CutStep.end) this.end(this.stroke);
+    }
+  }
+
+  /** Between two ticks: changes the body, if that is due. ticks: that have run. */
+  change(ticks: number): void {
+    const { due } = this;
+    if (!due) return;
+    this.due = null;
+    try {
+      if (due === "undo") {
+        const opened = this.engine.undo(this.made - 1);
+        this.record.addUndo(ticks);
+        this.made--;
+        this.show(opened);
+      } else {
+        const blade = this.engine.incision(due.path(), due.depth), opened = this.engine.cut(blade);
+        this.record.addCut(ticks, blade);
+        this.made++;
+        this.show(opened);
+      }
+    } catch (problem) {
+      if (!(problem instanceof CutRefused)) throw problem;
+      this.tell(problem.message);
+    }
+  }
+
+  private end(stroke: CuttingStroke): void {
+    this.stroke = null;
+    if (stroke.path().length === 0) return;
+    if (this.bodies >= MOST_CUTS) this.tell(`${MOST_CUTS} cuts were made in this session; begin another one`);
+    else this.due = stroke;
+  }
+
+  /** The loop's blade goes to the end of the way, or out of the tissue. */
+  private feel(cuts: boolean): void {
+    const { end, depth } = this.stroke!;
+    this.command({ tool: BLADE, kind: cuts ? CommandKind.blade : CommandKind.away, point: end, displacement: [0, 0, cuts ? -depth : 0] });
+  }
+
+  private show(opened: OpenedBody | null): void {
+    this.bodies++;
+    const { uncut, made, bodies } = this, change = { body: bodies, made };
+    if (opened === null) {
+      this.area = 0;
+      return this.present({ ...uncut, scene: { ...uncut.scene, ...change } });
+    }
+    const { rest, triangles, lips, area } = opened, count = triangles.length / 3;
+    const scene = { ...uncut.scene, ...change, nodes: rest.length / 3, triangles: count, parts: [{ name: "organ", first: 0, count, inside: false }], lips, gapes: false };
+    if (area > this.area) this.tell(`Cut of ${Math.round(area - this.area)} mm².`);
+    this.area = area;
+    this.present({ scene, rest, open: rest.slice(), triangles, beside: null });
+  }
+}

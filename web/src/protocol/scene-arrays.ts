@@ -1,0 +1,21 @@
+// The organ of a `Scene` message: its header, and the arrays that follow.
+import type { Scene } from "./server-messages";
+
+export interface SceneArrays {
+  scene: Scene;
+  rest: Float32Array<ArrayBuffer>; // (nodes, 3) mm
+  open: Float32Array<ArrayBuffer>; // where tension has opened the cuts
+  triangles: Uint32Array<ArrayBuffer>;
+  beside: Uint32Array<ArrayBuffer> | null; // (nodes) to which of several organs each belongs
+}
+
+export function readScene(data: ArrayBuffer): SceneArrays {
+  const header = new DataView(data).getUint32(0, true);
+  const scene = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, header))) as Scene;
+  const rest = new Float32Array(data.slice(4 + header, 4 + header + 12 * scene.nodes));
+  const arrays = scene.gapes ? 2 : 1, open = rest.slice();
+  if (scene.gapes) new Float32Array(data.slice(4 + header + 12 * scene.nodes, 4 + header + 24 * scene.nodes)).forEach((x, i) => (open[i] += x));
+  const at = 4 + header + 12 * arrays * scene.nodes, end = at + 12 * scene.triangles;
+  const triangles = new Uint32Array(data.slice(at, end)), beside = scene.beside.length ? new Uint32Array(data.slice(end)) : null;
+  return { scene, rest, open, triangles, beside };
+}
