@@ -13,8 +13,9 @@ from support.example_organs import organ
 import palpate as pp
 from palpate import _core
 from palpate.errors import FileError
+from palpate.simulation.session_settings import sweeps_in_tick
 from palpate.studies.realtime.browser import pages
-from palpate.studies.realtime.config import QUICK, path, sweeps_of
+from palpate.studies.realtime.config import QUICK, path
 from palpate.studies.realtime.loop_timing import at_share
 
 
@@ -37,7 +38,7 @@ def table(study, name):
 def test_the_tables_hold_what_was_timed(study):
     for row in table(study, "ticks"):
         assert 0 < float(row["p50_ms"]) <= float(row["p99_ms"]) <= float(row["p99.9_ms"])
-        assert int(row["sweeps"]) == sweeps_of(1e-3 * float(row["sweep_ms"]))
+        assert int(row["sweeps"]) == sweeps_in_tick(1e-3 * float(row["sweep_ms"]))
     loops = table(study, "loops")
     assert [row["model"] for row in loops] == list(QUICK.models)
     for row in loops:

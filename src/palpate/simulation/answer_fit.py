@@ -10,7 +10,7 @@ from palpate.simulation.forced_choice import ForcedChoice, Trial
 from palpate.simulation.interval_tissue import stimulus
 from palpate.simulation.lesson import EXAM_FORCE, EXAM_LENGTH
 from palpate.simulation.psychometric_fit import BEYOND, PsychometricFit, fit_psychometric
-from palpate.simulation.session import mean_edge
+from palpate.simulation.session_settings import default_radius
 from palpate.tissue.models.compliance import ComplianceModel
 from palpate.tissue.spring_fitting import scattered_points, surface_normals
 from palpate.tissue.tissue import Tissue
@@ -167,4 +167,4 @@ def _force(model: ComplianceModel, place: Float64, depth: float) -> float:
     """N, of a press along the normal with the contact of a session."""
     tissue = model.tissue
     inward = -depth * surface_normals(tissue, place[None])[0]
-    return float(np.linalg.norm(model.push(place, inward, 2 * mean_edge(tissue)).force))
+    return float(np.linalg.norm(model.push(place, inward, default_radius(tissue)).force))

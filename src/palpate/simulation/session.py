@@ -12,7 +12,6 @@ from palpate import _core
 from palpate.arrays import Float32, Float64, Int32
 from palpate.errors import DataError, MaterialError
 from palpate.meshes.cutting.blade import Blade
-from palpate.meshes.cutting.cut_mesh import CutMesh
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.simulation.displayed_bodies import DisplayedBodies
 from palpate.simulation.pointer import TOOLS, Command
@@ -32,8 +31,14 @@ from palpate.simulation.session_events import SessionEvents
 from palpate.simulation.session_journal import SessionJournal
 from palpate.simulation.session_notes import MOST_NOTES, checked_note
 from palpate.simulation.session_replay import ReplaySteps
+from palpate.simulation.session_settings import (
+    require_time_dependence,
+    simulation_settings,
+    sweep_seconds,
+    sweeps_in_tick,
+)
 from palpate.tissue.contact_patches import contacts
-from palpate.tissue.cutting_work import CuttingWork, cutting_work, surface_toughness, together
+from palpate.tissue.cutting_work import CuttingWork, cutting_work, together
 from palpate.tissue.models.compliance import ComplianceModel
 from palpate.tissue.models.registry import model as build
 from palpate.tissue.models.registry import name_of
@@ -41,8 +46,6 @@ from palpate.tissue.models.tissue_model import TissueModel
 from palpate.tissue.tissue import Tissue
 
 RATE: int = _core.simulation.RATE  # ticks a second
-TICK_BUDGET = 0.4e-3  # s of each tick for sweeps
-MOST_SWEEPS = 40
 COLLECT_INTERVAL = 0.5  # s; the queues of the loop hold the events of 16 s at least
 LUMP, SAMPLE = 0, 1  # what `Session.mark` may note
 
@@ -108,7 +111,7 @@ class Session:
         toughness: float | Mapping[int | str, float] | None = None,
         blade_friction: float = 0.0,
     ) -> None:
-        _require_time_dependence(model)
+        require_time_dependence(model)
         self.first = self.model = model
         self._tissues = CutTissues(model.tissue)
         self.toughness, self.blade_friction = toughness, float(blade_friction)
@@ -118,22 +121,11 @@ class Session:
         self.bodies = 0  # how often the body has been changed
         self._surfaces = DisplayedBodies(tension, regions)
         self.displayed = self._surfaces.add(self.bodies, model)
-        radius = 2 * mean_edge(model.tissue) if radius is None else float(radius)
-        for name, value in (("radius", radius), ("limit", limit)):
-            if not value > 0 or not np.isfinite(value):
-                raise DataError(f"{name}: {value:g}, expected more than 0; leave it out for the default")
-        if not friction >= 0 or not np.isfinite(friction):
-            raise DataError(f"friction: {friction:g}, expected 0 or more; leave it out for the default")
-        self.sweep_seconds: float = _core.simulation.sweep_seconds(model.native, model.tissue.surface, radius)
-        self.settings = _core.simulation.SimulationSettings()
-        self.settings.sweeps = self._sweeps(sweeps, self.sweep_seconds)
-        self.settings.radius, self.settings.limit, self.settings.friction = radius, float(limit), float(friction)
-        self.settings.toughness = surface_toughness(model.tissue, toughness)
-        self.settings.blade_friction = self.blade_friction
+        self.settings = simulation_settings(model.tissue, radius, limit, friction, toughness, self.blade_friction)
+        self.sweep_seconds = sweep_seconds(model, self.settings.radius)
+        self.settings.sweeps = sweeps_in_tick(self.sweep_seconds, sweeps)
         try:
-            self.loop = _core.simulation.RealtimeLoop(
-                model.native, model.tissue.surface, self.displayed.nodes, self.settings
-            )
+            self.loop = self._new_loop()
         except ValueError as problem:
             raise DataError(f"{problem}; choose a smaller radius") from None
         self._ticks = 0
@@ -141,6 +133,10 @@ class Session:
         self._lock = Lock()  # a change of model frees the retired one, and so does the collector
         self._stopped = Event()
         self._collector: Thread | None = None
+
+    def _new_loop(self) -> Any:
+        native, surface = self.model.native, self.model.tissue.surface
+        return _core.simulation.RealtimeLoop(native, surface, self.displayed.nodes, self.settings)
 
     @property
     def tension(self) -> float:
@@ -251,9 +247,8 @@ class Session:
         """
         if not same_tissue(model, self.model if self.bodies else self.first):
             raise DataError("change: the model is of another tissue or spring law; make it of the session's own tissue")
-        _require_time_dependence(model)
-        seconds = _core.simulation.sweep_seconds(model.native, model.tissue.surface, self.settings.radius)
-        done = self._sweeps(sweeps, seconds)
+        require_time_dependence(model)
+        done = sweeps_in_tick(sweep_seconds(model, self.settings.radius), sweeps)
         with self._lock:
             if not self.loop.change(model.native, done):
                 return False
@@ -470,15 +465,6 @@ class Session:
             raise DataError(f"note {index}: there are {len(notes)}")
         self.events.notes = notes[:index] + notes[index + 1 :]
 
-    @staticmethod
-    def _sweeps(asked: int | None, seconds: float) -> int:
-        """As many as fit a tick, if none are asked for."""
-        if asked is None:
-            return max(1, min(MOST_SWEEPS, int(TICK_BUDGET / seconds)))
-        if not 0 < asked <= 10_000:
-            raise DataError(f"sweeps: {asked}, expected 1 to 10000; leave it out to have it measured")
-        return int(asked)
-
     def replay(self, record: Record) -> int | None:
         """Replay a record without a clock, as fast as possible.
 
@@ -527,9 +513,7 @@ class Session:
         if self.loop.running or self._ticks or self.loop.frame().tick:
             raise DataError("replay: this session has run already; make a fresh one for the record")
         self.settings.nodal_weights = has_nodal_weights(record)
-        self.loop = _core.simulation.RealtimeLoop(
-            self.model.native, self.model.tissue.surface, self.displayed.nodes, self.settings
-        )
+        self.loop = self._new_loop()
 
     def replayed(self, record: Record, every: int) -> Iterator[tuple[int, Float64]]:
         """Replay a record and yield the forces. It stops also where a model changed or something was marked.
@@ -652,27 +636,9 @@ class Session:
         }
 
 
-def _require_time_dependence(model: TissueModel) -> None:
-    tissue = model.tissue
-    if tissue.time_dependent and not model.time_dependent:
-        what = "relaxation" if tissue.inertia is None else "inertia"
-        raise MaterialError(
-            f"model: {name_of(model)} does not follow the tissue's {what}; take compliance, or fit without --{what}"
-        )
-
-
 def _collect_while_running(session: "ReferenceType[Session]", stopped: Event) -> None:
     """Collects the loop's events now and then; does not keep the session alive."""
     while not stopped.wait(COLLECT_INTERVAL) and (running := session()):
         with running._lock:
             running.events.collect(running.loop)
         del running
-
-
-def mean_edge(tissue: Tissue) -> float:
-    """mm, of the surface's edges; of a cut tissue, whose surface goes through elements, that of all edges."""
-    mesh = tissue.mesh
-    if isinstance(mesh, CutMesh):
-        return tissue.edge
-    corner = mesh.nodes[mesh.surface]
-    return float(np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).mean())

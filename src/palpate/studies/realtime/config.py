@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.arrays import Float64
-from palpate.simulation.session import MOST_SWEEPS, TICK_BUDGET
 from palpate.tissue.models.registry import names
 from palpate.tissue.tissue import Tissue
 
@@ -41,8 +40,3 @@ def path(tissue: Tissue, ticks: int) -> tuple[Float64, Float64]:
     along = np.abs(phase - 2 * SWING) - SWING
     points = [tissue.surface.closest(front + [0.0, 0.0, z]).point for z in along]
     return np.array(points), np.array([0.0, DEPTH, 0.0])
-
-
-def sweeps_of(seconds: float) -> int:
-    """As a session chooses them for a model whose sweep takes so long."""
-    return max(1, min(MOST_SWEEPS, int(TICK_BUDGET / seconds)))

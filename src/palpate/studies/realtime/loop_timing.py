@@ -13,9 +13,10 @@ from palpate.report.tables import Row
 from palpate.simulation.pointer import Command
 from palpate.simulation.recorded_session import session_like
 from palpate.simulation.scripted_device import ScriptedDevice
-from palpate.simulation.session import RATE, Session, mean_edge
+from palpate.simulation.session import RATE, Session
+from palpate.simulation.session_settings import default_radius, sweep_seconds, sweeps_in_tick
 from palpate.studies.deformation.kidney import kidney
-from palpate.studies.realtime.config import HAND, RAMP, Setting, path, sweeps_of
+from palpate.studies.realtime.config import HAND, RAMP, Setting, path
 from palpate.tissue.models.registry import model
 from palpate.tissue.tissue import Tissue
 
@@ -39,9 +40,9 @@ def slid(setting: Setting, tissue: Tissue, name: str) -> Row:
     """Wall seconds of finding the contact and of the model's answer, 1000 times a second, under a sliding press."""
     one = model(tissue, name)
     points, press = path(tissue, setting.ticks)
-    radius = 2 * mean_edge(tissue)
-    sweep = float(_core.simulation.sweep_seconds(one.native, tissue.surface, radius))
-    sweeps = sweeps_of(sweep)
+    radius = default_radius(tissue)
+    sweep = sweep_seconds(one, radius)
+    sweeps = sweeps_in_tick(sweep)
     given = one.native, one.native.make_state(), tissue.surface, radius, points, press.tolist(), RAMP, sweeps
     contact, answer, _, cold, _ = _core.benchmark.time_stroke(*given)
     spent = (contact + answer)[RAMP:]
