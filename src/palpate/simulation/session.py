@@ -13,6 +13,8 @@ from palpate.arrays import Float32, Float64, Int32
 from palpate.errors import DataError, MaterialError
 from palpate.meshes.cutting.blade import Blade
 from palpate.meshes.tet_mesh import TetMesh
+from palpate.simulation.cut_tissues import model_after, tissues_after
+from palpate.simulation.cut_works import held_points, works_after
 from palpate.simulation.displayed_bodies import DisplayedBodies
 from palpate.simulation.pointer import TOOLS, Command
 from palpate.simulation.recording import Record
@@ -26,7 +28,7 @@ from palpate.simulation.session_compatibility import (
     settings_after_change,
     settings_of,
 )
-from palpate.simulation.session_cuts import CutKind, CutTissues, RecordedCut
+from palpate.simulation.session_cuts import CutKind, RecordedCut
 from palpate.simulation.session_events import SessionEvents
 from palpate.simulation.session_journal import SessionJournal
 from palpate.simulation.session_notes import MOST_NOTES, checked_note
@@ -37,9 +39,7 @@ from palpate.simulation.session_settings import (
     sweep_seconds,
     sweeps_in_tick,
 )
-from palpate.tissue.contact_patches import contacts
-from palpate.tissue.cutting_work import CuttingWork, cutting_work, together
-from palpate.tissue.models.compliance import ComplianceModel
+from palpate.tissue.cutting_work import CuttingWork, cutting_work
 from palpate.tissue.models.registry import model as build
 from palpate.tissue.models.registry import name_of
 from palpate.tissue.models.tissue_model import TissueModel
@@ -113,7 +113,7 @@ class Session:
     ) -> None:
         require_time_dependence(model)
         self.first = self.model = model
-        self._tissues = CutTissues(model.tissue)
+        self._tissues: tuple[Tissue, ...] = (model.tissue,)  # the first, and after each cut that there is
         self.toughness, self.blade_friction = toughness, float(blade_friction)
         cutting_work(model.tissue, model.tissue, toughness, self.blade_friction)  # refuses what cannot be
         self.cutting_work: tuple[CuttingWork, ...] = ()  # of each cut that there is, of an extended one all of it
@@ -155,12 +155,12 @@ class Session:
     @property
     def tissue(self) -> Tissue:
         """The tissue, with all cuts so far."""
-        return self._tissues.present
+        return self._tissues[-1]
 
     @property
     def cuts(self) -> int:
         """How many cuts of this session it has."""
-        return self._tissues.made
+        return len(self._tissues) - 1
 
     @property
     def mesh(self) -> TetMesh:
@@ -330,61 +330,24 @@ class Session:
             raise MaterialError(
                 "cut: a tissue that relaxes or has inertia is not cut in a session; cut it before: pp.cut"
             )
-        tissues = self._tissues.after(kind, blade)
-        tissue = tissues[-1]
-        same = tissue is self.first.tissue and name_of(self.first) == name
-        model = self.first if same else self._built(tissue, name)
+        tissues = tissues_after(self._tissues, kind, blade)
+        model = model_after(tissues[-1], self.first, self.model)
         displayed = self._surfaces.add(self.bodies + 1, model)
-        before, held = (self.tissue, self.model), self._held()
+        before, held = self.model, held_points(self.loop.frame(), self.settings.radius)
         with self._lock:
             try:
-                done = self.loop.change_body(model.native, tissue.surface, displayed.nodes, self.settings.sweeps)
+                done = self.loop.change_body(model.native, tissues[-1].surface, displayed.nodes, self.settings.sweeps)
             except ValueError as problem:
                 raise DataError(f"cut: {problem}; cut less, or choose a smaller radius") from None
             if not done:
                 return False
-            self._tissues.take(tissues)
-            self.model, self.displayed = model, displayed
+            self._tissues, self.model, self.displayed = tissues, model, displayed
             self.bodies += 1
             self.events.cut(kind, blade)
-        self.cutting_work = self._works_after(kind, *before, held)  # the loop need not wait for it
+        self.cutting_work = works_after(  # the loop need not wait for it
+            self.cutting_work, kind, before, model, held, self.toughness, self.blade_friction
+        )
         return True
-
-    def _built(self, tissue: Tissue, name: str) -> TissueModel:
-        """The model of the next body. Meanwhile the present one computes no tables that only that body's would replace."""
-        assert isinstance(self.model, ComplianceModel)
-        present = self.model.native
-        present.looks_ahead = False
-        try:
-            return build(tissue, name)
-        finally:
-            present.looks_ahead = True
-
-    def _works_after(
-        self, kind: CutKind, before: Tissue, model: TissueModel, held: tuple[Float64, Float64]
-    ) -> tuple[CuttingWork, ...]:
-        """Of each cut after one more change. before, model: until then. held: of `_held`."""
-        if kind == "undo":
-            return self.cutting_work[:-1]
-        released = self._held_energy(model, *held) - self._held_energy(self.model, *held)
-        new = cutting_work(before, self.tissue, self.toughness, self.blade_friction, released)
-        if kind == "cut":
-            return (*self.cutting_work, new)
-        return (*self.cutting_work[:-1], together(self.cutting_work[-1], new))
-
-    def _held(self) -> tuple[Float64, Float64]:
-        """(t, 3) mm points that tools hold now, and (t, 3) mm how far these are displaced."""
-        frame, closed = self.loop.frame(), _core.simulation.ContactState.closed
-        held = [tool for tool in range(TOOLS) if frame.contact[tool] == closed and np.any(frame.displacement[tool])]
-        return np.array(frame.point)[held], np.array(frame.displacement)[held]
-
-    def _held_energy(self, model: TissueModel, points: Float64, ways: Float64) -> float:
-        """Elastic energy, mJ, of a body that is cut, while it is held so: half of the forces times their ways."""
-        if not len(points):
-            return 0.0
-        assert isinstance(model, ComplianceModel)
-        found = contacts(model.tissue, points, ways, np.full(len(points), self.settings.radius))
-        return float((model.held_forces(found) * ways).sum() / 2)
 
     @property
     def shown(self) -> Int32:

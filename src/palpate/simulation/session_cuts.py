@@ -1,4 +1,4 @@
-"""Cuts in a session: the tissues that they make one after the other, and what a record keeps of them."""
+"""What a record keeps of the cuts in a session."""
 
 from dataclasses import dataclass
 from typing import Literal, get_args
@@ -6,10 +6,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from palpate.arrays import Float64, Int64
-from palpate.errors import DataError
 from palpate.meshes.cutting.blade import Blade
-from palpate.tissue.cutting import cut
-from palpate.tissue.tissue import Tissue
 
 CutKind = Literal["cut", "extend", "undo"]
 KINDS: tuple[CutKind, ...] = get_args(CutKind)
@@ -26,36 +23,6 @@ class RecordedCut:
     tick: int
     kind: CutKind
     blade: Blade | None = None
-
-
-class CutTissues:
-    """The tissues before each cut that has not been taken back, and the present one."""
-
-    def __init__(self, first: Tissue) -> None:
-        self._all = [first]
-
-    @property
-    def present(self) -> Tissue:
-        """The newest one."""
-        return self._all[-1]
-
-    @property
-    def made(self) -> int:
-        """How many cuts there are."""
-        return len(self._all) - 1
-
-    def after(self, kind: CutKind, blade: Blade | None) -> list[Tissue]:
-        """All tissues after one more change, for `take`. Raises `DataError`, and what `cut` does."""
-        if kind != "cut" and len(self._all) < 2:
-            raise DataError(f"{kind}: nothing has been cut in this session; cut first")
-        before = self._all if kind == "cut" else self._all[:-1]
-        if blade is None:
-            return before
-        return [*before, cut(before[-1], blade)]
-
-    def take(self, tissues: list[Tissue]) -> None:
-        """Makes these the present ones."""
-        self._all = tissues
 
 
 def plain_cut(one: RecordedCut) -> list[object]:

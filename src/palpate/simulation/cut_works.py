@@ -1,0 +1,57 @@
+"""The work of each cut of a session, with the elastic energy that the tissue loses by it while tools hold still."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from palpate import _core
+from palpate.arrays import Float64
+from palpate.simulation.pointer import TOOLS
+from palpate.simulation.session_cuts import CutKind
+from palpate.tissue.contact_patches import contacts
+from palpate.tissue.cutting_work import CuttingWork, cutting_work, together
+from palpate.tissue.models.compliance import ComplianceModel
+from palpate.tissue.models.tissue_model import TissueModel
+
+
+@dataclass(frozen=True, eq=False)
+class HeldPoints:
+    """Points of the tissue that tools hold, (t, 3) mm, how far they are displaced, (t, 3) mm, and the contact's radius."""
+
+    points: Float64
+    displacements: Float64
+    radius: float
+
+    def energy(self, model: TissueModel) -> float:
+        """Elastic energy, mJ, of a body that is held so: half of the forces times the displacements."""
+        if not len(self.points):
+            return 0.0
+        assert isinstance(model, ComplianceModel)
+        found = contacts(model.tissue, self.points, self.displacements, np.full(len(self.points), self.radius))
+        return float((model.held_forces(found) * self.displacements).sum() / 2)
+
+
+def held_points(frame: Any, radius: float) -> HeldPoints:
+    """Those of a frame of the loop."""
+    closed = _core.simulation.ContactState.closed
+    held = [tool for tool in range(TOOLS) if frame.contact[tool] == closed and np.any(frame.displacement[tool])]
+    return HeldPoints(np.array(frame.point)[held], np.array(frame.displacement)[held], radius)
+
+
+def works_after(
+    works: tuple[CuttingWork, ...],
+    kind: CutKind,
+    before: TissueModel,
+    after: TissueModel,
+    held: HeldPoints,
+    toughness: float | Mapping[int | str, float] | None,
+    friction: float,
+) -> tuple[CuttingWork, ...]:
+    """The work of each cut once there is one more change. toughness, friction: of the blade, as `cutting_work` takes them."""
+    if kind == "undo":
+        return works[:-1]
+    released = held.energy(before) - held.energy(after)
+    new = cutting_work(before.tissue, after.tissue, toughness, friction, released)
+    return (*works, new) if kind == "cut" else (*works[:-1], together(works[-1], new))
