@@ -25,14 +25,13 @@ from palpate.simulation.session_compatibility import (
     fingerprint,
     has_nodal_weights,
     same_tissue,
-    settings_after_change,
     settings_of,
 )
 from palpate.simulation.session_cuts import CutKind, RecordedCut
 from palpate.simulation.session_events import SessionEvents
 from palpate.simulation.session_journal import SessionJournal
 from palpate.simulation.session_notes import MOST_NOTES, checked_note
-from palpate.simulation.session_replay import ReplaySteps
+from palpate.simulation.session_replay import ReplaySteps, first_difference
 from palpate.simulation.session_settings import (
     require_time_dependence,
     simulation_settings,
@@ -40,7 +39,6 @@ from palpate.simulation.session_settings import (
     sweeps_in_tick,
 )
 from palpate.tissue.cutting_work import CuttingWork, cutting_work
-from palpate.tissue.models.registry import model as build
 from palpate.tissue.models.registry import name_of
 from palpate.tissue.models.tissue_model import TissueModel
 from palpate.tissue.tissue import Tissue
@@ -451,12 +449,7 @@ class Session:
             raise DataError("replay: this session has run already; make a fresh one for the record")
         for _ in self.replayed(record, record.length):
             pass
-        mine = self.record()
-        both = min(len(mine.digests), len(record.digests))
-        if len(mine.digests) != len(record.digests) or (mine.digest_ticks != record.digest_ticks).any():
-            return int(record.digest_ticks[both - 1]) if both else 0
-        wrong = np.flatnonzero(mine.digests != record.digests)
-        return int(record.digest_ticks[wrong[0]]) if len(wrong) else None
+        return first_difference(record, self.record())
 
     def use_weights_of(self, record: Record) -> None:
         """Weigh the nodes of contacts as the session of a record did: by integrals, or as version 0.1 did.
@@ -516,14 +509,7 @@ class Session:
         """
         if (change := steps.change_at(self._ticks)) is not None:
             name, sweeps = change
-            uncut = self.tissue is self.first.tissue
-            after = steps.models.get(name) if uncut else None
-            if after is None:
-                first = uncut and name == name_of(self.first)
-                after = self.first if first else build(self.tissue, name, **settings_after_change(steps.record, name))
-            if uncut:
-                steps.models[name] = after
-            self.change(after, sweeps)
+            self.change(steps.model(name, self.tissue, self.first), sweeps)
         if (cut := steps.cut_at(self._ticks)) is not None:
             self.cut_again(cut)
         return self._advance(steps.device, steps.stop(self._ticks, tick) - self._ticks)

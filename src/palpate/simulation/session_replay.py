@@ -1,9 +1,15 @@
-"""What a replay has still to do: the commands, changes of model and cuts of a record, each at its tick."""
+"""Replay of a record: what it has still to do at each tick, and where its states differ from the recorded ones."""
+
+import numpy as np
 
 from palpate.simulation.recording import Record
 from palpate.simulation.replay import Replay
+from palpate.simulation.session_compatibility import settings_after_change
 from palpate.simulation.session_cuts import RecordedCut
+from palpate.tissue.models.registry import model as build
+from palpate.tissue.models.registry import name_of
 from palpate.tissue.models.tissue_model import TissueModel
+from palpate.tissue.tissue import Tissue
 
 
 class ReplaySteps:
@@ -25,6 +31,15 @@ class ReplaySteps:
             return name, sweeps
         return None
 
+    def model(self, name: str, tissue: Tissue, first: TissueModel) -> TissueModel:
+        """The model of a name of the session's present tissue. first: that with which the session began."""
+        settings = settings_after_change(self.record, name)
+        if tissue is not first.tissue:
+            return build(tissue, name, **settings)
+        if name not in self.models:
+            self.models[name] = first if name == name_of(first) else build(tissue, name, **settings)
+        return self.models[name]
+
     def cut_at(self, tick: int) -> RecordedCut | None:
         """The cut that takes over at a tick, once."""
         return self._cuts.pop(0) if self._cuts and self._cuts[0].tick == tick else None
@@ -33,3 +48,12 @@ class ReplaySteps:
         """The last tick up to `wanted` that can be reached from `tick` without another event."""
         later = [*(at for at, *_ in (*self._changes, *self.record.marks)), *(one.tick for one in self._cuts)]
         return min([wanted, *(at for at in later if at > tick)])
+
+
+def first_difference(record: Record, again: Record) -> int | None:
+    """The first tick with a digest in which a replay differs from its record; None if all digests agree."""
+    both = min(len(record.digests), len(again.digests))
+    if len(again.digests) != len(record.digests) or (again.digest_ticks != record.digest_ticks).any():
+        return int(record.digest_ticks[both - 1]) if both else 0
+    wrong = np.flatnonzero(again.digests != record.digests)
+    return int(record.digest_ticks[wrong[0]]) if len(wrong) else None
