@@ -19,18 +19,10 @@ from palpate.simulation.displayed_bodies import DisplayedBodies
 from palpate.simulation.pointer import TOOLS, Command
 from palpate.simulation.recording import Record
 from palpate.simulation.scripted_device import Given, ScriptedDevice, new_commands
-from palpate.simulation.session_compatibility import (
-    arithmetic,
-    check_record,
-    fingerprint,
-    has_nodal_weights,
-    same_tissue,
-    settings_of,
-)
+from palpate.simulation.session_compatibility import check_record, description_of, has_nodal_weights, same_tissue
 from palpate.simulation.session_cuts import CutKind, RecordedCut
 from palpate.simulation.session_events import SessionEvents
 from palpate.simulation.session_journal import SessionJournal
-from palpate.simulation.session_notes import MOST_NOTES, checked_note
 from palpate.simulation.session_replay import ReplaySteps, first_difference
 from palpate.simulation.session_settings import (
     require_time_dependence,
@@ -403,10 +395,7 @@ class Session:
         >>> session.record().notes[0].text
         'hard here'
         """
-        if len(self.events.notes) >= MOST_NOTES:
-            raise DataError(f"note: there are {MOST_NOTES} already; remove one first")
-        x, y, z = (float(number) for number in point)
-        self.events.notes += (checked_note(int(self.loop.frame().tick), (x, y, z), text),)
+        self.events.add_note(int(self.loop.frame().tick), point, text)
 
     def remove_note(self, index: int) -> None:
         """Remove a note.
@@ -421,10 +410,7 @@ class Session:
         DataError
             If there is no such note.
         """
-        notes = self.events.notes
-        if not 0 <= index < len(notes):
-            raise DataError(f"note {index}: there are {len(notes)}")
-        self.events.notes = notes[:index] + notes[index + 1 :]
+        self.events.remove_note(index)
 
     def replay(self, record: Record) -> int | None:
         """Replay a record without a clock, as fast as possible.
@@ -576,13 +562,7 @@ class Session:
         dict
             model, tissue, settings, instructions and lesson, as `Record` has them.
         """
-        return {
-            "model": name_of(self.first),
-            "tissue": fingerprint(self.first),
-            "settings": settings_of(self.first, self.settings),
-            "instructions": arithmetic(),
-            "lesson": self.lesson,
-        }
+        return {**description_of(self.first, self.settings), "lesson": self.lesson}
 
 
 def _collect_while_running(session: "ReferenceType[Session]", stopped: Event) -> None:

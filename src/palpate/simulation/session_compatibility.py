@@ -1,4 +1,4 @@
-"""Checks that a session fits a record: tissue by a hash, model by name, settings one by one."""
+"""What a record says of its session, and whether another fits: tissue by a hash, model by name, settings one by one."""
 
 import hashlib
 from typing import Any
@@ -21,6 +21,16 @@ _SETTINGS = (
     "sweeps", "radius", "limit", "ramp", "approach", "reach", "friction", "puncture", "cutting", "shaft_friction",
     "nodal_weights", *_OF_BLADES,
 )  # fmt: skip
+
+
+def description_of(model: TissueModel, settings: Any) -> dict[str, Any]:
+    """What a record says of a session that began with this model and (the core's) settings."""
+    return {
+        "model": name_of(model),
+        "tissue": fingerprint(model),
+        "settings": settings_of(model, settings),
+        "instructions": arithmetic(),
+    }
 
 
 def settings_of(model: TissueModel, settings: Any) -> dict[str, float]:

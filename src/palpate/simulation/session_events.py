@@ -1,12 +1,14 @@
 """What happens in a session and belongs in its record: commands, digests, models, cuts and claims, each with its tick."""
 
+from collections.abc import Sequence
 from typing import Any
 
+from palpate.errors import DataError
 from palpate.meshes.cutting.blade import Blade
 from palpate.simulation.event_log import EventLog
 from palpate.simulation.session_cuts import CutKind, RecordedCut
 from palpate.simulation.session_journal import SessionJournal
-from palpate.simulation.session_notes import SessionNote
+from palpate.simulation.session_notes import MOST_NOTES, SessionNote, checked_note
 
 
 class SessionEvents:
@@ -32,6 +34,19 @@ class SessionEvents:
     def cut(self, kind: CutKind, blade: Blade | None) -> None:
         """A cut was asked for."""
         self._asked.append(RecordedCut(-1, kind, blade))
+
+    def add_note(self, tick: int, point: Sequence[float], text: str) -> None:
+        """Raises `DataError` for a note that is not valid or one too many."""
+        if len(self.notes) >= MOST_NOTES:
+            raise DataError(f"note: there are {MOST_NOTES} already; remove one first")
+        x, y, z = (float(number) for number in point)
+        self.notes += (checked_note(tick, (x, y, z), text),)
+
+    def remove_note(self, index: int) -> None:
+        """Raises `DataError` if there is no such note."""
+        if not 0 <= index < len(self.notes):
+            raise DataError(f"note {index}: there are {len(self.notes)}")
+        self.notes = self.notes[:index] + self.notes[index + 1 :]
 
     def collect(self, loop: Any) -> None:
         """Takes what there is in the loop's queues, and frees the model that a change has replaced."""
