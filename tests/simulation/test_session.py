@@ -206,7 +206,7 @@ def test_what_memory_held_before_is_nothing_to_a_session(model):
 
 def test_a_frame_is_only_looked_at_and_the_record_is_kept_all_the_same(monkeypatch):
     """`frame` takes nothing out of the loop's queues; while it runs, something else does, also if nobody looks."""
-    monkeypatch.setattr("palpate.simulation.session.COLLECT_INTERVAL", 0.05)
+    monkeypatch.setattr("palpate.simulation.event_collector.COLLECT_INTERVAL", 0.05)
     session = pp.Session(pp.model(organ(), "springs"), radius=10.0, sweeps=1)
     drained, loop = [], session.loop
 

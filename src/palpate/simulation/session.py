@@ -1,10 +1,9 @@
 """A session: a tissue under tools at 1000 ticks a second, by the clock with a device, or in lockstep."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from threading import Event, Lock, Thread
+from threading import Lock
 from types import TracebackType
 from typing import Any, Protocol, Self
-from weakref import ReferenceType, ref
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from palpate.meshes.tet_mesh import TetMesh
 from palpate.simulation.cut_tissues import model_after, tissues_after
 from palpate.simulation.cut_works import held_points, works_after
 from palpate.simulation.displayed_bodies import DisplayedBodies
+from palpate.simulation.event_collector import EventCollector
 from palpate.simulation.pointer import TOOLS, Command
 from palpate.simulation.recording import Record
 from palpate.simulation.scripted_device import Given, ScriptedDevice, new_commands
@@ -36,7 +36,6 @@ from palpate.tissue.models.tissue_model import TissueModel
 from palpate.tissue.tissue import Tissue
 
 RATE: int = _core.simulation.RATE  # ticks a second
-COLLECT_INTERVAL = 0.5  # s; the queues of the loop hold the events of 16 s at least
 LUMP, SAMPLE = 0, 1  # what `Session.mark` may note
 
 
@@ -121,8 +120,7 @@ class Session:
         self._ticks = 0
         self.events = SessionEvents()
         self._lock = Lock()  # a change of model frees the retired one, and so does the collector
-        self._stopped = Event()
-        self._collector: Thread | None = None
+        self._collector: EventCollector | None = None
 
     def _new_loop(self) -> Any:
         native, surface = self.model.native, self.model.tissue.surface
@@ -180,19 +178,20 @@ class Session:
             Such as a `Pointer`.
         """
         self.loop.start(device.core)
-        self._stopped.clear()
-        self._collector = Thread(target=_collect_while_running, args=(ref(self), self._stopped), daemon=True)
-        self._collector.start()
+        self._collector = EventCollector(self._collect)
 
     def stop(self) -> None:
         """Release the tissue and end the run. The last force is zero. Nothing happens if the session does not run."""
         self.loop.stop()
         if self._collector:
-            self._stopped.set()
-            self._collector.join()
+            self._collector.stop()
             self._collector = None
         self.events.collect(self.loop)
         self._ticks = int(self.loop.frame().tick)
+
+    def _collect(self) -> None:
+        with self._lock:
+            self.events.collect(self.loop)
 
     def step(self, commands: Sequence[Given]) -> Float64:
         """Run ticks without a clock.
@@ -563,11 +562,3 @@ class Session:
             model, tissue, settings, instructions and lesson, as `Record` has them.
         """
         return {**description_of(self.first, self.settings), "lesson": self.lesson}
-
-
-def _collect_while_running(session: "ReferenceType[Session]", stopped: Event) -> None:
-    """Collects the loop's events now and then; does not keep the session alive."""
-    while not stopped.wait(COLLECT_INTERVAL) and (running := session()):
-        with running._lock:
-            running.events.collect(running.loop)
-        del running
