@@ -64,6 +64,89 @@ async def count_hosts(host: Host, share: Share) -> None:
         await asyncio.sleep(BEAT)
 
 
+class RoomClaim:
+    """The claim of a host to a room. Used on the event loop's thread only.
+
+    answers: whether the registry did, last time.
+    """
+
+    def __init__(self, room: RoomProcess, host: Host, share: Share) -> None:
+        self.room, self.host, self.share = room, host, share
+        self.answers = True
+        self._opened: asyncio.Task[None] | None = None  # keeps the room open while this host has it
+        self._now = asyncio.get_running_loop().time
+        self._taken = self._now()  # when another host was last seen to have it, or to be about to
+
+    @property
+    def failed(self) -> bool:
+        """Whether the room cannot be opened here."""
+        return self._opened is not None and self._opened.done()
+
+    @property
+    def too_many(self) -> bool:
+        """Whether another host should have the room, and nobody is in it."""
+        here = self._opened is not None and self.room.port != 0
+        return here and self.answers and self.share.too_many and not self.room.people
+
+    async def renew(self) -> None:
+        """Claims the room or renews the claim, and does as the registry says. Without an answer all stays as it is."""
+        try:
+            await self._follow(await self._owner())
+            if self._opened is not None and self.room.news.is_set():
+                await tell(self.room, self.host)
+        except RegistryLost as problem:
+            if self.answers:
+                print(f"palpate: the registry does not answer ({problem}); rooms stay where they are", flush=True)
+            self.answers = False
+        else:
+            if not self.answers:
+                print("palpate: the registry answers again", flush=True)
+            self.answers = True
+
+    async def _owner(self) -> str:
+        """The host that has the room, which may be this one if it wants it. Raises `RegistryLost`."""
+        wanted = self._opened is not None or not self.share.full or self._now() - self._taken > LEFT
+        registry, name = self.host.registry, self.room.room.name
+        return await (registry.claim(name, self.host.name) if wanted else registry.owner(name))
+
+    async def _follow(self, owner: str) -> None:
+        """Opens the room if it is this host's now, or ends it if it is another's. Raises `RegistryLost`."""
+        room, name = self.room, self.room.room.name
+        if owner == self.host.name and self._opened is None:
+            self.share.held.add(name)
+            room.state = unpacked(await self.host.registry.kept(name))
+            room.elsewhere = ""
+            self._opened = asyncio.create_task(keep_open(room))
+        elif owner not in ("", self.host.name):
+            self._taken = self._now()
+            if self._opened is not None:
+                print(f"palpate: room {name} is on another host now; it ends here", flush=True)
+                self.share.held.discard(name)
+                await ended(self._opened)
+                self._opened = None
+            room.move(owner.partition(" ")[2])
+
+    async def give_up(self) -> None:
+        """Ends the room if it is here, has what it holds kept, and lets other hosts have it."""
+        if self._opened is None:
+            return
+        name = self.room.room.name
+        self.share.held.discard(name)
+        await ended(self._opened)
+        with contextlib.suppress(RegistryLost):
+            await tell(self.room, self.host)
+            await self.host.registry.release(name, self.host.name)
+        self._opened, self._taken = None, self._now()
+
+    async def wait(self) -> None:
+        """Until the claim is to be renewed, or the room has news that the registry would take."""
+        if not self.answers:
+            await asyncio.sleep(BEAT)
+            return
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(self.room.news.wait(), BEAT)
+
+
 async def hold(room: RoomProcess, host: Host, share: Share) -> None:
     """Keeps a room open while this host has it, until this is cancelled.
 
@@ -71,62 +154,19 @@ async def hold(room: RoomProcess, host: Host, share: Share) -> None:
     nobody is in it. While the registry does not answer, all stays as it is: whoever has a room keeps it. If another host has
     claimed it meanwhile, that one goes on with it, and this one ends its own.
     """
-    name, registry, now = room.room.name, host.registry, asyncio.get_running_loop().time
-    opened: asyncio.Task[None] | None = None
-    answers = True
-    taken = now()  # when another host was last seen to have it, or to be about to
+    claim = RoomClaim(room, host, share)
     try:
         while True:
-            try:
-                wants = opened is not None or not share.full or now() - taken > LEFT
-                owner = await (registry.claim(name, host.name) if wants else registry.owner(name))
-                if owner == host.name and opened is None:
-                    share.held.add(name)
-                    room.state = unpacked(await registry.kept(name))
-                    room.elsewhere = ""
-                    opened = asyncio.create_task(keep_open(room))
-                elif owner not in ("", host.name):
-                    taken = now()
-                    if opened is not None:
-                        print(f"palpate: room {name} is on another host now; it ends here", flush=True)
-                        share.held.discard(name)
-                        await ended(opened)
-                        opened = None
-                    room.move(owner.partition(" ")[2])
-                if opened is not None and room.news.is_set():
-                    await tell(room, host)
-                if not answers:
-                    print("palpate: the registry answers again", flush=True)
-                answers = True
-            except RegistryLost as problem:
-                if answers:
-                    print(f"palpate: the registry does not answer ({problem}); rooms stay where they are", flush=True)
-                answers = False
-            if opened is not None and opened.done():  # it cannot be opened here
-                await give_up(room, host, share, opened)
-                opened = None
+            await claim.renew()
+            if claim.failed:
+                await claim.give_up()
                 await asyncio.sleep(10 * BEAT)  # another host may try
-            elif opened is not None and answers and share.too_many and room.port and not room.people:
-                print(f"palpate: room {name} goes to another host, since nobody is in it", flush=True)
-                await give_up(room, host, share, opened)
-                opened, taken = None, now()
-            if answers:
-                with contextlib.suppress(TimeoutError):
-                    await asyncio.wait_for(room.news.wait(), BEAT)
-            else:
-                await asyncio.sleep(BEAT)
+            elif claim.too_many:
+                print(f"palpate: room {room.room.name} goes to another host, since nobody is in it", flush=True)
+                await claim.give_up()
+            await claim.wait()
     finally:
-        if opened is not None:
-            await give_up(room, host, share, opened)
-
-
-async def give_up(room: RoomProcess, host: Host, share: Share, opened: "asyncio.Task[None]") -> None:
-    """Ends a room that was kept open, has what it holds kept, and lets other hosts have it."""
-    share.held.discard(room.room.name)
-    await ended(opened)
-    with contextlib.suppress(RegistryLost):
-        await tell(room, host)
-        await host.registry.release(room.room.name, host.name)
+        await claim.give_up()
 
 
 async def ended(task: "asyncio.Task[None]") -> None:
