@@ -17,7 +17,7 @@ struct Organ {
     OrganSolid solid;
     std::vector<std::vector<BladeTriangle>> cuts;
     std::vector<BladeTriangle> blade;         // of the next cut
-    std::unique_ptr<OrganBody> whole, opened; // before all cuts, and with them
+    std::unique_ptr<OrganBody> whole, opened; // before all cuts, if it came so, and with them
     std::unique_ptr<Simulation> simulation;
     Commands commands;
     bool by_clock = true;
@@ -26,6 +26,12 @@ struct Organ {
 } organ;
 
 template <class T> void take(std::vector<T>& to, const T* from, size_t count) { to.assign(from, from + count); }
+
+std::vector<BladeTriangle> triangles_at(int count, const double* corners) {
+    std::vector<BladeTriangle> out;
+    for (int t = 0; t < count; t++, corners += 9) out.emplace_back(corners, corners + 3, corners + 6);
+    return out;
+}
 
 // A body takes over; none: the one before all cuts.
 void change_body(std::unique_ptr<OrganBody> to) {
@@ -63,11 +69,12 @@ EXPORTED void* allocate(size_t bytes) { return ::operator new(bytes); }
 EXPORTED void release(void* memory) { ::operator delete(memory); }
 
 // node: (nodes, 3) mm; tet: (tets, 4); region, lam, mu: (tets); fixed: (nodes); triangle: (triangles, 3) of the outer
-// surface; shown: (count) ascending; labels: the largest region first; lengths in mm, forces in N, toughness in J/m^2.
+// surface; shown: (count) ascending; labels: the largest region first; blade: (blade_triangles, 3, 3), of
+// cuts that the organ comes with. Lengths in mm, forces in N, toughness in J/m^2.
 EXPORTED int make(int nodes, const double* node, int tets, const int32_t* tet, const int32_t* region, const double* lam,
                   const double* mu, const uint8_t* fixed, int triangles, const int32_t* triangle, int count,
-                  const int32_t* shown, int regions, const int32_t* labels, double edge, double radius, double limit,
-                  double friction, double toughness) {
+                  const int32_t* shown, int regions, const int32_t* labels, int blade_triangles, const double* blade,
+                  double edge, double radius, double limit, double friction, double toughness) {
     OrganSolid& solid = organ.solid;
     take(solid.node, node, 3 * size_t(nodes)), take(solid.fixed, fixed, nodes);
     take(solid.tet, tet, 4 * size_t(tets)), take(solid.region, region, tets);
@@ -75,15 +82,24 @@ EXPORTED int make(int nodes, const double* node, int tets, const int32_t* tet, c
     take(solid.triangle, triangle, 3 * size_t(triangles)), take(solid.regions, labels, regions);
     solid.shown.assign(shown, shown + count);
     solid.edge = edge;
-    organ.whole = std::make_unique<OrganBody>(whole_body(solid));
-    if (!organ.whole->model) return not_positive_definite;
+    organ.whole.reset(), organ.opened.reset();
+    organ.cuts = {};
+    if (blade_triangles > 0) {
+        Made answer = made;
+        organ.cuts = {triangles_at(blade_triangles, blade)};
+        organ.opened = std::make_unique<OrganBody>(cut_body_of(solid, organ.cuts[0], answer));
+        if (answer != made) return answer;
+    } else {
+        organ.whole = std::make_unique<OrganBody>(whole_body(solid));
+        if (!organ.whole->model) return not_positive_definite;
+    }
     SimulationSettings settings;
     settings.sweeps = 1;
     settings.limit = limit;
     settings.tools.radius = radius;
     settings.tools.friction = friction;
     settings.tools.blade.toughness = toughness;
-    organ.simulation = std::make_unique<Simulation>(*organ.whole->model, *organ.whole->surface, settings);
+    organ.simulation = std::make_unique<Simulation>(*organ.body().model, *organ.body().surface, settings);
     organ.simulation->follow_clock(true);
     return made;
 }
@@ -106,8 +122,7 @@ EXPORTED void blade_corners(double* out) {
 // Cuts by the triangles of a blade, (triangles, 3, 3) mm.
 EXPORTED int cut(int triangles, const double* corners) {
     auto cuts = organ.cuts;
-    cuts.emplace_back();
-    for (int t = 0; t < triangles; t++, corners += 9) cuts.back().emplace_back(corners, corners + 3, corners + 6);
+    cuts.push_back(triangles_at(triangles, corners));
     return change_cuts(std::move(cuts));
 }
 

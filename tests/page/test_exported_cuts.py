@@ -104,6 +104,26 @@ def test_a_cut_taken_back_returns_forces_to_the_bit(tmp_path):
     assert undone["forces"] == plain["forces"]
 
 
+def test_an_organ_that_was_cut_before_is_exported_and_cut_again(tmp_path):
+    tissue = organ(8)
+    opened = pp.cut(tissue, pp.incision(tissue, across(tissue, 0.37), DEPTH))
+    second = pp.incision(tissue, across(tissue, -6.0), DEPTH / 2)
+    beside = opened.surface.closest(np.array(across(tissue)[1]) - (5, 0, 0)).point
+    pull = (-2.0, 0.3, 1.5)
+    cut = {"blade": second.points[second.triangles].ravel().tolist()}
+    found = run_in_node(tmp_path, session_of(opened), [*hold(beside, pull, 300), cut, *hold(beside, pull, 400), None])
+
+    native = session_of(opened)
+    command = pp.Command(True, tuple(beside), pull, "hold")
+    expected = [native.step([command] * 300)]
+    native.cut(second)
+    expected.append(native.step([command] * 400))
+    np.testing.assert_allclose(found["forces"], np.concatenate(expected), atol=2e-5 * np.abs(expected[0]).max())
+    assert len(found["shown"]) == 3 * len(session_of(opened).displayed.places)  # the cut taken back is the second one
+    whole = run_in_node(tmp_path, session_of(tissue), hold(beside, pull, 300))
+    assert np.abs(np.array(whole["forces"][-1]) - found["forces"][299]).max() > 0.01
+
+
 def test_cuts_that_cannot_be_are_refused_and_the_organ_stays(tmp_path):
     tissue = organ(8)
     top, point = tissue.mesh.nodes[:, 2].max(), np.array(across(tissue)[1])

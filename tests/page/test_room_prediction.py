@@ -100,6 +100,32 @@ def test_stopped_and_taken_over_hands_follow_the_room(far):
     trainee.wait("palpate.frame.contact[0] === 1 && palpate.frame.displacement[2] > 1.9")
 
 
+def test_after_a_cut_the_page_predicts_the_cut_organ(far, tissue):
+    """The teacher cuts, the trainee feels it: by the page's own engine, as `push` says of the organ that is cut."""
+    trainee, teacher = far("trainee"), far("teacher", delay=0.02, predict=False)
+    teacher.page.click("#cut-tool")
+    start = teacher.place(0.4, 0.42)
+    teacher.page.mouse.move(*start)
+    teacher.page.mouse.down()
+    teacher.page.mouse.move(*(start + (160, 0)), steps=20)
+    teacher.page.mouse.up()
+    teacher.wait("palpate.scene.made === 1")
+    teacher.page.wait_for_timeout(1500)  # the cut has followed the stroke to its end
+    predicting = "document.getElementById('predict').getAttribute('aria-pressed') === 'true'"
+    trainee.wait(f"palpate.scene.made === 1 && {predicting}")
+    hold(trainee, LEFT, (0, 0, 2.0))
+    trainee.settle(1500)
+    assert trainee.see(predicting)
+    force = trainee.tool()[2]
+    trainee.page.locator("#predict").click()
+    trainee.wait("document.getElementById('predict').getAttribute('aria-pressed') === 'false'")
+    trainee.settle(1500)
+    assert np.linalg.norm(trainee.tool()[2] - force) < 0.02 * np.linalg.norm(force)
+    assert np.linalg.norm(force) > 0.1
+    teacher.page.keyboard.press("z")
+    trainee.wait("palpate.scene.made === 0")
+
+
 LARGEST_FORCE = """(() => {
     window.largestForce = 0;
     setInterval(() => {

@@ -89,7 +89,9 @@ def test_no_way_of_the_hand_gains_energy(model, seed):
     # Where the hand turns, the force turns within a tick: by the greater of its two forces the work is not too small.
     by_tick = [-(force * np.diff(places, axis=0)).sum(axis=1) for force in (forces[1:], forces[:-1])]
     spent = HOLDS * cut[1:]
-    assert (np.cumsum(np.maximum(*by_tick)) >= 0.999 * spent - 0.02 * most).all(), "a cut is never cheaper than its surface"
+    assert (np.cumsum(np.maximum(*by_tick)) >= 0.999 * spent - 0.02 * most).all(), (
+        "a cut is never cheaper than its surface"
+    )
     assert (np.linalg.norm(forces, axis=1) <= HOLDS * (1 + 1e-9)).all()
     assert np.isfinite(ahead).all()
 

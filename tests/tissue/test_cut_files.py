@@ -142,9 +142,7 @@ def test_the_command_refuses(whole, tmp_path, monkeypatch, capsys):
         assert not (tmp_path / "cut.vtu").exists()
 
 
-@pytest.mark.parametrize(
-    "words", ["export cut.vtu -o organ.html", "fit cut.vtu --young 5 -o t.vtu", "mesh cut.vtu -o m.msh"]
-)
+@pytest.mark.parametrize("words", ["fit cut.vtu --young 5 -o t.vtu", "mesh cut.vtu -o m.msh"])
 def test_commands_that_take_no_cut_tissue_say_so(opened, tmp_path, monkeypatch, capsys, words):
     pp.write_tissue(tmp_path / "cut.vtu", opened)
     monkeypatch.chdir(tmp_path)

@@ -195,7 +195,6 @@ def test_what_cannot_be_cut_is_refused(cube):
         (lambda t: pp.finite_strain(t), "finite strain: takes no tissue that has been cut"),
         (lambda t: pp.finite_elements(t, "P2"), '"P2": takes no tissue that has been cut'),
         (lambda t: pp.finite_elements(t, "mixed"), '"mixed": takes no tissue that has been cut'),
-        (lambda t: pp.export(t, "organ.html"), "export: takes no tissue that has been cut"),
         (lambda t: pp.force_error_map(t, radius=9), "a cut mesh"),
         (lambda t: pp.fit(t.mesh, 5, 0.45, t.fixed), "fit: takes no tissue that has been cut"),
         (lambda t: pp.resting_on(t.mesh, (0, 0, -1)), "a cut mesh"),

@@ -2,6 +2,7 @@
 // decodes it when the page asks for one.
 import { openness } from "./organ/ambient-occlusion";
 import { ColorMap, FIRST_ENDS } from "./organ/color-map";
+import { withBody } from "./engine/local-cuts";
 import { LocalSession } from "./engine/local-session";
 import { Prediction } from "./engine/prediction";
 import { TouchEngine } from "./engine/touch-engine";
@@ -215,10 +216,12 @@ async function openFile(data: ArrayBuffer, module: ArrayBuffer): Promise<void> {
   const view = new DataView(data), parts: Uint8Array<ArrayBuffer>[] = [];
   for (let at = 0; at < data.byteLength; at += 4 + view.getUint32(at, true)) parts.push(new Uint8Array(data, at + 4, view.getUint32(at, true)));
   const [scene, solid, rules] = parts;
-  const engine = await TouchEngine.load(module), uncut = readScene(scene.slice().buffer);
-  show(uncut);
+  const engine = await TouchEngine.load(module);
+  let first = readScene(scene.slice().buffer);
+  show(first);
   engine.make(solid);
-  local = new LocalSession(engine, uncut, takeMessage, (opened) => show(opened, true), rules ? JSON.parse(new TextDecoder().decode(rules)) : null, (text) => page.postMessage({ kind: "notice", text }));
+  if (engine.first) show((first = withBody(first, engine.first)));
+  local = new LocalSession(engine, first, takeMessage, (opened) => show(opened, true), rules ? JSON.parse(new TextDecoder().decode(rules)) : null, (text) => page.postMessage({ kind: "notice", text }));
   local.start();
   page.postMessage({ kind: "status", good: true, text: "" });
 }

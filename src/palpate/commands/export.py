@@ -22,6 +22,9 @@ def export_command(
     ],
     title: Annotated[str | None, typer.Option(help="Name that the page shows. Default: organ.")] = None,
     radius: Annotated[float | None, typer.Option(help="Of the contact, mm. Default: two edge lengths.")] = None,
+    toughness: Annotated[
+        float | None, typer.Option(help="Energy of a cut, J/m². Default: of the tissues that were fitted by name.")
+    ] = None,
     task: Annotated[
         str, typer.Option(help="Set a trainee a task: lump or biopsy; the page saves the session.")
     ] = "touch",
@@ -39,7 +42,9 @@ def export_command(
     page writes what was done there, for a score:
     palpate score session.json tissue.vtu
     """
-    written = pp.export(pp.read_tissue(tissue), output, title=title, radius=radius, task=pp.Task(task), folder=folder)
+    asked = pp.Task(task)
+    solid = pp.read_tissue(tissue)
+    written = pp.export(solid, output, title=title, radius=radius, toughness=toughness, task=asked, folder=folder)
     if folder:
         typer.echo(f"{written.parent}: put it on a web host; a browser does not open these files from a disk")
     else:

@@ -6,10 +6,13 @@ import struct
 import numpy as np
 
 from palpate.errors import MaterialError
-from palpate.meshes.cutting.cut_mesh import refuse_cut
+from palpate.meshes.cutting.cut_mesh import CutMesh
+from palpate.meshes.display_surfaces import displayed_nodes
 from palpate.meshes.tet_mesh import regions_by_size
 from palpate.simulation.session import Session
+from palpate.tissue.cutting import before_cuts
 from palpate.tissue.models.compliance import ComplianceModel
+from palpate.tissue.organ_gaps import organ_gaps
 from palpate.tissue.reference.linear_elasticity import lame
 from palpate.tissue.tissue import Tissue
 
@@ -19,25 +22,25 @@ INSTRUCTIONS = "wasm simd128"
 def refuse_unfollowed(tissue: Tissue, what: str, instead: str) -> None:
     """Refuses a tissue that the engine of the page does not follow.
 
-    what, instead: for whom, and what serves this tissue. Raises `MaterialError`, or `DataError` for one that was cut.
+    what, instead: for whom, and what serves this tissue. Raises `MaterialError`.
     """
-    refuse_cut(tissue.mesh, what, instead)
+    cut = isinstance(tissue.mesh, CutMesh)
     for found, lacking in (
         (tissue.element != "smoothed", f'element "{tissue.element}"; fit it again: palpate fit'),
         (tissue.relaxation is not None, "a tissue that relaxes; leave out its relaxation: palpate fit"),
         (tissue.inertia is not None, "a tissue with inertia; leave it out: palpate fit"),
+        (len(organ_gaps(tissue.mesh).rest) > 0 or tissue.attachments, "organs that touch"),
+        (cut and tissue.surface_friction > 0, "lips that rub on each other"),
     ):
         if found:
-            raise MaterialError(f"{what}: the engine of the page does not have {lacking}, or {instead}")
+            joined = ", or " if ";" in lacking else "; "
+            raise MaterialError(f"{what}: the engine of the page does not have {lacking}{joined}{instead}")
 
 
 def followed_model(tissue: Tissue, what: str, instead: str) -> ComplianceModel:
     """The model that the page's engine repeats. Raises as `refuse_unfollowed`."""
     refuse_unfollowed(tissue, what, instead)
-    model = ComplianceModel(tissue)
-    if model.gaps is not None:
-        raise MaterialError(f"{what}: the engine of the page does not have organs that touch; {instead}")
-    return model
+    return ComplianceModel(tissue)
 
 
 def predicted_solid(session: Session) -> bytes:
@@ -46,18 +49,19 @@ def predicted_solid(session: Session) -> bytes:
     refuse_unfollowed(session.tissue, what, instead)
     if not isinstance(session.model, ComplianceModel):
         raise MaterialError(f"{what}: the engine of the page has model compliance only; {instead}")
-    if session.model.gaps is not None:
-        raise MaterialError(f"{what}: the engine of the page does not have organs that touch; {instead}")
     return solid_bytes(session)
 
 
 def solid_bytes(session: Session) -> bytes:
     """JSON, of a length that comes first (32 bits), then the arrays that web/src/engine/touch-engine.ts reads.
 
-    They are node, lam, mu (float64; mm, N/mm²), tet, region, triangle, shown, labels of the regions by size (int32), fixed
+    They are blade, node, lam, mu (float64; mm, N/mm²), tet, region, triangle, shown, labels of the regions by size (int32), fixed
     (uint8).
     """
-    mesh, tissue, settings = session.mesh, session.model.tissue, session.settings
+    tissue, settings = before_cuts(session.tissue), session.settings
+    mesh, blades = tissue.mesh, session.mesh.blades if isinstance(session.mesh, CutMesh) else ()
+    shown = displayed_nodes(mesh) if blades else session.shown  # of a cut organ the engine finds them itself
+    corners = np.concatenate([np.empty((0, 3, 3)), *(blade.points[blade.triangles] for blade in blades)])
     lam, mu = lame(tissue.young, tissue.poisson)
     described = session.description() | {"instructions": INSTRUCTIONS}
     header = {
@@ -65,8 +69,9 @@ def solid_bytes(session: Session) -> bytes:
         "nodes": len(mesh.nodes),
         "tets": len(mesh.tets),
         "triangles": len(mesh.surface),
-        "shown": len(session.shown),
+        "shown": len(shown),
         "regions": len(labels := regions_by_size(mesh)),
+        "blade": len(corners),
         "edge": tissue.edge,
         "radius": settings.radius,
         "limit": settings.limit,
@@ -75,8 +80,8 @@ def solid_bytes(session: Session) -> bytes:
     }
     text = json.dumps(header).encode()
     arrays = [
-        *(np.asarray(a, "<f8") for a in (mesh.nodes, lam, mu)),
-        *(np.asarray(a, "<i4") for a in (mesh.tets, mesh.region, mesh.surface, session.shown, labels)),
+        *(np.asarray(a, "<f8") for a in (corners, mesh.nodes, lam, mu)),
+        *(np.asarray(a, "<i4") for a in (mesh.tets, mesh.region, mesh.surface, shown, labels)),
         tissue.held.astype(np.uint8),
     ]
     return struct.pack("<I", len(text)) + text + b"".join(a.tobytes() for a in arrays)

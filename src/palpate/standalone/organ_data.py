@@ -2,6 +2,7 @@
 
 import json
 import struct
+from collections.abc import Mapping
 
 from palpate.server.cutting_stroke import first_depth, may_cut
 from palpate.server.exam import Exam
@@ -12,12 +13,15 @@ from palpate.simulation.session import Session
 from palpate.tissue.tissue import Tissue
 
 
-def session_of(tissue: Tissue, radius: float | None = None) -> Session:
+def session_of(
+    tissue: Tissue, radius: float | None = None, toughness: float | Mapping[int | str, float] | None = None
+) -> Session:
     """A session of model `compliance`, which the page's engine repeats.
 
     Raises `MaterialError` for a tissue that the engine does not follow, `DataError` for a radius that is too large.
     """
-    return Session(followed_model(tissue, "export", "serve it: palpate touch"), radius=radius, sweeps=1)
+    model = followed_model(tissue, "export", "serve it: palpate touch")
+    return Session(model, radius=radius, sweeps=1, toughness=toughness)
 
 
 def organ_data(session: Session, title: str, task: str = "") -> bytes:

@@ -1,5 +1,6 @@
 """A page with everything in it: it works from a disk, offline, and asks nobody for anything."""
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from palpate.atomic_write import new_folder, replacing, replacing_folder, writable
@@ -35,6 +36,7 @@ def export(
     *,
     title: str | None = None,
     radius: float | None = None,
+    toughness: float | Mapping[int | str, float] | None = None,
     task: Task | None = None,
     folder: bool = False,
 ) -> Path:
@@ -53,6 +55,8 @@ def export(
         What the page shows as the organ's name. The default is "organ".
     radius : float, optional
         Radius of the contact, mm. The default is two mean edges of the surface.
+    toughness : float or dict, optional
+        Energy that a cut takes for each area, J/m², as `cutting_work` takes it. The default is that of the named tissues.
     task : Task, optional
         What the page asks of a trainee. The page saves the session for `palpate score`.
     folder : bool, optional
@@ -81,7 +85,7 @@ def export(
     asked, title = task or Task(), title or "organ"
     target_of(asked, tissue)
     check_page()
-    return _write(path, folder, organ_data(session_of(tissue, radius), title, asked.text), title)
+    return _write(path, folder, organ_data(session_of(tissue, radius, toughness), title, asked.text), title)
 
 
 def export_case(lesson: Lesson, seed: int, path: str | Path, *, channel: str = "screen", folder: bool = False) -> Path:

@@ -66,14 +66,14 @@ def cut(tissue: Tissue, blade: Blade | Sequence[Blade], loose: str = "refuse") -
         raise MaterialError(
             f'element: "{tissue.element}" is not built for cuts; make the tissue with element="smoothed"'
         )
-    mesh = cut_mesh(tissue.mesh, blades)
-    held = _held_before(tissue)
+    whole, mesh = before_cuts(tissue), cut_mesh(tissue.mesh, blades)
+    held = whole.fixed
     free = _loose(mesh, held)
     if len(free):
         if loose == "refuse" or len(free) == mesh.body.max() + 1:
             raise MaterialError(_says(mesh, free))
         mesh = without(mesh, free)
-    return _tissue(tissue, mesh, held)
+    return _tissue(whole, mesh)
 
 
 def may_be_cut(tissue: Tissue) -> bool:
@@ -81,31 +81,35 @@ def may_be_cut(tissue: Tissue) -> bool:
     return tissue.element in ("smoothed", "P1")
 
 
-def _held_before(tissue: Tissue) -> Int32:
-    """Held nodes of the mesh before all cuts."""
+def before_cuts(tissue: Tissue) -> Tissue:
+    """The tissue before all its cuts. Raises `MeshError` if a piece of it has been taken away."""
     mesh = tissue.mesh
-    return np.unique(mesh.origin[tissue.fixed]) if isinstance(mesh, CutMesh) else tissue.fixed
+    if not isinstance(mesh, CutMesh):
+        return tissue
+    first = np.unique(mesh.parent, return_index=True)[1]
+    return tissue.replace(
+        mesh=mesh.uncut,
+        young=tissue.young[first],
+        poisson=tissue.poisson[first],
+        stiffening=tissue.stiffening[first],
+        fixed=np.unique(mesh.origin[tissue.fixed]),
+    )
 
 
-def _tissue(before: Tissue, mesh: CutMesh, held: Int32) -> Tissue:
-    old = before.mesh
-    first = np.arange(len(old.tets))
-    if isinstance(old, CutMesh):
-        first = np.unique(old.parent, return_index=True)[1]
-
+def _tissue(before: Tissue, mesh: CutMesh) -> Tissue:
     relaxation = before.relaxation
     if isinstance(relaxation, dict):
         relaxation = {region: one for region, one in relaxation.items() if (mesh.region == region).any()} or None
 
     def copied(constant: Float64) -> Float64:
-        return np.asarray(constant[first][mesh.parent])
+        return np.asarray(constant[mesh.parent])
 
     return before.replace(
         mesh=mesh,
         young=copied(before.young),
         poisson=copied(before.poisson),
         stiffening=copied(before.stiffening),
-        fixed=np.isin(mesh.origin, held),
+        fixed=np.isin(mesh.origin, before.fixed),
         springs=None,
         report=None,
         relaxation=relaxation,

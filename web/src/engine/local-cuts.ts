@@ -12,7 +12,7 @@ export class LocalCuts {
   private stroke: CuttingStroke | null = null;
   private due: CuttingStroke | "undo" | null = null; // a change of the body before the next tick
   private made = 0; // cuts that there are
-  private area = 0; // mm² of these
+  private area: number; // mm² of these, and of those that the organ came with
   bodies = 0; // how often the body has been changed
 
   /** uncut: the organ before all cuts. command: to the loop's tools. present: the organ that is drawn from now on. tell: a text. */
@@ -23,7 +23,9 @@ export class LocalCuts {
     private readonly command: (command: Omit<ToolCommand, "serial">) => void,
     private readonly present: (organ: SceneArrays) => void,
     private readonly tell: (text: string) => void,
-  ) {}
+  ) {
+    this.area = engine.first?.area ?? 0;
+  }
 
   /** Takes a `Scalpel` message. */
   obey(data: ArrayBuffer): void {
@@ -80,14 +82,16 @@ export class LocalCuts {
   private show(opened: OpenedBody | null): void {
     this.bodies++;
     const { uncut, made, bodies } = this, change = { body: bodies, made };
-    if (opened === null) {
-      this.area = 0;
-      return this.present({ ...uncut, scene: { ...uncut.scene, ...change } });
-    }
-    const { rest, triangles, lips, area } = opened, count = triangles.length / 3;
-    const scene = { ...uncut.scene, ...change, nodes: rest.length / 3, triangles: count, parts: [{ name: "organ", first: 0, count, inside: false }], lips, gapes: false };
-    if (area > this.area) this.tell(`Cut of ${Math.round(area - this.area)} mm².`);
-    this.area = area;
-    this.present({ scene, rest, open: rest.slice(), triangles, beside: null });
+    const before = this.area;
+    this.area = (opened ?? this.engine.first)?.area ?? 0;
+    if (this.area > before) this.tell(`Cut of ${Math.round(this.area - before)} mm².`);
+    const { scene, ...arrays } = opened ? withBody(uncut, opened) : uncut;
+    this.present({ scene: { ...scene, ...change }, ...arrays });
   }
+}
+
+/** The organ as it is drawn once it was cut. */
+export function withBody({ scene }: SceneArrays, { rest, triangles, lips }: OpenedBody): SceneArrays {
+  const count = triangles.length / 3, parts = [{ name: "organ", first: 0, count, inside: false }];
+  return { scene: { ...scene, nodes: rest.length / 3, triangles: count, parts, lips, gapes: false }, rest, open: rest.slice(), triangles, beside: null };
 }

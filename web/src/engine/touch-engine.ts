@@ -10,7 +10,7 @@ interface Exports {
   release(at: number): void;
   make(
     nodes: number, node: number, tets: number, tet: number, region: number, lam: number, mu: number, fixed: number,
-    triangles: number, triangle: number, shownNodes: number, shown: number, regions: number, labels: number, edge: number,
+    triangles: number, triangle: number, shownNodes: number, shown: number, regions: number, labels: number, bladeTriangles: number, blade: number, edge: number,
     radius: number, limit: number, friction: number, toughness: number,
   ): number;
   incise(points: number, point: number, depth: number): number;
@@ -38,6 +38,7 @@ interface Header {
   triangles: number;
   shown: number;
   regions: number;
+  blade: number; // triangles of the cuts that it comes with
   edge: number; // mm, of a mean element
   radius: number;
   limit: number;
@@ -79,8 +80,8 @@ export interface EngineFrame {
 }
 
 /** Bytes of each array of an organ's file, in their order. */
-const arrays = ({ nodes, tets, triangles, shown, regions }: Header) => ({
-  node: 24 * nodes, lam: 8 * tets, mu: 8 * tets, tet: 16 * tets, region: 4 * tets, triangle: 12 * triangles, shown: 4 * shown, labels: 4 * regions, fixed: nodes,
+const arrays = ({ nodes, tets, triangles, shown, regions, blade }: Header) => ({
+  blade: 72 * blade, node: 24 * nodes, lam: 8 * tets, mu: 8 * tets, tet: 16 * tets, region: 4 * tets, triangle: 12 * triangles, shown: 4 * shown, labels: 4 * regions, fixed: nodes,
 });
 const OPENED_NUMBERS = 7;
 
@@ -91,8 +92,9 @@ export class TouchEngine {
   private readonly engine: Exports;
   private readonly forces: number;
   private readonly numbers: number;
-  private shownNodes = 0; // of the whole organ
   private drawn = 0; // vertices
+  private drawnFirst = 0; // of the organ as it came
+  first: OpenedBody | null = null; // what is drawn of an organ that came with cuts
   edge = 0; // mm
   description: Record<string, unknown> = {};
 
@@ -129,14 +131,15 @@ export class TouchEngine {
       new Uint8Array(this.engine.memory.buffer, at[name], bytes).set(file.subarray(from, from + bytes));
       from += bytes;
     }
-    const { nodes, tets, triangles, shown, regions, edge, radius, limit, friction, toughness } = header;
+    const { nodes, tets, triangles, shown, regions, blade, edge, radius, limit, friction, toughness } = header;
     const failed = this.engine.make(
-      nodes, at.node, tets, at.tet, at.region, at.lam, at.mu, at.fixed, triangles, at.triangle, shown, at.shown, regions, at.labels, edge,
+      nodes, at.node, tets, at.tet, at.region, at.lam, at.mu, at.fixed, triangles, at.triangle, shown, at.shown, regions, at.labels, blade, at.blade, edge,
       radius, limit, friction, toughness,
     );
     for (const each of Object.values(at)) this.engine.release(each);
-    if (failed) throw new Error("the organ's stiffness is not positive definite");
-    this.shownNodes = this.drawn = shown;
+    if (failed) throw new Error(blade ? REFUSALS[failed] : "the organ's stiffness is not positive definite");
+    this.first = blade ? this.opened() : null;
+    this.drawn = this.drawnFirst = this.first ? this.first.rest.length / 3 : shown;
     this.edge = edge;
     this.description = header.description;
   }
@@ -195,12 +198,12 @@ export class TouchEngine {
     return this.opened();
   }
 
-  /** Takes the last cut back; left: how many cuts there are then. Null: none is left. */
+  /** Takes the last cut back; left: how many cuts there are then beside those that it came with. Null: none is left. */
   undo(left: number): OpenedBody | null {
     const refused = this.engine.undo();
     if (refused) throw new CutRefused(REFUSALS[refused]);
     if (left > 0) return this.opened();
-    this.drawn = this.shownNodes;
+    this.drawn = this.drawnFirst;
     return null;
   }
 
