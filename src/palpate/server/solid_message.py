@@ -55,8 +55,8 @@ def predicted_solid(session: Session) -> bytes:
 def solid_bytes(session: Session) -> bytes:
     """JSON, of a length that comes first (32 bits), then the arrays that web/src/engine/touch-engine.ts reads.
 
-    They are blade, node, lam, mu (float64; mm, N/mm²), tet, region, triangle, shown, labels of the regions by size (int32), fixed
-    (uint8).
+    They are blade (of all cuts), node, lam, mu (float64; mm, N/mm²), tet, region, triangle, shown, labels of the regions by
+    size (int32), fixed (uint8).
     """
     tissue, settings = before_cuts(session.tissue), session.settings
     mesh, blades = tissue.mesh, session.mesh.blades if isinstance(session.mesh, CutMesh) else ()
