@@ -35,4 +35,41 @@ CutBody cut_body(const double* nodes, int node_count, const int32_t* tets, int t
     }
 }
 
+void take_away(CutBody& body, const std::vector<uint8_t>& gone) {
+    VirtualNodes& mesh = body.mesh;
+    CutSkin& skin = body.skin;
+    const auto stays = [&, of = mesh.body](int tet) { return !gone[of[tet]]; };
+    std::vector<int> tet_number(mesh.tet.size(), -1), node_number(mesh.origin.size(), -1),
+        vertex_number(skin.tet.size(), -1);
+    for (size_t t = 0, next = 0; t < mesh.tet.size(); t++)
+        if (stays(int(t))) {
+            tet_number[t] = int(next++);
+            for (int node : mesh.tet[t]) node_number[node] = 0;
+        }
+    VirtualNodes left;
+    for (size_t i = 0; i < node_number.size(); i++)
+        if (node_number[i] == 0) node_number[i] = int(left.origin.size()), left.origin.push_back(mesh.origin[i]);
+    for (size_t t = 0; t < mesh.tet.size(); t++) {
+        if (tet_number[t] < 0) continue;
+        left.tet.push_back(mesh.tet[t]);
+        for (int& node : left.tet.back()) node = node_number[node];
+        left.parent.push_back(mesh.parent[t]), left.share.push_back(mesh.share[t]);
+        left.side.push_back(mesh.side[t]), left.body.push_back(mesh.body[t]);
+    }
+    CutSkin drawn;
+    for (size_t v = 0; v < skin.tet.size(); v++) {
+        if (tet_number[skin.tet[v]] < 0) continue;
+        vertex_number[v] = int(drawn.tet.size());
+        drawn.tet.push_back(tet_number[skin.tet[v]]);
+        drawn.weight.insert(drawn.weight.end(), &skin.weight[4 * v], &skin.weight[4 * v] + 4);
+    }
+    for (size_t t = 0; t < skin.triangle.size(); t++) {
+        if (vertex_number[skin.triangle[t][0]] < 0) continue;
+        drawn.triangle.push_back(skin.triangle[t]);
+        for (int& v : drawn.triangle.back()) v = vertex_number[v];
+        drawn.lip.push_back(skin.lip[t]);
+    }
+    mesh = std::move(left), skin = std::move(drawn);
+}
+
 } // namespace palpate

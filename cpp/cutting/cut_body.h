@@ -14,6 +14,9 @@ struct CutBody {
 CutBody cut_body(const double* nodes, int node_count, const int32_t* tets, int tet_count,
                  const std::vector<BladeTriangle>& blade);
 
+// Without the pieces of these numbers: gone (bodies) is 1 for each of them.
+void take_away(CutBody& body, const std::vector<uint8_t>& gone);
+
 // The longest side of the nodes' box, mm.
 double mesh_extent(const double* nodes, int count);
 

@@ -8,6 +8,7 @@ namespace palpate {
 namespace {
 
 constexpr double rest_tolerance = 1e-6; // mm, largest displacement of a tissue that counts as at rest
+constexpr double taken_away = 0.1;      // mm from a contact to the surface after a cut, from which on its place is gone
 
 } // namespace
 
@@ -143,7 +144,8 @@ void Simulation::change(ActiveModel to) {
     if (next.surface) change_body();
 }
 
-// Tools that touch the body before stay where they are on its surface, and go on from the force that they felt.
+// Tools that touch the body before stay where they are on its surface, and go on from the force that they felt. What
+// held a piece that is there no more has nothing in its hand.
 void Simulation::change_body() {
     old = std::move(now);
     now = std::move(next);
@@ -153,7 +155,11 @@ void Simulation::change_body() {
     for (ToolProxy& p : proxy) {
         if (p.state == ContactState::idle || p.state == ContactState::refused) continue;
         p.at = now.surface->closest(p.at.point);
-        if (p.state != ContactState::cutting) find_patch(p, *now.surface, settings.tools, now.scratch);
+        if (p.at.distance > taken_away) {
+            p.clear_forces();
+            p.state = ContactState::refused; // until the tool is taken away
+        } else if (p.state != ContactState::cutting)
+            find_patch(p, *now.surface, settings.tools, now.scratch);
     }
 }
 

@@ -134,13 +134,14 @@ EXPORTED int undo() {
 }
 
 // What is drawn of a body that was cut. out: numbers of vertices, triangles and regions, mm^2 of all cuts; then where
-// these are: vertices (.., 3) mm as float32, triangles (.., 3), the first vertex on lips of each region.
+// these are: vertices (.., 3) mm as float32, triangles (.., 3), the first vertex on lips of each region, the volumes of
+// each that came free, mm^3.
 EXPORTED void opened(double* out) {
     const OrganBody& body = *organ.opened;
     *out++ = double(body.drawn.vertex.size()), *out++ = double(body.drawn.triangle.size());
     *out++ = double(body.drawn.lips.size()), *out++ = body.area;
-    for (const void* at :
-         {(const void*)body.rest.data(), (const void*)body.drawn.triangle.data(), (const void*)body.drawn.lips.data()})
+    for (const void* at : {(const void*)body.rest.data(), (const void*)body.drawn.triangle.data(),
+                           (const void*)body.drawn.lips.data(), (const void*)body.taken.data()})
         *out++ = double(reinterpret_cast<size_t>(at));
 }
 

@@ -1,6 +1,7 @@
 #include "wasm/organ_body.h"
 #include "base/vec3.h"
 #include "elements/smoothed_stiffness.h"
+#include "wasm/free_pieces.h"
 #include "wasm/lip_contact.h"
 #include <algorithm>
 
@@ -8,7 +9,6 @@ namespace palpate {
 namespace {
 
 constexpr size_t table_bytes = size_t(256) << 20; // of the compliance's tables, as in Python
-constexpr double on_a_line = 1e-6;                // of the held nodes' extent
 constexpr double one_place = 1e-8;                // of the body's extent, as in palpate.tissue.lip_gaps
 
 std::vector<int> numbered_free(const std::vector<uint8_t>& fixed) {
@@ -39,37 +39,6 @@ Made make_model(OrganBody& body, const ElasticSolid& solid, const std::vector<ui
     return made;
 }
 
-// Whether these points (mm) are not all on one line: held, they leave no rigid motion.
-bool hold_still(const std::vector<Point3>& points) {
-    const auto furthest = [&](const auto& size) {
-        double most = 0;
-        Point3 found{0, 0, 0};
-        for (const Point3& x : points) {
-            const double d[3] = {x[0] - points[0][0], x[1] - points[0][1], x[2] - points[0][2]};
-            if (size(d) > most) most = size(d), found = {d[0], d[1], d[2]};
-        }
-        return std::pair(most, found);
-    };
-    if (points.empty()) return false;
-    const auto [long_side, axis] = furthest([](const double* d) { return length(d); });
-    const auto off_axis = [&, size = long_side, along = axis](const double* d) {
-        const double part = dot(d, along.data()) / (size * size);
-        const double off[3] = {d[0] - part * along[0], d[1] - part * along[1], d[2] - part * along[2]};
-        return length(off);
-    };
-    return long_side > 0 && furthest(off_axis).first > on_a_line * long_side;
-}
-
-bool pieces_are_held(const VirtualNodes& mesh, const OrganSolid& solid) {
-    std::vector<std::vector<Point3>> held(*std::max_element(mesh.body.begin(), mesh.body.end()) + 1);
-    for (size_t t = 0; t < mesh.tet.size(); t++)
-        for (int i : mesh.tet[t]) {
-            const double* x = &solid.node[3 * size_t(mesh.origin[i])];
-            if (solid.fixed[mesh.origin[i]]) held[mesh.body[t]].push_back({x[0], x[1], x[2]});
-        }
-    return std::all_of(held.begin(), held.end(), hold_still);
-}
-
 template <class T> std::vector<T> picked(const std::vector<T>& from, const std::vector<int>& at) {
     std::vector<T> out;
     for (int i : at) out.push_back(from[i]);
@@ -95,9 +64,7 @@ LipGaps make_surfaces(OrganBody& body, const OrganSolid& solid, const std::vecto
             if (w != 0 && !fixed[tet[k]]) held[v] = 0;
             for (int d = 0; d < 3; d++) place[3 * v + d] += w * node[3 * size_t(tet[k]) + d];
         }
-        const auto label =
-            std::find(solid.regions.begin(), solid.regions.end(), solid.region[mesh.parent[skin.tet[v]]]);
-        rank.push_back(int(label - solid.regions.begin()));
+        rank.push_back(rank_of(solid, mesh.parent[skin.tet[v]]));
     }
     std::sort(body.shown.begin(), body.shown.end());
     body.shown.erase(std::unique(body.shown.begin(), body.shown.end()), body.shown.end());
@@ -115,17 +82,6 @@ LipGaps make_surfaces(OrganBody& body, const OrganSolid& solid, const std::vecto
         }
     for (int v : body.drawn.vertex)
         for (int d = 0; d < 3; d++) body.rest.push_back(float(place[3 * size_t(v) + d]));
-    for (size_t t = 0; t < skin.triangle.size(); t++) {
-        if (!skin.lip[t]) continue;
-        const auto [a, b, c] = skin.triangle[t];
-        double u[3], w[3];
-        for (int d = 0; d < 3; d++) {
-            u[d] = place[3 * size_t(b) + d] - place[3 * size_t(a) + d];
-            w[d] = place[3 * size_t(c) + d] - place[3 * size_t(a) + d];
-        }
-        const double n[3] = {u[1] * w[2] - u[2] * w[1], u[2] * w[0] - u[0] * w[2], u[0] * w[1] - u[1] * w[0]};
-        body.area += length(n) / 4; // half of a triangle, of one of the two lips
-    }
     return lip_gaps({int(vertices), int(skin.triangle.size()), skin.triangle[0].data(), skin.lip.data(), carrier.data(),
                      skin.weight.data(), place.data(), mesh.origin.data()},
                     one_place * mesh_extent(node.data(), int(fixed.size())));
@@ -157,8 +113,12 @@ OrganBody cut_body_of(const OrganSolid& solid, const std::vector<BladeTriangle>&
     OrganBody body;
     body.cut = cut_body(solid.node.data(), solid.nodes(), solid.tet.data(), solid.tets(), blades);
     const VirtualNodes& mesh = body.cut.mesh;
+    const std::vector<uint8_t> gone = free_pieces(mesh, solid);
     answer = comes_free;
-    if (!pieces_are_held(mesh, solid)) return body;
+    if (std::count(gone.begin(), gone.end(), 0) == 0) return body;
+    body.area = cut_area(body.cut, solid);
+    body.taken = volumes_of(mesh, gone, solid);
+    take_away(body.cut, gone);
     std::vector<double> node;
     for (int i : mesh.origin) node.insert(node.end(), &solid.node[3 * size_t(i)], &solid.node[3 * size_t(i)] + 3);
     const std::vector<uint8_t> fixed = picked(solid.fixed, mesh.origin);

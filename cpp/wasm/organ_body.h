@@ -31,7 +31,8 @@ struct OrganBody {
     CutBody cut;
     DrawnSkin drawn;
     std::vector<float> rest;     // (drawn vertices, 3) mm
-    double area = 0;             // mm^2, of one lip
+    double area = 0;             // mm^2, of all cuts, one lip of each
+    std::vector<double> taken;   // mm^3 of the pieces that came free, by region in the order of `regions`
     std::vector<int> shown;      // nodes of the body
     std::vector<int> carrier;    // (drawn vertices, 4) places in `shown`, or none: the shown nodes are what is drawn
     std::vector<float> carrying; // (drawn vertices, 4) how much each counts
@@ -45,8 +46,8 @@ OrganBody whole_body(const OrganSolid& solid);
 
 enum Made : int { made, not_positive_definite, comes_free, too_many_gaps }; // what became of a body
 
-// Of an organ that blades have passed; without a model unless it was made. comes_free: a piece that no three of its
-// nodes hold.
+// Of an organ that blades have passed; without a model unless it was made. Pieces that no three of their nodes hold are
+// taken away. comes_free: nothing would be left.
 OrganBody cut_body_of(const OrganSolid& solid, const std::vector<BladeTriangle>& blades, Made& answer);
 
 } // namespace palpate

@@ -124,19 +124,44 @@ def test_an_organ_that_was_cut_before_is_exported_and_cut_again(tmp_path):
     assert np.abs(np.array(whole["forces"][-1]) - found["forces"][299]).max() > 0.01
 
 
-def test_cuts_that_cannot_be_are_refused_and_the_organ_stays(tmp_path):
+def test_a_cut_that_meets_nothing_changes_nothing(tmp_path):
     tissue = organ(8)
     top, point = tissue.mesh.nodes[:, 2].max(), np.array(across(tissue)[1])
-    through = pp.Blade.swept([(-200, -200, top - 9), (200, -200, top - 9)], (0, 1, 0), 400)
     beside = pp.Blade.swept([(200, -20, top), (200, 20, top)], (0, 0, -1), 40)
-    blades = [{"blade": blade.points[blade.triangles].ravel().tolist()} for blade in (through, beside)]
+    cut = {"blade": beside.points[beside.triangles].ravel().tolist()}
     press = hold(point, (0, 0, -2), 300)
-    plain, tried = (run_in_node(tmp_path, session_of(tissue), [*press, *some, *press]) for some in ([], blades))
-    assert ["come free" in tried["refused"][0], "met nothing" in tried["refused"][1]] == [True, True]
+    plain, tried = (run_in_node(tmp_path, session_of(tissue), [*press, *some, *press]) for some in ([], [cut]))
+    assert ["met nothing" in words for words in tried["refused"]] == [True]
     assert tried["opened"] == []
     assert tried["forces"] == plain["forces"]
-    with pytest.raises(pp.errors.MaterialError, match="come free"):
-        pp.cut(tissue, through)
+
+
+def test_what_comes_free_is_taken_away_as_in_a_session(tmp_path):
+    """The top of the organ with most of its lump, and a hand beside it that stays; one on it holds nothing."""
+    tissue = organ(8)
+    top = tissue.mesh.nodes[:, 2].max()
+    through = pp.Blade.swept([(-200, -200, top - 9), (200, -200, top - 9)], (0, 1, 0), 400)
+    cut = {"blade": through.points[through.triangles].ravel().tolist()}
+    side = tissue.surface.closest(np.array((60.0, 0.0, 0.0))).point
+    push = (-1.5, 0.2, 0.3)
+    found = run_in_node(tmp_path, session_of(tissue), [*hold(side, push, 200), cut, *hold(side, push, 500)])
+    native = session_of(tissue)
+    command = pp.Command(True, tuple(side), push, "hold")
+    expected = [native.step([command] * 200)]
+    native.cut(through)
+    expected.append(native.step([command] * 500))
+    np.testing.assert_allclose(found["forces"], np.concatenate(expected), atol=2e-5 * np.abs(expected[0]).max())
+    drawn = found["opened"][0]
+    assert drawn["taken"] == pytest.approx([native.taken["organ"], native.taken["lump"]], rel=1e-9)
+    assert drawn["area"] == pytest.approx(native.cutting_work[-1].area, rel=1e-9)
+    assert len(drawn["rest"]) == 3 * len(native.displayed.places)
+    lost = run_in_node(
+        tmp_path,
+        session_of(tissue),
+        [*hold(across(tissue)[1], (0, 0, 2), 200), cut, *hold(across(tissue)[1], (0, 0, 2), 100)],
+    )
+    assert not np.any(lost["forces"][202:])
+    assert lost["contact"][0] == 2
 
 
 @pytest.fixture(scope="module")

@@ -52,8 +52,8 @@ for (const one of given) {
   else if (one.way || one.blade) {
     try {
       const blade = one.blade ? Float64Array.from(one.blade) : engine.incision(one.way, one.depth);
-      const { rest, triangles, lips, area } = engine.cut(blade);
-      opened.push({ rest: [...rest], triangles: [...triangles], lips, area });
+      const { rest, triangles, ...told } = engine.cut(blade);
+      opened.push({ rest: [...rest], triangles: [...triangles], ...told });
       made++;
     } catch (problem) {
       if (!(problem instanceof CutRefused)) throw problem;

@@ -11,10 +11,12 @@ from starlette.websockets import WebSocket
 
 from palpate.arrays import ArrayLike, Float64
 from palpate.errors import PalpateError
+from palpate.meshes.tet_mesh import regions_by_size
 from palpate.server.held_tools import HeldTools
 from palpate.server.message_kinds import CutStep
 from palpate.server.messages import Scalpel
 from palpate.server.scene_message import reach
+from palpate.simulation.cut_tissues import taken_by_name
 from palpate.simulation.pointer import Command, ContactState
 from palpate.simulation.session import Session
 from palpate.tissue.cutting import may_be_cut
@@ -140,7 +142,8 @@ class Cutting:
                 stroke.cut = done
             if stroke.cut:
                 length = float(np.linalg.norm(np.diff(stroke.way[: stroke.cut], axis=0), axis=1).sum())
-                await self.tell(told(stroke.session.cutting_work[-1], length), stroke.page)
+                work = told(stroke.session.cutting_work[-1], length)
+                await self.tell(work + told_of_pieces(stroke.session, stroke.before), stroke.page)
         except PalpateError as problem:
             await self.tell(str(problem))
         finally:
@@ -178,6 +181,19 @@ def told(work: CuttingWork, way: float) -> str:
     if work.unknown and not work.total:
         return f"{size}, of unknown toughness."
     return f"{size}: {work.total:.1f} mJ, {work.total / way:.2f} N on the blade."
+
+
+def told_of_pieces(session: Session, before: Tissue) -> str:
+    """What of the organ has come free since a tissue of the session, and how much of each part inside is out by now."""
+    taken, earlier = session.taken, taken_by_name(before)
+    new = sum(taken.values()) - sum(earlier.values())
+    if not new > 0:
+        return ""
+    mesh = session.first.tissue.mesh
+    whole = np.bincount(mesh.region, mesh.volumes)
+    inner = [(label, (mesh.names or {}).get(label, f"region {label}")) for label in regions_by_size(mesh)[1:]]
+    out = [f"{taken[name] / whole[label]:.0%} of {name}" for label, name in inner if name in taken]
+    return f" {new / 1000:.2g} ml came free and were taken away{': ' if out else ''}{', '.join(out)}."
 
 
 def simplified(way: ArrayLike, tolerance: float) -> Float64:

@@ -58,10 +58,11 @@ def solid_bytes(session: Session) -> bytes:
     They are blade (of all cuts), node, lam, mu (float64; mm, N/mm²), tet, region, triangle, shown, labels of the regions by
     size (int32), fixed (uint8).
     """
-    tissue, settings = before_cuts(session.tissue), session.settings
+    tissue, settings = before_cuts(session.first.tissue), session.settings
     mesh, blades = tissue.mesh, session.mesh.blades if isinstance(session.mesh, CutMesh) else ()
     shown = displayed_nodes(mesh) if blades else session.shown  # of a cut organ the engine finds them itself
     corners = np.concatenate([np.empty((0, 3, 3)), *(blade.points[blade.triangles] for blade in blades)])
+    labels, whole = regions_by_size(mesh), np.bincount(mesh.region, mesh.volumes)
     lam, mu = lame(tissue.young, tissue.poisson)
     described = session.description() | {"instructions": INSTRUCTIONS}
     header = {
@@ -70,7 +71,11 @@ def solid_bytes(session: Session) -> bytes:
         "tets": len(mesh.tets),
         "triangles": len(mesh.surface),
         "shown": len(shown),
-        "regions": len(labels := regions_by_size(mesh)),
+        "regions": len(labels),
+        "parts": [
+            {"name": (mesh.names or {}).get(label, f"region {label}"), "volume": float(whole[label])}
+            for label in labels
+        ],
         "blade": len(corners),
         "edge": tissue.edge,
         "radius": settings.radius,

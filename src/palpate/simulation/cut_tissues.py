@@ -2,6 +2,7 @@
 
 from palpate.errors import DataError
 from palpate.meshes.cutting.blade import Blade
+from palpate.meshes.cutting.cut_mesh import CutMesh
 from palpate.simulation.session_cuts import CutKind
 from palpate.tissue.cutting import cut
 from palpate.tissue.models.compliance import ComplianceModel
@@ -14,7 +15,22 @@ def tissues_after(tissues: tuple[Tissue, ...], kind: CutKind, blade: Blade | Non
     if kind != "cut" and len(tissues) < 2:
         raise DataError(f"{kind}: nothing has been cut in this session; cut first")
     before = tissues if kind == "cut" else tissues[:-1]
-    return before if blade is None else (*before, cut(before[-1], blade))
+    if blade is None:
+        return before
+    blades = (*blades_of(before[-1])[len(blades_of(tissues[0])) :], blade)
+    return (*before, cut(tissues[0], blades, loose="remove"))  # of all of it: a piece may have been taken away
+
+
+def blades_of(tissue: Tissue) -> tuple[Blade, ...]:
+    """Of all its cuts."""
+    return tissue.mesh.blades if isinstance(tissue.mesh, CutMesh) else ()
+
+
+def taken_by_name(tissue: Tissue) -> dict[str, float]:
+    """Volumes of the pieces that its cuts have freed and that were taken away, by name of the region, mm³."""
+    mesh = tissue.mesh
+    volumes = mesh.taken.volumes if isinstance(mesh, CutMesh) else {}
+    return {(mesh.names or {}).get(region, f"region {region}"): volume for region, volume in volumes.items()}
 
 
 def model_after(tissue: Tissue, first: TissueModel, present: TissueModel) -> ComplianceModel:

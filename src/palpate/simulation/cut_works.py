@@ -15,6 +15,8 @@ from palpate.tissue.cutting_work import CuttingWork, cutting_work, together
 from palpate.tissue.models.compliance import ComplianceModel
 from palpate.tissue.models.tissue_model import TissueModel
 
+TAKEN_AWAY = 0.1  # mm from a contact to the surface after a cut, from which on its place is gone, as in simulation.cpp
+
 
 @dataclass(frozen=True, eq=False)
 class HeldPoints:
@@ -25,12 +27,15 @@ class HeldPoints:
     radius: float
 
     def energy(self, model: TissueModel) -> float:
-        """Elastic energy, mJ, of a body that is held so: half of the forces times the displacements."""
-        if not len(self.points):
+        """Elastic energy, mJ, of a body that is held so where it is there: half of the forces times the displacements."""
+        surface = model.tissue.surface
+        there = np.array([surface.closest(point).distance <= TAKEN_AWAY for point in self.points], dtype=bool)
+        if not there.any():
             return 0.0
         assert isinstance(model, ComplianceModel)
-        found = contacts(model.tissue, self.points, self.displacements, np.full(len(self.points), self.radius))
-        return float((model.held_forces(found) * self.displacements).sum() / 2)
+        ways = self.displacements[there]
+        found = contacts(model.tissue, self.points[there], ways, np.full(len(ways), self.radius))
+        return float((model.held_forces(found) * ways).sum() / 2)
 
 
 def held_points(frame: Any, radius: float) -> HeldPoints:

@@ -12,7 +12,7 @@ from palpate.arrays import Float32, Float64, Int32
 from palpate.errors import DataError, MaterialError
 from palpate.meshes.cutting.blade import Blade
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.simulation.cut_tissues import model_after, tissues_after
+from palpate.simulation.cut_tissues import model_after, taken_by_name, tissues_after
 from palpate.simulation.cut_works import held_points, works_after
 from palpate.simulation.displayed_bodies import DisplayedBodies
 from palpate.simulation.event_collector import EventCollector
@@ -151,6 +151,11 @@ class Session:
         return len(self._tissues) - 1
 
     @property
+    def taken(self) -> dict[str, float]:
+        """Volumes of the pieces that its cuts have freed and that were taken away, by name of the region, mm³."""
+        return taken_by_name(self.tissue)
+
+    @property
     def mesh(self) -> TetMesh:
         """Its mesh."""
         return self.tissue.mesh
@@ -249,7 +254,8 @@ class Session:
         """Cut the tissue, while the session runs or between two steps.
 
         The tissue is cut and factored first, which takes part of a second; ticks go on meanwhile. Then the cut body takes
-        over within a tick. Tools that touch it stay where they are, and their forces fade into those of the cut body.
+        over within a tick. Tools that touch it stay where they are, and their forces fade into those of the cut body. A piece
+        that comes free, which no three nodes hold, is taken away (`taken`), and a tool that held it lets go.
 
         Parameters
         ----------
@@ -266,7 +272,7 @@ class Session:
         Raises
         ------
         MaterialError
-            If a piece would come free, the model is not `compliance`, or the tissue relaxes or has inertia.
+            If nothing would be left that is held, the model is not `compliance`, or the tissue relaxes or has inertia.
         DataError
             If there is nothing to extend.
 

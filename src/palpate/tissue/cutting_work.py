@@ -4,15 +4,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
-from palpate.arrays import Int32, Int64
 from palpate.errors import MaterialError
 from palpate.meshes.cutting.cut_mesh import CutMesh
 from palpate.tissue.named_tissues import tissue_properties
 from palpate.tissue.tissue import Tissue
 
-NEAREST = 32  # tetrahedra around a point: their copies count too
 MJ = 1e-3  # of 1 J/m² on 1 mm²
 
 
@@ -97,11 +94,11 @@ def cutting_work(
     >>> bool(np.isclose(work.fracture, 0.164 * work.area))
     True
     """
-    tough, unknown = toughness_by_region(after, toughness)
+    tough, unknown = toughness_by_region(before, toughness)
     if not (np.isfinite(friction) and friction >= 0):
         raise MaterialError(f"friction: {friction:g} N/mm of a blade, expected 0 or more")
-    new = lip_areas(after)
-    for region, area in lip_areas(before).items():
+    new, old = (dict(one.mesh.cut_areas) if isinstance(one.mesh, CutMesh) else {} for one in (after, before))
+    for region, area in old.items():
         new[region] = new.get(region, 0.0) - area
     area = sum(new.values())
     fracture = MJ * sum(tough[region] * part for region, part in new.items())
@@ -126,7 +123,8 @@ def toughness_by_region(
 ) -> tuple[dict[int, float], dict[int, str]]:
     """Toughness of each region, J/m², and the names of those whose toughness is unknown, which have 0."""
     mesh = tissue.mesh
-    regions = [int(region) for region in np.unique(mesh.region)]
+    taken = mesh.taken.volumes if isinstance(mesh, CutMesh) else {}  # of what was taken away, a toughness may be told
+    regions = [int(region) for region in np.union1d(mesh.region, list(taken))]
     numbers = {name: region for region, name in (mesh.names or {}).items()}
     if given is None:
         measured = {region: tissue_properties(name).fracture_energy for region, name in tissue.materials.items()}
@@ -156,27 +154,3 @@ def surface_toughness(tissue: Tissue, given: float | Mapping[int | str, float] |
     else:
         regions = mesh.region[np.isin(mesh.tets, mesh.surface).sum(axis=1) >= 3]
     return tough[int(np.bincount(regions).argmax())]
-
-
-def lip_areas(tissue: Tissue) -> dict[int, float]:
-    """mm² of all cuts of a tissue by region: of each cut one lip."""
-    mesh = tissue.mesh
-    if not isinstance(mesh, CutMesh):
-        return {}
-    lips = mesh.skin.triangles[mesh.skin.lip]
-    a, b, c = (mesh.places[lips[:, k]] for k in range(3))
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 4  # a half of the triangle, of which each lip has one
-    alike = (mesh.region == mesh.region[0]).all()  # then one need not look where the lips are
-    region = np.full(len(lips), mesh.region[0]) if alike else mesh.region[tets_of(mesh, lips)]
-    return {int(r): float(area[region == r].sum()) for r in np.unique(region)}
-
-
-def tets_of(mesh: CutMesh, triangles: Int32) -> Int64:
-    """(T,) the tetrahedron in which the middle of each triangle lies, of those whose centroids are nearest."""
-    corners = mesh.nodes[mesh.tets]  # (M, 4, 3)
-    middle = mesh.places[triangles].mean(axis=1)
-    near = np.asarray(cKDTree(corners.mean(axis=1)).query(middle, k=min(NEAREST, len(corners)))[1])  # (T, k)
-    edges = np.swapaxes(corners[near][:, :, 1:] - corners[near][:, :, :1], 2, 3)
-    share = np.linalg.solve(edges, (middle[:, None] - corners[near][:, :, 0])[..., None])[..., 0]
-    least = np.minimum(share.min(axis=2), 1 - share.sum(axis=2))
-    return np.asarray(near[np.arange(len(middle)), least.argmax(axis=1)])

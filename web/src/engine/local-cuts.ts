@@ -13,6 +13,7 @@ export class LocalCuts {
   private due: CuttingStroke | "undo" | null = null; // a change of the body before the next tick
   private made = 0; // cuts that there are
   private area: number; // mm² of these, and of those that the organ came with
+  private taken: number[]; // mm³ that these have freed, by region
   bodies = 0; // how often the body has been changed
 
   /** uncut: the organ before all cuts. command: to the loop's tools. present: the organ that is drawn from now on. tell: a text. */
@@ -25,6 +26,7 @@ export class LocalCuts {
     private readonly tell: (text: string) => void,
   ) {
     this.area = engine.first?.area ?? 0;
+    this.taken = engine.first?.taken ?? engine.parts.map(() => 0);
   }
 
   /** Takes a `Scalpel` message. */
@@ -82,13 +84,23 @@ export class LocalCuts {
   private show(opened: OpenedBody | null): void {
     this.bodies++;
     const { uncut, made, bodies } = this, change = { body: bodies, made };
-    const before = this.area;
-    this.area = (opened ?? this.engine.first)?.area ?? 0;
-    if (this.area > before) this.tell(`Cut of ${Math.round(this.area - before)} mm².`);
+    const { area, taken } = this, now = opened ?? this.engine.first;
+    this.area = now?.area ?? 0;
+    this.taken = now?.taken ?? taken.map(() => 0);
+    if (this.area > area) this.tell(`Cut of ${Math.round(this.area - area)} mm².${this.toldOfPieces(sum(this.taken) - sum(taken))}`);
     const { scene, ...arrays } = opened ? withBody(uncut, opened) : uncut;
     this.present({ scene: { ...scene, ...change }, ...arrays });
   }
+
+  /** What of the organ has come free now, mm³, and how much of each part inside is out by now. */
+  private toldOfPieces(now: number): string {
+    if (!(now > 0)) return "";
+    const { parts } = this.engine, out = parts.flatMap(({ name, volume }, i) => (i > 0 && this.taken[i] > 0 ? [`${Math.round((100 * this.taken[i]) / volume)}% of ${name}`] : []));
+    return ` ${(now / 1000).toPrecision(2)} ml came free and were taken away${out.length ? `: ${out.join(", ")}` : ""}.`;
+  }
 }
+
+const sum = (values: number[]): number => values.reduce((total, x) => total + x, 0);
 
 /** The organ as it is drawn once it was cut. */
 export function withBody({ scene }: SceneArrays, { rest, triangles, lips }: OpenedBody): SceneArrays {

@@ -38,6 +38,7 @@ interface Header {
   triangles: number;
   shown: number;
   regions: number;
+  parts: { name: string; volume: number }[]; // regions in the same order: names, mm³
   blade: number; // triangles of the cuts that it comes with
   edge: number; // mm, of a mean element
   radius: number;
@@ -46,19 +47,20 @@ interface Header {
   toughness: number; // J/m²
 }
 
-/** What is drawn of a body that was cut, as a `Scene` has it, mm; and the area of all its cuts, mm². */
+/** What is drawn of a body that was cut, as a `Scene` has it, mm; and of all its cuts the area, mm², and what they have freed. */
 export interface OpenedBody {
   rest: Float32Array<ArrayBuffer>; // (vertices, 3)
   triangles: Uint32Array<ArrayBuffer>;
   lips: number[];
   area: number;
+  taken: number[]; // mm³ of the pieces that came free and are no longer there, by region
 }
 
 /** Why a cut is not made, by the number that the engine gives; 0: it is. */
 const REFUSALS = [
   "",
   "The cut body cannot be computed; cut less deep.",
-  "A piece would come free; cut less deep, or less far.",
+  "Nothing would be left that is held; cut less deep, or less far.",
   "The cut has too many places where its lips may meet; cut less.",
   "The blade has met nothing.",
 ];
@@ -83,7 +85,7 @@ export interface EngineFrame {
 const arrays = ({ nodes, tets, triangles, shown, regions, blade }: Header) => ({
   blade: 72 * blade, node: 24 * nodes, lam: 8 * tets, mu: 8 * tets, tet: 16 * tets, region: 4 * tets, triangle: 12 * triangles, shown: 4 * shown, labels: 4 * regions, fixed: nodes,
 });
-const OPENED_NUMBERS = 7;
+const OPENED_NUMBERS = 8;
 
 /** An address in the engine's memory: beyond 2 GB the number that comes is negative. */
 const address = (given: number): number => given >>> 0;
@@ -96,6 +98,7 @@ export class TouchEngine {
   private drawnFirst = 0; // of the organ as it came
   first: OpenedBody | null = null; // what is drawn of an organ that came with cuts
   edge = 0; // mm
+  parts: { name: string; volume: number }[] = []; // its regions, the largest first; mm³
   description: Record<string, unknown> = {};
 
   private constructor(engine: Exports) {
@@ -141,6 +144,7 @@ export class TouchEngine {
     this.first = blade ? this.opened() : null;
     this.drawn = this.drawnFirst = this.first ? this.first.rest.length / 3 : shown;
     this.edge = edge;
+    this.parts = header.parts;
     this.description = header.description;
   }
 
@@ -210,13 +214,14 @@ export class TouchEngine {
   private opened(): OpenedBody {
     this.engine.opened(this.numbers);
     const { buffer } = this.engine.memory, numbers = new Float64Array(buffer, this.numbers, OPENED_NUMBERS);
-    const [vertices, triangles, regions, area, rest, triangle, lips] = numbers;
+    const [vertices, triangles, regions, area, rest, triangle, lips, taken] = numbers;
     this.drawn = vertices;
     return {
       rest: new Float32Array(buffer, rest, 3 * vertices).slice(),
       triangles: new Uint32Array(buffer, triangle, 3 * triangles).slice(),
       lips: [...new Int32Array(buffer, lips, regions)],
       area,
+      taken: [...new Float64Array(buffer, taken, regions)],
     };
   }
 

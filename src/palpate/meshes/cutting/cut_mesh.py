@@ -10,9 +10,21 @@ from palpate import _core
 from palpate.arrays import Bool, Float64, Int32
 from palpate.errors import MeshError
 from palpate.meshes.cutting.blade import Blade
+from palpate.meshes.cutting.cut_areas import cut_areas
 from palpate.meshes.cutting.skin import Skin
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.volumes.centerline import Centerline
+
+
+@dataclass(frozen=True)
+class TakenPieces:
+    """Pieces that came free by the cuts and were taken away: their volumes by region, mm³."""
+
+    count: int
+    volumes: dict[int, float]
+
+
+NOTHING_TAKEN = TakenPieces(0, {})
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -23,7 +35,8 @@ class CutMesh(TetMesh):
     parts. The first nodes are those of the mesh before, the others virtual ones: copies of nodes, at the same places.
 
     share: (M,) 0 to 1. side: (M,) 1 or -1, the side of the blade; 0 where none has passed. body: (M,) number of the piece.
-    origin: (N,) and parent: (M,) node and tetrahedron of the mesh before. skin: the surface. blades: what cut it.
+    origin: (N,) and parent: (M,) node and tetrahedron of the mesh before. skin: the surface. blades: what cut it. taken:
+    what is no longer there, if that is known. cut_areas: mm², of all cuts by region, one lip of each.
     """
 
     share: Float64
@@ -33,6 +46,7 @@ class CutMesh(TetMesh):
     parent: Int32
     skin: Skin
     blades: tuple[Blade, ...]
+    taken: TakenPieces
 
     def __init__(
         self,
@@ -48,6 +62,8 @@ class CutMesh(TetMesh):
         parent: Int32,
         skin: Skin,
         blades: Sequence[Blade],
+        taken: TakenPieces = NOTHING_TAKEN,
+        cut_areas: dict[int, float] | None = None,
         centerline: Centerline | None = None,
     ) -> None:
         super().__init__(nodes, tets, region, names, centerline)
@@ -56,6 +72,9 @@ class CutMesh(TetMesh):
             object.__setattr__(self, name, value)
         object.__setattr__(self, "skin", skin)
         object.__setattr__(self, "blades", tuple(blades))
+        object.__setattr__(self, "taken", taken)
+        if cut_areas is not None:
+            self.__dict__["cut_areas"] = cut_areas
 
     @cached_property
     def surface(self) -> Int32:
@@ -87,15 +106,17 @@ class CutMesh(TetMesh):
         """Vertices (S, 3), mm, and triangles (F, 3) of the surface."""
         return self.places, self.skin.triangles
 
+    @cached_property
+    def cut_areas(self) -> dict[int, float]:
+        """Of all cuts, by region: of each cut one lip, mm²."""
+        return cut_areas(self.nodes, self.tets, self.region, self.places[self.skin.triangles[self.skin.lip]])
+
     def text(self) -> str:
         """What was cut, in words."""
-        corners = self.places[self.skin.triangles[self.skin.lip]]
-        twice = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum()
         pieces, copies = int(self.body.max()) + 1, len(self.nodes) - len(np.unique(self.origin))
-        return (
-            f"cuts of {twice / 4 / 100:.3g} cm², {copies} copies of nodes, {pieces} piece{'s' * (pieces > 1)} of "
-            f"{self.volumes.sum() / 1000:.4g} ml"
-        )
+        said = f"cuts of {sum(self.cut_areas.values()) / 100:.3g} cm², {copies} copies of nodes, "
+        said += f"{pieces} piece{'s' * (pieces > 1)} of {self.volumes.sum() / 1000:.4g} ml"
+        return said + f"; {sum(self.taken.volumes.values()) / 1000:.3g} ml taken away" * (self.taken.count > 0)
 
     @cached_property
     def uncut(self) -> TetMesh:
@@ -178,6 +199,7 @@ def without(mesh: CutMesh, bodies: Int32) -> CutMesh:
     nodes = np.zeros(len(mesh.nodes), dtype=bool)
     nodes[mesh.tets[kept]] = True
     at, tet = np.cumsum(nodes) - 1, np.cumsum(kept) - 1
+    volume = np.bincount(mesh.region[~kept], mesh.volumes[~kept])
     drawn = kept[mesh.skin.tet]
     vertex = np.cumsum(drawn) - 1
     triangle = drawn[mesh.skin.triangles[:, 0]]
@@ -198,5 +220,7 @@ def without(mesh: CutMesh, bodies: Int32) -> CutMesh:
             mesh.skin.weight[drawn],
         ),
         blades=mesh.blades,
+        taken=TakenPieces(len(bodies), {region: float(v) for region, v in enumerate(volume) if v > 0}),
+        cut_areas=mesh.cut_areas,
         centerline=mesh.centerline,
     )
