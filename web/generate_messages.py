@@ -27,6 +27,7 @@ from palpate.server.message_kinds import (
     ComparisonState,
     CutStep,
     Feedback,
+    GuidanceState,
     LeadStep,
     MarkKind,
     NoteStep,
@@ -35,7 +36,7 @@ from palpate.server.message_kinds import (
     SelectionKind,
     TrialState,
 )
-from palpate.server.messages import AT_REST, DISPLACEMENT_STEPS, DISTANCE_STEPS, FASTEST, SLOWEST
+from palpate.server.messages import AT_REST, DISPLACEMENT_STEPS, DISTANCE_STEPS, FASTEST, GUIDANCE_LIMIT, SLOWEST
 from palpate.simulation.lesson import EXAM_FORCE, EXAM_LENGTH, EXAM_WORK
 from palpate.simulation.pointer import TOOLS, CommandKind, ContactState
 from palpate.simulation.session import RATE
@@ -45,13 +46,14 @@ HERE = Path(__file__).parent
 JSON = [Part, NoteText, TimelineEvent, TimelineTrack, Person, Scene, Window, Stack, Image, Album]
 ENUMS = [
     CommandKind, ContactState, SelectionKind, MarkKind, NoteStep, PlayStep, CutStep, ComparisonState, TrialState, Feedback,
-    ChoiceKind, Role, LeadStep, CloseCode,
+    ChoiceKind, Role, LeadStep, GuidanceState, CloseCode,
 ]  # fmt: skip
 CONSTANTS = {
     "TOOLS": TOOLS,
     "DISTANCE_STEPS": DISTANCE_STEPS,
     "DISPLACEMENT_STEPS": DISPLACEMENT_STEPS,
     "AT_REST": AT_REST,
+    "GUIDANCE_LIMIT": GUIDANCE_LIMIT,
     "EXAM_LENGTH": EXAM_LENGTH,
     "EXAM_FORCE": EXAM_FORCE,
     "EXAM_WORK": EXAM_WORK,

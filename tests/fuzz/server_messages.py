@@ -39,7 +39,9 @@ LENGTHS = {
     15: 8,
     18: 4,
     19: 8,
+    21: 28,
 }  # of a tool, a selection, a mark, a wish to compare, a scalpel, a choice in an experiment, a player, a lead, detail, frames
+# and one end of a guidance
 NOTE = 10
 FRAME = 2
 LARGEST, POLICY, TOO_BIG = 1024, 1008, 1009
@@ -65,7 +67,10 @@ def good(data, reach):
     if data[0] == 8:
         return data[1] < 3 and data[2] in (1, 2)
     if data[0] == 15:
-        return data[1] < 5
+        return data[1] < 7
+    if data[0] == 21:
+        given, *force = struct.unpack_from("<d3f", data, 5)
+        return math.isfinite(given) and given >= 0 and math.hypot(*force) <= 1.001
     if data[0] == 19:
         return True
     if data[0] == 12:
@@ -113,8 +118,11 @@ def one(rng, nodes, reach):
         return struct.pack("<BBB3fx", NOTE, rng.integers(3), rng.integers(4), *at) + text
     if draw < 0.754:
         return struct.pack("<BBdxx", 12, rng.integers(5), rng.choice([0.25, 3.0, 1e4, -1.0, math.nan]))
+    if draw < 0.7545:
+        force = rng.choice([0.0, 0.1, 3.0, math.nan, math.inf], 3, p=[0.4, 0.5, 0.04, 0.03, 0.03])
+        return struct.pack("<BId3fxxx", 21, rng.integers(3), rng.choice([0.0, 2.5, -1.0, math.inf]), *force)
     if draw < 0.755:
-        return struct.pack("<BBIxx", 15, rng.integers(7), rng.integers(4))
+        return struct.pack("<BBIxx", 15, rng.integers(9), rng.integers(4))
     if draw < 0.756:
         return struct.pack("<BBBIx", 8, rng.integers(4), rng.integers(4), rng.integers(9))
     if draw < 0.80:

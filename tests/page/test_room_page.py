@@ -117,6 +117,91 @@ def test_a_teacher_takes_a_hand_over_and_lets_it_go(enter):
     teacher.until_home()
 
 
+GUIDING = "palpate.guidance.told?.state === 2"
+COUPLED = """(() => {
+    const at = (values, tool) => [0, 1, 2].map((k) => values.point[3 * tool + k] + values.displacement[3 * tool + k]);
+    const other = palpate.hands[0];
+    return {own: at(palpate.frame, 0), other: at(other, 0), force: palpate.guidance.force, told: palpate.guidance.told,
+            read: Number.parseFloat(document.getElementById('guidance-force').textContent)};
+})()"""
+
+
+def hold(page, point, displacement):
+    page.see(f"palpate.hold(0, {list(point)}, {list(map(float, displacement))})")
+
+
+def until_rest(page):
+    """Until the tools and the coupling between them stand still, and the reading is that of now."""
+    page.settle()
+    page.wait(
+        "Math.abs(parseFloat(document.getElementById('guidance-force').textContent)"
+        " - Math.hypot(...palpate.guidance.force)) < 0.0051"
+    )
+
+
+def test_a_teacher_guides_a_hand_and_both_see_it(enter, album):
+    """Both hold with the mouse: the teacher asks first, and it begins with the teacher's touch."""
+    teacher, trainee, viewer = enter("teacher", "Dr Gray"), enter("trainee", "Ada"), enter("viewer", "Bo")
+    trainee.press(0.45, 0.4)
+    trainee.settle()
+    alone = trainee.tool()[0]
+    teacher.page.get_by_role("button", name="Guide: Ada").click()
+    trainee.wait(
+        "document.getElementById('guidance-who').textContent === 'Dr Gray guides you once both hold the organ.'"
+    )
+    teacher.press(0.58, 0.5)
+    for page, words in ((teacher, "You guide Ada"), (trainee, "Dr Gray guides you"), (viewer, "Dr Gray guides Ada")):
+        page.wait(GUIDING)
+        page.wait(f"document.getElementById('guidance-who').textContent === '{words}'")
+    until_rest(trainee)
+    until_rest(teacher)
+    teacher.page.screenshot(path=album / "room-guiding.png")
+    trainee.page.screenshot(path=album / "room-guided.png")
+    led, leads = trainee.see(COUPLED), teacher.see(COUPLED)
+    np.testing.assert_allclose(led["force"], leads["force"], atol=0.02)  # on the trainee; the teacher's is its opposite
+    viewer.wait(f"Math.abs(parseFloat(document.getElementById('guidance-force').textContent) - {led['read']}) < 0.02")
+    assert led["read"] > 0.2
+    towards = np.subtract(led["other"], led["own"])
+    drawn = np.subtract(trainee.tool()[0], alone)
+    assert np.dot(drawn, towards) > 0.9 * np.linalg.norm(drawn) * np.linalg.norm(towards)
+    assert np.linalg.norm(drawn) > 0.5
+    teacher.page.mouse.up()  # it ends, and the trainee's tool is where the hand has it
+    for page in (teacher, trainee, viewer):
+        page.wait("palpate.guidance.told === null && document.getElementById('guidance').hidden")
+    trainee.settle()
+    np.testing.assert_allclose(trainee.tool()[0], alone, atol=0.02)
+    trainee.page.mouse.up()
+    trainee.until_home()
+
+
+def test_the_force_of_a_guidance_is_that_of_its_spring_and_the_button_ends_it(enter):
+    teacher, trainee = enter("teacher", "Dr Gray"), enter("trainee", "Ada")
+    hold(trainee, (0.0, 0.0, 25.0), (0, 0, -2))
+    hold(teacher, (8.0, 0.0, 24.5), (0, 0, -2))
+    button = teacher.page.get_by_role("button", name="Guide: Ada")
+    button.click()
+    for page in (teacher, trainee):
+        page.wait(GUIDING)
+    until_rest(trainee)
+    until_rest(teacher)
+    led, leads = trainee.see(COUPLED), teacher.see(COUPLED)
+    spring = 0.1 * np.subtract(led["other"], led["own"])
+    assert np.linalg.norm(spring) > 0.3
+    np.testing.assert_allclose(led["force"], spring, atol=0.01)
+    np.testing.assert_allclose(leads["force"], spring, atol=0.01)
+    np.testing.assert_allclose(trainee.tool()[1], np.add((0, 0, -2), 5 * np.array(led["force"])), atol=0.05)
+    assert button.get_attribute("aria-pressed") == "true"
+    button.click()
+    for page in (teacher, trainee):
+        page.wait("palpate.guidance.told === null")
+    page = trainee
+    page.wait("palpate.frame.contact[0] === 1 && Math.abs(palpate.frame.displacement[0]) < 0.01")
+    np.testing.assert_allclose(trainee.tool()[1], (0, 0, -2), atol=0.02)
+    for page in (teacher, trainee):
+        page.see("palpate.release(0)")
+    trainee.until_home()
+
+
 def test_who_watches_can_look_and_measure_and_nothing_else(enter, album):
     viewer, trainee = enter("viewer", "A guest", PHONE, "dark"), enter("trainee", "Ada")
     viewer.wait("document.querySelector('#tool [data-value=press]').hidden")

@@ -1,13 +1,12 @@
 """Several people in one session: whose tools are whose, what each role may do, and what a teacher can stop."""
 
-import json
 import struct
 from contextlib import ExitStack
 
 import numpy as np
 import pytest
 from support.example_organs import organ
-from websockets.sync.client import connect
+from support.room_socket import SIDE, TOP, Somebody
 
 import palpate as pp
 from palpate.server import messages
@@ -18,71 +17,6 @@ from palpate.server.message_kinds import CutStep, LeadStep, PlayStep
 from palpate.server.people import shown_name
 from palpate.server.touch import replayed, running_session
 from palpate.simulation.pointer import TOOLS, Command, Pointer
-
-TOP, SIDE = (0.0, 0.0, 25.0), (40.0, 0.0, 0.0)
-FRAME = struct.Struct("<BBddIIdff4B12f12f12f4f")  # the first fields of a frame, as `messages.Frame` documents them
-HANDS, PEOPLE = 17, 16
-
-
-class Somebody:
-    """A page of a room."""
-
-    def __init__(self, closing, address, role, name=""):
-        base, token = address.split("/?")
-        query = f"{token}&role={role}&name={name}"
-        socket = connect(f"{base.replace('http', 'ws')}/socket?{query}", origin=base, max_queue=None)
-        self.socket = closing.enter_context(socket)
-        self.serial = 0
-        self.told = []
-        self.people = self.hands = self.you = self.frozen = self.displaced = None
-
-    def send(self, message):
-        self.socket.send(messages.encode(message))
-
-    def press(self, tool=0, point=TOP, depth=(0.0, 0.0, -2.0), kind=1):
-        self.serial += 1
-        self.send(messages.ToolCommand(tool, kind, self.serial, point, depth))
-
-    def away(self, tool=0):
-        self.press(tool, (0.0,) * 3, (0.0,) * 3, 0)
-
-    def frame(self):
-        """The next frame: serial, contact, displacement (tool, 3), force (tool, 3)."""
-        while True:
-            data = self.socket.recv(timeout=20)
-            if isinstance(data, str):
-                self.told.append(data)
-            elif data[0] == PEOPLE:
-                _, self.you, self.frozen = struct.unpack_from("<BIB", data)
-                self.people = json.loads(data[8:])
-            elif data[0] == HANDS:
-                (count,) = struct.unpack_from("<I", data, 1)
-                self.hands = np.frombuffer(data, "<f4", 13 * count, 8).reshape(count, 13)
-            elif data[0] == 2:
-                values = FRAME.unpack_from(data)
-                self.length, (step, count) = len(data), struct.unpack_from("<fI", data, 231)
-                self.displaced = step, count
-                three = [np.array(values[13 + 12 * k : 25 + 12 * k]).reshape(4, 3) for k in range(3)]
-                return values[5], values[9:13], three[1], three[2]
-
-    def until(self, true, count=600):
-        for _ in range(count):
-            frame = self.frame()
-            if true(*frame):
-                return frame
-        pytest.fail("never came")
-
-    def settled(self):
-        """Until the serial is the newest and the force has stood still for 20 frames."""
-        still, before = 0, None
-        for _ in range(900):
-            serial, contact, displacement, force = self.frame()
-            same = before is not None and np.abs(force - before).max() < 1e-4
-            still = still + 1 if same and serial == self.serial else 0
-            before = force
-            if still == 20:
-                return serial, contact, displacement, force
-        pytest.fail("the force does not settle")
 
 
 @pytest.fixture
@@ -157,6 +91,7 @@ def test_each_role_may_do_its_own_and_no_more(enter, live):
             messages.ToolCommand(0, 1, 1, TOP, (0.0, 0.0, -2.0)),
             messages.Scalpel(CutStep.begin, 9.0, TOP),
             messages.Mark(0, 0),
+            messages.Guided(1, 5.0, (1.0, 0.0, 0.0)),
         ],
         trainee: [messages.Scalpel(CutStep.undo, 9.0, TOP)],
     }
@@ -165,6 +100,8 @@ def test_each_role_may_do_its_own_and_no_more(enter, live):
             messages.Selection(0, 1),
             messages.Lead(LeadStep.freeze, 0),
             messages.Lead(LeadStep.take_over, trainee.you or 1),
+            messages.Lead(LeadStep.guide, trainee.you or 1),
+            messages.Lead(LeadStep.end_guidance, 0),
             messages.Compare(1),
         ]
     before = live.current
@@ -177,6 +114,7 @@ def test_each_role_may_do_its_own_and_no_more(enter, live):
     assert live.current == before
     assert not live.people.frozen
     assert not live.tools.holders
+    assert live.people.guidance.number == 0
     teacher.send(messages.Lead(LeadStep.freeze, 0))
     teacher.until(lambda *_: teacher.frozen == 1)
     assert teacher.told == []

@@ -13,8 +13,8 @@ import { readHands, readPeople, type OtherHand, type RoomState } from "./protoco
 import { buffersOf, type ColorMode, type FromWorker, type NodeArrays, type Organ, type Scale, type ToWorker } from "./protocol/worker-messages";
 import {
   CloseCode, ComparisonState, DIFFERENCE_BYTES, DIFFERENCE_KIND, DISTANCE_STEPS, FRAME_BYTES, decodeDifference, decodeFrame,
-  HANDS_KIND, NOTES_KIND, PEOPLE_KIND, POSITION_KIND, TIMELINE_KIND, TRIALSTATUS_KIND, Role, decodePosition, decodeTrialStatus, encodeChoice, encodePlay, encodeCompare, encodeMark,
-  encodeLead, encodeScalpel, encodeSeen, encodeSelection, encodeToolCommand, type Frame,
+  GUIDANCE_KIND, HANDS_KIND, NOTES_KIND, PEOPLE_KIND, POSITION_KIND, TIMELINE_KIND, TRIALSTATUS_KIND, Role, decodeGuidance, decodePosition, decodeTrialStatus, encodeChoice, encodePlay, encodeCompare, encodeMark,
+  encodeGuided, encodeLead, encodeScalpel, encodeSeen, encodeSelection, encodeToolCommand, type Frame,
 } from "./protocol/server-messages";
 
 const page = self as unknown as {
@@ -174,6 +174,7 @@ function takeMessage(data: ArrayBuffer): void {
   if (kind === DIFFERENCE_KIND) takeDifference(data);
   else if (kind === TRIALSTATUS_KIND) page.postMessage({ kind: "trial", status: decodeTrialStatus(new DataView(data)) });
   else if (kind === HANDS_KIND) told = readHands(data);
+  else if (kind === GUIDANCE_KIND) page.postMessage({ kind: "guidance", told: decodeGuidance(new DataView(data)) });
   else if (kind === PEOPLE_KIND) takePeople(readPeople(data));
   else if (kind === NOTES_KIND) page.postMessage({ kind: "notes", notes: readNotes(data) });
   else if (kind === TIMELINE_KIND) page.postMessage({ kind: "timeline", tracks: readTimeline(data) });
@@ -360,6 +361,7 @@ page.onmessage = ({ data }) => {
     prediction?.command(data.command);
   } else if (data.kind === "predict") prediction?.ask((predictionWanted = data.on));
   else if (data.kind === "lead") send(encodeLead(data.lead));
+  else if (data.kind === "guided") send(encodeGuided(data.guided));
   else if (data.kind === "select") send(encodeSelection(data.selection));
   else if (data.kind === "choose") send(encodeChoice(data.choice));
   else if (data.kind === "scalpel") send(encodeScalpel(data.scalpel));

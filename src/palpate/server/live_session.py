@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, cast
 
+import numpy as np
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from palpate.errors import DataError, PalpateError
@@ -21,7 +22,18 @@ from palpate.server.frame_message import frame_bytes
 from palpate.server.held_tools import HeldTools
 from palpate.server.image_payloads import ImagePayload
 from palpate.server.message_kinds import CloseCode, LeadStep, NoteStep, Role, SelectionKind
-from palpate.server.messages import Choice, Lead, Mark, Note, Scalpel, Selection, ToolCommand, encode, notes_bytes
+from palpate.server.messages import (
+    Choice,
+    Guided,
+    Lead,
+    Mark,
+    Note,
+    Scalpel,
+    Selection,
+    ToolCommand,
+    encode,
+    notes_bytes,
+)
 from palpate.server.people import Room
 from palpate.server.reference_comparison import ReferenceComparison
 from palpate.server.scene_message import VIEWS, reach, scene_bytes
@@ -156,6 +168,10 @@ class LiveSession:
         stopped = self.people is not None and self.people.stops(page)
         if not self.tools.command(page, message.tool, command, message.serial, stopped) and self.people:
             self.keep(asyncio.create_task(self.tell("All tools are in other hands.", page)))
+        if self.people and self.people.guidance:
+            if command.held:
+                self.people.guidance.command(page, message.tool, np.add(command.point, command.displacement))
+            self.follow_guidance()
 
     def lead(self, page: WebSocket, lead: Lead) -> None:
         """Does what a teacher asks for in a room."""
@@ -164,9 +180,28 @@ class LiveSession:
         if lead.step == LeadStep.reset:
             self.let_go()
             self.keep(asyncio.create_task(self.cutting.undo_all(self.session)))
+        elif lead.step in (LeadStep.guide, LeadStep.end_guidance):
+            if refusal := self.people.guide(page, lead):
+                self.keep(asyncio.create_task(self.tell(refusal, page)))
         else:
             self.people.lead(page, lead)
             self.tell_people()
+        self.follow_guidance()
+
+    def hear_guidance(self, page: WebSocket, told: Guided) -> None:
+        """What one end says of a guidance."""
+        if self.people and self.people.guidance:
+            self.people.guidance.hear(page, told)
+
+    def follow_guidance(self) -> None:
+        """Marks the record and tells all pages when a teacher begins to guide a hand, or ends."""
+        guidance = self.people.guidance if self.people else None
+        if guidance and guidance.look(self.mark_tool):
+            self.keep(asyncio.create_task(self.tell(guidance.told())))
+
+    def mark_tool(self, what: int, tool: int) -> None:
+        """Marks on the record that a tool is guided, or is not any more."""
+        self.session.events.marks.append((int(self.session.frame().tick), what, tool))
 
     def tell_people(self) -> None:
         """Tells every page who is in the room."""
@@ -224,6 +259,9 @@ class LiveSession:
         """All tools of all pages let go."""
         if self.tools:
             self.tools.let_go()
+        if self.people and self.people.guidance:
+            self.people.guidance.end()
+            self.follow_guidance()
 
     def choose(self, choice: Choice) -> None:
         """Begins to carry out what the person of an experiment chose."""
@@ -273,6 +311,7 @@ class LiveSession:
         if self.people:
             self.people.leave(page)
             self.tell_people()
+            self.follow_guidance()
 
     def mark(self, page: WebSocket, mark: Mark) -> None:
         """Records that a lump was found or a sample taken."""

@@ -10,10 +10,12 @@ from palpate.server.messages import (
     BINARY,
     FASTEST,
     FROM_PAGE,
+    GUIDANCE_LIMIT,
     SLOWEST,
     Choice,
     Compare,
     Detail,
+    Guided,
     Lead,
     Mark,
     Note,
@@ -27,7 +29,21 @@ from palpate.server.messages import (
 from palpate.simulation.pointer import TOOLS, CommandKind
 from palpate.simulation.session_notes import LONGEST_NOTE
 
-FromPage = ToolCommand | Selection | Mark | Compare | Scalpel | Choice | Play | Lead | Detail | Seen | tuple[Note, str]
+FromPage = (
+    ToolCommand
+    | Selection
+    | Mark
+    | Compare
+    | Scalpel
+    | Choice
+    | Play
+    | Lead
+    | Detail
+    | Seen
+    | Guided
+    | tuple[Note, str]
+)
+ROUNDED = 1e-3  # of a force's limit: the page sends it as float32
 
 
 def decode_note(data: bytes) -> tuple[Note, str]:
@@ -85,6 +101,14 @@ def decode(data: bytes) -> FromPage:
         return Detail(*values)
     if sent is Seen:
         return Seen(*values)
+    if sent is Guided:
+        number, given, *force = values
+        if not 0 <= given < np.inf or not np.linalg.norm(force) <= (1 + ROUNDED) * GUIDANCE_LIMIT:
+            raise DataError(
+                f"Guided: {given:g} N mm given, force {force} N, expected 0 or more, finite, and at most "
+                f"{GUIDANCE_LIMIT:g} N; reload the page"
+            )
+        return Guided(number, given, (force[0], force[1], force[2]))
     if sent is Choice:
         if values[0] >= len(ChoiceKind) or values[1] not in (1, 2):
             raise DataError(

@@ -94,6 +94,16 @@ class LeadStep(IntEnum):
     reset = 2
     take_over = 3
     release = 4
+    guide = 5
+    end_guidance = 6
+
+
+class GuidanceState(IntEnum):
+    """Whether a teacher guides a hand: nobody does, one will once both hold the organ, one does."""
+
+    none = 0
+    waiting = 1
+    on = 2
 
 
 class CloseCode(IntEnum):

@@ -28,6 +28,7 @@ Vector = Annotated[tuple[float, float, float], "3f"]
 DISPLACEMENT_STEPS = 32767  # of the 16-bit displacements in a `Frame`
 DISTANCE_STEPS = 65535  # of the 16-bit distances in a `Difference`
 SLOWEST, FASTEST = 0.25, 4.0  # speeds of a replay
+GUIDANCE_LIMIT = 1.0  # N, of the force between a guiding hand and the guided one
 AT_REST = 1e-4  # mm: smaller displacements are not sent
 
 
@@ -152,7 +153,8 @@ class Lead:
     """Page to server: what a teacher does in a room. step: a `LeadStep`; person: whom it is about, else 0.
 
     freeze: tools of all others stay where they are until resume. reset: cuts are taken back and all tools let go.
-    take_over: the teacher holds the person's tools, release: these let go; the person begins anew.
+    take_over: the teacher holds the person's tools, release: these let go; the person begins anew. guide: the teacher's hand
+    guides the person's from when both hold the organ until one lets go, or end_guidance.
     """
 
     step: U8
@@ -193,6 +195,38 @@ class Seen:
     """Page to server, some ten times a second: so many frames have come on this connection."""
 
     count: U32
+
+
+@dataclass(frozen=True)
+class Guidance:
+    """Server to page, in a room, at each change, and before each `Frame` while a teacher guides: who guides whose hand.
+
+    state: a `GuidanceState`. number: counts guidances. teacher, trainee: the persons' numbers, and their own ones of the two
+    tools. at: mm, where the tool was commanded to be last. given: N mm, energy that its end of the coupling has given to
+    the other one. force: N, of the coupling on the hand, as its page says.
+    """
+
+    state: U8
+    number: U32
+    teacher: U32
+    trainee: U32
+    teacher_tool: U8
+    trainee_tool: U8
+    teacher_at: Vector
+    trainee_at: Vector
+    teacher_given: F64
+    trainee_given: F64
+    teacher_force: Vector
+    trainee_force: Vector
+
+
+@dataclass(frozen=True)
+class Guided:
+    """Page to server, while its hand guides or is guided: what a `Guidance` tells of this end. number: of the guidance."""
+
+    number: U32
+    given: F64
+    force: Vector
 
 
 @dataclass(frozen=True)
@@ -280,8 +314,10 @@ BINARY: list[type] = [
     Hands,
     Detail,
     Seen,
+    Guidance,
+    Guided,
 ]
-FROM_PAGE: list[type] = [ToolCommand, Selection, Mark, Compare, Scalpel, Choice, Note, Play, Lead, Detail, Seen]
+FROM_PAGE: list[type] = [ToolCommand, Selection, Mark, Compare, Scalpel, Choice, Note, Play, Lead, Detail, Seen, Guided]
 
 
 def code(message: type) -> str:

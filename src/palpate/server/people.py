@@ -6,14 +6,16 @@ from dataclasses import asdict
 from starlette.websockets import WebSocket
 
 from palpate.server.frame_message import hand_frame, hands_bytes, serial_in, without_displacements
+from palpate.server.hand_guidance import HandGuidance, Party
 from palpate.server.held_tools import HeldTools
 from palpate.server.json_messages import Person
 from palpate.server.message_checks import FromPage
-from palpate.server.message_kinds import CutStep, LeadStep, Role
+from palpate.server.message_kinds import CutStep, GuidanceState, LeadStep, Role
 from palpate.server.messages import (
     Choice,
     Compare,
     Detail,
+    Guided,
     Lead,
     Mark,
     Note,
@@ -41,6 +43,7 @@ LEAST_ROLE: dict[type, Role] = {  # who may send a message
     Choice: Role.teacher,
     Play: Role.teacher,
     Lead: Role.teacher,
+    Guided: Role.trainee,
 }
 
 
@@ -48,7 +51,7 @@ class Room:
     """Used on the event loop's thread only.
 
     tools: who holds each; None where a record is replayed, whose tools are nobody's. frozen: those of all but teachers stay
-    as they are. predicting: pages that compute displacements.
+    as they are. predicting: pages that compute displacements. guidance: None without tools.
     """
 
     def __init__(self, tools: HeldTools | None) -> None:
@@ -56,6 +59,7 @@ class Room:
         self.people: dict[WebSocket, Person] = {}
         self.frozen = False
         self.predicting: set[WebSocket] = set()
+        self.guidance = None if tools is None else HandGuidance(tools)
         self._came = 0
 
     def enter(self, page: WebSocket, name: str, role: Role) -> None:
@@ -67,6 +71,8 @@ class Room:
         """A page has gone, and its tools were let go. Without a teacher, nothing stays frozen."""
         self.people.pop(page, None)
         self.predicting.discard(page)
+        if self.guidance:
+            self.guidance.leave(page)
         if not any(person.role == Role.teacher for person in self.people.values()):
             self._freeze(False)
 
@@ -74,7 +80,7 @@ class Room:
         """Stops all hands but the teachers', lets them go on, or takes somebody's tools."""
         if self.tools is None:
             return
-        theirs = next((page for page, person in self.people.items() if person.number == lead.person), None)
+        theirs = self._page_of(lead.person)
         if lead.step in (LeadStep.freeze, LeadStep.resume):
             self._freeze(lead.step == LeadStep.freeze)
         elif theirs is not None and theirs is not page:
@@ -82,9 +88,36 @@ class Room:
                 self.tools.take_over(theirs, page)
             else:
                 self.tools.release(theirs)
+            if self.guidance:
+                self.guidance.end(theirs)
+
+    def _page_of(self, number: int) -> WebSocket | None:
+        return next((page for page, person in self.people.items() if person.number == number), None)
+
+    def guide(self, page: WebSocket, lead: Lead) -> str:
+        """A teacher wants to guide a hand, or to end it. Returns why not, or empty."""
+        if self.guidance is None:
+            return ""
+        if lead.step == LeadStep.end_guidance:
+            self.guidance.end()
+            return ""
+        theirs = self._page_of(lead.person)
+        if theirs is None or theirs is page:
+            return "There is no such hand to guide."
+        if self.people[theirs].role == Role.viewer:
+            return f"{self.people[theirs].name} watches, and has no hand to guide."
+        if self.frozen:
+            return "All hands are stopped. Let them go on, then guide."
+        guiding = self.guidance.teacher
+        if guiding and guiding.page in self.people and guiding.page is not page:
+            return f"{self.people[guiding.page].name} guides a hand already."
+        self.guidance.ask(Party(page, self.people[page].number), Party(theirs, lead.person))
+        return ""
 
     def _freeze(self, frozen: bool) -> None:
         self.frozen = frozen
+        if frozen and self.guidance:
+            self.guidance.end()
         if not frozen and self.tools:
             self.tools.resume()
 
@@ -130,7 +163,8 @@ class Room:
             elif holder in self.people:
                 others.append((tool, self.people[holder].number, number))
         mine = hand_frame(frame, own, self.tools.obeyed(page, serial_in(frame)))
-        return [hands_bytes(frame, others), without_displacements(mine) if page in self.predicting else mine]
+        told = [self.guidance.told()] if self.guidance and self.guidance.state != GuidanceState.none else []
+        return [*told, hands_bytes(frame, others), without_displacements(mine) if page in self.predicting else mine]
 
 
 def shown_name(name: str) -> str:

@@ -16,7 +16,19 @@ from palpate.server.frame_message import frame_bytes
 from palpate.server.live_session import LiveSession, report_failure
 from palpate.server.message_checks import decode
 from palpate.server.message_kinds import CloseCode, Role, SelectionKind
-from palpate.server.messages import Choice, Compare, Detail, Lead, Mark, Play, Scalpel, Seen, Selection, notes_bytes
+from palpate.server.messages import (
+    Choice,
+    Compare,
+    Detail,
+    Guided,
+    Lead,
+    Mark,
+    Play,
+    Scalpel,
+    Seen,
+    Selection,
+    notes_bytes,
+)
 from palpate.server.people import MOST_PEOPLE
 from palpate.server.playback import Playback
 from palpate.server.solid_message import predicted_solid
@@ -185,6 +197,8 @@ async def receive_messages(page: WebSocket, live: LiveSession, playback: Playbac
             live.choose(message)
         elif isinstance(message, Lead):
             live.lead(page, message)
+        elif isinstance(message, Guided):
+            live.hear_guidance(page, message)
         elif isinstance(message, Seen):
             live.flows[page].taken(message.count)
         elif isinstance(message, Detail):

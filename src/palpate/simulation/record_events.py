@@ -8,17 +8,23 @@ import numpy as np
 from palpate.arrays import Float64
 from palpate.simulation.pointer import KINDS, TOOLS
 from palpate.simulation.recording import Record
-from palpate.simulation.session import LUMP, Session
+from palpate.simulation.session import LUMP, SAMPLE, Session
+from palpate.simulation.session_events import FREED, GUIDED
 
 MOST_EVENTS = 1000  # of a record; later ones are left out
 MOST_BINS = 2000  # of a curve of forces
 HOLDS = {"hold": "holds", "needle": "drives a needle", "free": "is in space"}
-CLAIMS = {LUMP: "Claim: a lump is here"}
+MARKS = {
+    LUMP: ("claim", "Claim: a lump is here"),
+    SAMPLE: ("claim", "Claim: a sample from the lump"),
+    GUIDED: ("guide", "Tool {} is guided"),
+    FREED: ("guide", "Tool {} is guided no more"),
+}
 
 
 @dataclass(frozen=True)
 class RecordEvent:
-    """An event. kind: touch, release, cut, undo, model, claim, note or limit. text: what is said of it."""
+    """An event. kind: touch, release, cut, undo, model, claim, guide, note or limit. text: what is said of it."""
 
     tick: int
     kind: str
@@ -26,7 +32,7 @@ class RecordEvent:
 
 
 def record_events(record: Record) -> tuple[RecordEvent, ...]:
-    """What a record says by itself: tools that take hold and let go, cuts, models, claims, notes.
+    """What a record says by itself: tools that take hold and let go, cuts, models, claims, guidances, notes.
 
     Parameters
     ----------
@@ -40,9 +46,10 @@ def record_events(record: Record) -> tuple[RecordEvent, ...]:
     """
     found = [*_touches(record)]
     found += [RecordEvent(tick, "model", f"Model {name}") for tick, name, _ in record.changes]
-    found += [
-        RecordEvent(tick, "claim", CLAIMS.get(what, "Claim: a sample from the lump")) for tick, what, _ in record.marks
-    ]
+    for tick, what, tool in record.marks:
+        if what in MARKS:
+            kind, text = MARKS[what]
+            found.append(RecordEvent(tick, kind, text.format(tool + 1)))
     found += [RecordEvent(note.tick, "note", f"Note: {note.text}") for note in record.notes]
     words = {"cut": "Cut", "undo": "Cut taken back"}
     found += [RecordEvent(cut.tick, cut.kind, words[cut.kind]) for cut in record.cuts if cut.kind in words]

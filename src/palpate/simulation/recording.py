@@ -59,7 +59,8 @@ class Record:
     changes : tuple, optional
         (tick, model, sweeps) of each later model.
     marks : tuple, optional
-        (tick, what, tool) of each claim: 0 a lump under the tool, 1 a sample at the needle's tip.
+        (tick, what, tool) of each claim: 0 a lump under the tool, 1 a sample at the needle's tip. 2: a teacher guides the
+        tool from here on; 3: no more.
     cuts : tuple of RecordedCut, optional
         Cuts and what was taken back of them, each with the first tick after it.
     notes : tuple of SessionNote, optional

@@ -14,7 +14,7 @@ from palpate.simulation.pointer import TOOLS, ContactState
 from palpate.simulation.principal_stretch import Stretch
 from palpate.simulation.recorded_session import session_like
 from palpate.simulation.recording import Record
-from palpate.simulation.session import RATE, SAMPLE, Session
+from palpate.simulation.session import LUMP, RATE, SAMPLE, Session
 from palpate.simulation.target_regions import Lump, connected_lumps
 from palpate.simulation.training_task import Task, region_name, target_of
 from palpate.tissue.tissue import Tissue
@@ -192,7 +192,7 @@ def score(
         raise DataError("score: tissue was cut in this session, and scores of that are not built; replay shows it")
     session = session_like(record, tissue)
     watch = SessionScorer(session, task or Task())
-    marks = list(record.marks)
+    marks = [mark for mark in record.marks if mark[1] in (LUMP, SAMPLE)]
 
     def claimed(until: int) -> None:
         while marks and marks[0][0] <= until:

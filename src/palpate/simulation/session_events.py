@@ -10,13 +10,15 @@ from palpate.simulation.session_cuts import CutKind, RecordedCut
 from palpate.simulation.session_journal import SessionJournal
 from palpate.simulation.session_notes import MOST_NOTES, SessionNote, checked_note
 
+GUIDED, FREED = 2, 3  # marks beside those of `Session.mark`: a tool is guided by another hand, and is not any more
+
 
 class SessionEvents:
     """The events of a session, out of the loop's bounded queues. journal: takes them as they come, if there is one; then
     the loop's are kept there alone, so that a session of hours takes no more memory.
 
     The loop says at which ticks another model or body began; what it was is told to `model` or `cut` before, in the same
-    order. marks: (tick, what, tool) of each claim. notes: those there are now.
+    order. marks: (tick, what, tool) of each claim, and of each guidance. notes: those there are now.
     """
 
     def __init__(self) -> None:

@@ -5,6 +5,7 @@ export const TOOLS = 4;
 export const DISTANCE_STEPS = 65535;
 export const DISPLACEMENT_STEPS = 32767;
 export const AT_REST = 0.0001;
+export const GUIDANCE_LIMIT = 1.0;
 export const EXAM_LENGTH = 0.05;
 export const EXAM_FORCE = 0.01;
 export const EXAM_WORK = 0.1;
@@ -51,7 +52,10 @@ export const ChoiceKind = { show: 0, answer: 1, go_on: 2 } as const;
 export const Role = { viewer: 0, trainee: 1, teacher: 2 } as const;
 
 /** What a `Lead` does. */
-export const LeadStep = { freeze: 0, resume: 1, reset: 2, take_over: 3, release: 4 } as const;
+export const LeadStep = { freeze: 0, resume: 1, reset: 2, take_over: 3, release: 4, guide: 5, end_guidance: 6 } as const;
+
+/** Whether a teacher guides a hand: nobody does, one will once both hold the organ, one does. */
+export const GuidanceState = { none: 0, waiting: 1, on: 2 } as const;
 
 /** Codes with which the server closes a page's WebSocket (RFC 6455; from 4000 on they are the application's). */
 export const CloseCode = { refused: 1008, too_many_pages: 1013, scene_changed: 4001, room_lost: 4002 } as const;
@@ -542,6 +546,81 @@ export function decodeSeen(view: DataView): Seen {
   if (view.getUint8(0) !== 19) throw new Error(`not a Seen: kind ${view.getUint8(0)}`);
   return {
     count: view.getUint32(1, true),
+  };
+}
+
+/** Server to page, in a room, at each change, and before each `Frame` while a teacher guides: who guides whose hand. */
+export interface Guidance {
+  state: number;
+  number: number;
+  teacher: number;
+  trainee: number;
+  teacher_tool: number;
+  trainee_tool: number;
+  teacher_at: Vector;
+  trainee_at: Vector;
+  teacher_given: number;
+  trainee_given: number;
+  teacher_force: Vector;
+  trainee_force: Vector;
+}
+export const GUIDANCE_KIND = 20, GUIDANCE_BYTES = 80;
+export function encodeGuidance(message: Guidance): ArrayBuffer {
+  const view = new DataView(new ArrayBuffer(GUIDANCE_BYTES));
+  view.setUint8(0, 20);
+  view.setUint8(1, message.state);
+  view.setUint32(2, message.number, true);
+  view.setUint32(6, message.teacher, true);
+  view.setUint32(10, message.trainee, true);
+  view.setUint8(14, message.teacher_tool);
+  view.setUint8(15, message.trainee_tool);
+  for (let i = 0; i < 3; i++) view.setFloat32(16 + 4 * i, message.teacher_at[i], true);
+  for (let i = 0; i < 3; i++) view.setFloat32(28 + 4 * i, message.trainee_at[i], true);
+  view.setFloat64(40, message.teacher_given, true);
+  view.setFloat64(48, message.trainee_given, true);
+  for (let i = 0; i < 3; i++) view.setFloat32(56 + 4 * i, message.teacher_force[i], true);
+  for (let i = 0; i < 3; i++) view.setFloat32(68 + 4 * i, message.trainee_force[i], true);
+  return view.buffer;
+}
+export function decodeGuidance(view: DataView): Guidance {
+  if (view.getUint8(0) !== 20) throw new Error(`not a Guidance: kind ${view.getUint8(0)}`);
+  return {
+    state: view.getUint8(1),
+    number: view.getUint32(2, true),
+    teacher: view.getUint32(6, true),
+    trainee: view.getUint32(10, true),
+    teacher_tool: view.getUint8(14),
+    trainee_tool: view.getUint8(15),
+    teacher_at: Array.from({ length: 3 }, (_, i) => view.getFloat32(16 + 4 * i, true)) as Vector,
+    trainee_at: Array.from({ length: 3 }, (_, i) => view.getFloat32(28 + 4 * i, true)) as Vector,
+    teacher_given: view.getFloat64(40, true),
+    trainee_given: view.getFloat64(48, true),
+    teacher_force: Array.from({ length: 3 }, (_, i) => view.getFloat32(56 + 4 * i, true)) as Vector,
+    trainee_force: Array.from({ length: 3 }, (_, i) => view.getFloat32(68 + 4 * i, true)) as Vector,
+  };
+}
+
+/** Page to server, while its hand guides or is guided: what a `Guidance` tells of this end. number: of the guidance. */
+export interface Guided {
+  number: number;
+  given: number;
+  force: Vector;
+}
+export const GUIDED_KIND = 21, GUIDED_BYTES = 28;
+export function encodeGuided(message: Guided): ArrayBuffer {
+  const view = new DataView(new ArrayBuffer(GUIDED_BYTES));
+  view.setUint8(0, 21);
+  view.setUint32(1, message.number, true);
+  view.setFloat64(5, message.given, true);
+  for (let i = 0; i < 3; i++) view.setFloat32(13 + 4 * i, message.force[i], true);
+  return view.buffer;
+}
+export function decodeGuided(view: DataView): Guided {
+  if (view.getUint8(0) !== 21) throw new Error(`not a Guided: kind ${view.getUint8(0)}`);
+  return {
+    number: view.getUint32(1, true),
+    given: view.getFloat64(5, true),
+    force: Array.from({ length: 3 }, (_, i) => view.getFloat32(13 + 4 * i, true)) as Vector,
   };
 }
 

@@ -2,7 +2,7 @@
 import type { PredictionState } from "./prediction-messages";
 import type { OtherHand, RoomState } from "./room-messages";
 import type {
-  Choice, Difference, Frame, Lead, Mark, Note, NoteText, Play, Position, Scalpel, Scene, Selection, TimelineTrack, ToolCommand, TrialStatus,
+  Choice, Difference, Frame, Guidance, Guided, Lead, Mark, Note, NoteText, Play, Position, Scalpel, Scene, Selection, TimelineTrack, ToolCommand, TrialStatus,
 } from "./server-messages";
 
 /** The scene's arrays: nodes at rest (mm), where they are drawn then (`open`: cuts gape), triangles, unit normals at rest, and the edges of the outer surface, and
@@ -46,6 +46,7 @@ export type FromWorker =
   | { kind: "trial"; status: TrialStatus }
   | { kind: "notes"; notes: NoteText[] }
   | { kind: "people"; room: RoomState }
+  | { kind: "guidance"; told: Guidance }
   | { kind: "timeline"; tracks: TimelineTrack[] }
   | { kind: "position"; position: Position }
   | { kind: "stale" }
@@ -65,6 +66,7 @@ export type ToWorker =
   | { kind: "scalpel"; scalpel: Scalpel }
   | { kind: "choose"; choice: Choice }
   | { kind: "lead"; lead: Lead }
+  | { kind: "guided"; guided: Guided }
   | { kind: "note"; note: Note; text: string }
   | { kind: "play"; play: Play }
   | { kind: "color"; mode: ColorMode }

@@ -6,6 +6,7 @@ import {
 import { TurntableCamera, type CameraGuest } from "./turntable-camera";
 import { Appearance } from "./appearance";
 import { GouraudMaterial } from "./gouraud-material";
+import { GuidanceLine } from "./guidance-line";
 import { OtherHands } from "./other-hands";
 import { setSurfaceAttributes } from "./surface-attributes";
 import { TissueMaterial } from "./tissue-material";
@@ -31,6 +32,7 @@ export class OrganView {
   readonly root = new Scene3D();
   readonly toolMeshes = new ToolMeshes();
   readonly otherHands = new OtherHands();
+  readonly guidanceLine = new GuidanceLine();
   private readonly geometry = new BufferGeometry();
   private readonly material = Object.assign(new GouraudMaterial(), { polygonOffsetFactor: 1, polygonOffsetUnits: 1 });
   private readonly tissue = Object.assign(new TissueMaterial(), { polygonOffsetFactor: 1, polygonOffsetUnits: 1 });
@@ -70,7 +72,7 @@ export class OrganView {
     light.position.set(-0.5, 0.8, 1);
     this.turntable.camera.add(light, light.target); // the light moves with the camera
     light.target.position.set(0, 0, -1);
-    this.root.add(this.turntable.camera, new HemisphereLight(0xffffff, 0x8a8fa0, 1.5), this.toolMeshes.group, this.otherHands.group);
+    this.root.add(this.turntable.camera, new HemisphereLight(0xffffff, 0x8a8fa0, 1.5), this.toolMeshes.group, this.otherHands.group, this.guidanceLine.mesh);
     new ResizeObserver(() => this.resize()).observe(canvas);
     addEventListener("resize", () => this.measure());
     addEventListener("scroll", () => this.measure(), true);
@@ -177,6 +179,11 @@ export class OrganView {
   /** Takes the tools of the other people in a room. */
   showHands(hands: OtherHand[]): void {
     if (this.otherHands.update(hands, (point) => this.gapeAt(point))) this.needsRedraw = true;
+  }
+
+  /** Draws the coupling between a guiding tool and a guided one, mm, or none. */
+  showGuidance(ends: [Vector, Vector] | null, color: number): void {
+    if (this.guidanceLine.show(ends, color, this.size)) this.needsRedraw = true;
   }
 
   set drawWireframe(wireframe: boolean) {

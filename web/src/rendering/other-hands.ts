@@ -18,7 +18,7 @@ export class OtherHands {
   readonly group = new Group();
   size = 1; // mm, radius of the organ
   /** Where the hands are drawn, mm, and whose they are. */
-  places: { person: number; at: Vector; force: number }[] = [];
+  places: { person: number; number: number; at: Vector; force: number }[] = [];
   private readonly drawn: Drawn[];
 
   constructor() {
@@ -35,7 +35,7 @@ export class OtherHands {
   update(hands: OtherHand[], gape: (point: Vector) => Vector): boolean {
     const before = this.places.length;
     const shown = hands.filter(({ contact }) => contact === ContactState.closed || contact === ContactState.open);
-    this.places = shown.map(({ person, point, displacement, force }) => ({ person, at: add(add(point, gape(point)), displacement), force: length(force) }));
+    this.places = shown.map(({ person, number, point, displacement, force }) => ({ person, number, at: add(add(point, gape(point)), displacement), force: length(force) }));
     this.drawn.forEach(({ tip, shaft, arrow }, i) => {
       const hand = shown[i], place = this.places[i];
       tip.visible = hand !== undefined && hand.insertion === 0;

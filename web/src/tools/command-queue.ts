@@ -1,29 +1,69 @@
 // Sends numbered commands to the loop and measures how long each takes until a drawn frame obeys it.
+import { add, limitLength, unit } from "../organ/mesh-geometry";
 import { CommandKind, TOOLS, type ToolCommand, type Vector } from "../protocol/server-messages";
 
 const CAPACITY = 1024; // commands, delays
 
+/** Where a hand has a tool. slides: it presses the surface, along `displacement`, and may be shifted along it alone. */
+interface Held {
+  kind: number;
+  point: Vector;
+  displacement: Vector;
+  slides: boolean;
+}
+
+/** Where a hand has a tool, mm, and the normal of the surface that it presses. */
+export interface HandPlace {
+  at: Vector;
+  normal: Vector | null;
+}
+
 export class CommandQueue {
+  reach = Infinity; // mm, the longest displacement
   private serial = 0;
+  private offset: Vector = [0, 0, 0]; // mm, of all tools from where the hand has them
+  private readonly held: (Held | null)[] = Array(TOOLS).fill(null);
   private readonly kinds: number[] = Array(TOOLS).fill(CommandKind.away); // of the last command of each tool
   private readonly pending: { serial: number; stamp: number }[] = [];
   private readonly delays: number[] = []; // ms
 
-  constructor(private readonly post: (command: ToolCommand) => void) {}
+  /** post: sends a command. hand: null: it has let go. */
+  constructor(private readonly post: (command: ToolCommand, hand: HandPlace | null) => void) {}
 
-  /** Commands one tool. stamp: time of the user's input, ms of the page's clock. */
-  send(tool: number, kind: number, point: Vector, displacement: Vector, stamp: number): void {
+  /** Commands one tool. stamp: time of the user's input, ms of the page's clock. slides: it presses the surface. */
+  send(tool: number, kind: number, point: Vector, displacement: Vector, stamp: number, slides = false): void {
     this.kinds[tool] = kind;
-    this.post({ tool, kind, serial: ++this.serial, point, displacement });
+    this.held[tool] = { kind, point, displacement, slides };
+    this.sendShifted(tool);
     this.pending.push({ serial: this.serial, stamp });
     if (this.pending.length > CAPACITY) this.pending.shift();
+  }
+
+  /** From now on all tools are so far, mm, from where the hand has them. */
+  shift(offset: Vector): void {
+    if (offset.every((x, k) => x === this.offset[k])) return;
+    this.offset = [...offset];
+    this.held.forEach((held, tool) => held && this.sendShifted(tool));
+  }
+  get shifted(): boolean {
+    return this.offset.some((x) => x !== 0);
+  }
+
+  private sendShifted(tool: number): void {
+    const { kind, point, displacement, slides } = this.held[tool]!, { offset } = this, command = { tool, kind, serial: ++this.serial, point, displacement };
+    if (this.shifted) {
+      if (slides || kind === CommandKind.free) command.point = add(point, offset);
+      else command.displacement = limitLength(add(displacement, offset), this.reach);
+    }
+    this.post(command, { at: add(point, displacement), normal: slides ? unit(displacement) : null });
   }
 
   /** Lets one tool go, if its last command was another. always: even so. */
   release(tool: number, always = false): void {
     if (this.kinds[tool] === CommandKind.away && !always) return;
     this.kinds[tool] = CommandKind.away;
-    this.post({ tool, kind: CommandKind.away, serial: ++this.serial, point: [0, 0, 0], displacement: [0, 0, 0] });
+    this.held[tool] = null;
+    this.post({ tool, kind: CommandKind.away, serial: ++this.serial, point: [0, 0, 0], displacement: [0, 0, 0] }, null);
   }
 
   /** Serial number of the newest command. */

@@ -63,6 +63,7 @@ export class ToolController {
 
   setOrgan(organ: Organ): void {
     this.releaseAll();
+    this.commands.reach = MAX_REACH * organ.scene.reach;
     const before = this.organ, size = this.view.size, surface = organ.scene.parts.find((p) => !p.inside)!;
     this.measureTool.setOrgan(organ, (hit) => {
       const found = locate(interpolate(hit, before!.rest, before!.triangles), organ.rest, organ.triangles, surface.first, surface.count);
@@ -231,7 +232,7 @@ export class ToolController {
     if (this.pressPoint) {
       const normal = unit(interpolate(this.pressPoint, normals, triangles));
       const displacement = scale(normal, -this.amounts.press * this.pressure);
-      this.commands.send(0, CommandKind.hold, interpolate(this.pressPoint, rest, triangles), limitLength(displacement, longest), stamp);
+      this.commands.send(0, CommandKind.hold, interpolate(this.pressPoint, rest, triangles), limitLength(displacement, longest), stamp, true);
     } else if (this.grasp) {
       const { jaws, gain } = this.grasp, common = scale(this.pointerDisplacement(this.grasp), gain);
       jaws.forEach(({ point, closing }, i) => {
@@ -252,7 +253,7 @@ export class ToolController {
    * The gain is corrected until that point is under the pixel. */
   correctGain(): void {
     const { grasp, heldPoint } = this;
-    if (!grasp || !heldPoint) return;
+    if (!grasp || !heldPoint || this.commands.shifted) return;
     const wanted = this.pointerDisplacement(grasp), distance = length(wanted);
     if (distance < 0.02 * this.view.size) return;
     const from = scale(grasp.jaws.map((jaw) => jaw.point).reduce(add), 1 / grasp.jaws.length);

@@ -26,6 +26,7 @@ import { markLump, takeSample } from "./claims";
 import { LookSwitch } from "./look-switch";
 import { Measuring } from "./measuring";
 import { Notes } from "./notes";
+import { Guidance } from "./guidance";
 import { EndoscopePanel } from "./endoscope-panel";
 import { offersColor, offersTool, showOffers } from "./offers";
 import { Pictures } from "./pictures";
@@ -43,7 +44,11 @@ const token = isExported ? "" : takeToken();
 const canvas = element<HTMLCanvasElement>("view");
 const appearance = new Appearance(showMessage);
 const view = new OrganView(canvas, appearance);
-const commands = new CommandQueue((command) => post({ kind: "command", command }));
+const guidance: Guidance = new Guidance(() => commands, (guided) => post({ kind: "guided", guided }));
+const commands: CommandQueue = new CommandQueue((command, hand) => {
+  guidance.moved(command, hand);
+  post({ kind: "command", command });
+});
 const notes = new Notes((note, text) => post({ kind: "note", note, text }), () => measuring.changed());
 const measureTool: MeasureTool = new MeasureTool(view, () => measuring.changed(), showMessage, (hit) => notes.write(hit));
 const measuring: Measuring = new Measuring(view, measureTool, notes);
@@ -116,6 +121,8 @@ worker.onmessage = ({ data }: MessageEvent<FromWorker>) => {
     replay.take(data);
   } else if (data.kind === "people") {
     room.take(data.room);
+  } else if (data.kind === "guidance") {
+    guidance.take(data.told, room.you);
   } else if (data.kind === "prediction") {
     room.predicts(data.state);
   } else if (data.kind === "way") {
@@ -124,6 +131,7 @@ worker.onmessage = ({ data }: MessageEvent<FromWorker>) => {
     notes.take(data.notes);
   } else if (data.kind === "stale") {
     sound.clear();
+    guidance.lose();
     if (scene) readout.lose(scene.limit);
   } else if (data.kind === "notice") {
     showMessage(data.text);
@@ -133,6 +141,7 @@ worker.onmessage = ({ data }: MessageEvent<FromWorker>) => {
     if (!data.good) {
       releaseAll();
       sound.clear();
+      guidance.lose();
       if (scene) readout.lose(scene.limit);
     }
   } else if (data.cut && scene) {
@@ -201,7 +210,8 @@ function renderLoop(now: number): void {
   if (webxr.active) webxr.update();
   if (drawn) readout.framesDrawn++;
   replay.draw();
-  room.draw(now);
+  guidance.update(now);
+  room.draw(now, guidance);
   measuring.draw(drawn, newest !== null && newest.count > 0, now);
   pictures.update(now);
   const done = performance.now();
@@ -350,6 +360,7 @@ const testHooks = exposeTestHooks({
   frame: () => newest,
   scene: () => scene,
   hands: () => hands,
+  guidance: () => ({ told: guidance.told, force: guidance.force }),
 });
 void WebXRInput.isSupported().then((supported) => (element("headset").hidden = !supported));
 if (isExported) {

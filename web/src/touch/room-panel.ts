@@ -1,10 +1,12 @@
 // A room: who is in it, whose hand is where, and what a teacher can do.
-import { LeadStep, Role, type Lead, type Person } from "../protocol/server-messages";
+import { GuidanceState, LeadStep, Role, type Lead, type Person } from "../protocol/server-messages";
+import type { Vector } from "../protocol/server-messages";
 import type { PredictionState } from "../protocol/prediction-messages";
 import type { RoomState } from "../protocol/room-messages";
 import type { OrganView } from "../rendering/organ-view";
-import { personCss } from "../rendering/person-colors";
+import { personColor, personCss } from "../rendering/person-colors";
 import { element, write } from "../ui/controls";
+import type { Guidance } from "./guidance";
 
 const ROLES: Record<number, string> = { [Role.viewer]: "watches", [Role.trainee]: "", [Role.teacher]: "teacher" };
 const FORCE_INTERVAL = 125; // ms
@@ -14,6 +16,7 @@ interface Row {
   item: HTMLLIElement;
   force: HTMLElement;
   buttons: HTMLElement;
+  guide: HTMLButtonElement;
 }
 
 export class RoomPanel {
@@ -34,6 +37,10 @@ export class RoomPanel {
   private get role(): number | null {
     const { room } = this;
     return room?.people.find(({ number }) => number === room.you)?.role ?? null;
+  }
+  /** The page's own number; 0: not in a room. */
+  get you(): number {
+    return this.room?.you ?? 0;
   }
   /** Whether this hand only watches. */
   get watches(): boolean {
@@ -80,7 +87,7 @@ export class RoomPanel {
   }
 
   private row(person: Person, led: boolean): Row {
-    const item = document.createElement("li"), chip = document.createElement("i"), name = document.createElement("b"), force = document.createElement("span"), buttons = document.createElement("span");
+    const item = document.createElement("li"), chip = document.createElement("i"), name = document.createElement("b"), force = document.createElement("span"), buttons = document.createElement("span"), guide = document.createElement("button");
     chip.style.background = personCss(person.number);
     name.textContent = person.name + (person.number === this.room!.you ? " (you)" : "");
     const role = document.createElement("small");
@@ -95,9 +102,15 @@ export class RoomPanel {
         button.addEventListener("click", () => this.send({ step, person: person.number }));
         buttons.append(button);
       }
+      guide.className = "toggle";
+      guide.textContent = "Guide";
+      guide.setAttribute("aria-label", `Guide: ${person.name}`);
+      guide.title = "Your tool draws this hand to it, from when both hold the organ until one lets go";
+      guide.addEventListener("click", () => this.send({ step: guide.getAttribute("aria-pressed") === "true" ? LeadStep.end_guidance : LeadStep.guide, person: person.number }));
+      buttons.append(guide);
     }
     item.append(chip, name, role, force, buttons);
-    return { person, item, force, buttons };
+    return { person, item, force, buttons, guide };
   }
 
   toggleFreeze(): void {
@@ -105,18 +118,40 @@ export class RoomPanel {
   }
 
   /** Called once a frame: names go beside the hands, and forces into the list. */
-  draw(now: number): void {
+  draw(now: number, guidance: Guidance): void {
     if (!this.room) return;
     const places = new Map(this.view.otherHands.places.map((place) => [place.person, place]));
     for (const [person, name] of this.names) if (!places.has(person)) name.hidden = true;
     for (const { person, at } of places.values()) this.label(person, this.view.toPixel(at));
+    this.view.showGuidance(this.coupled(guidance), personColor(guidance.told?.teacher ?? 1));
     if (now - this.updated < FORCE_INTERVAL) return;
     this.updated = now;
-    for (const { person, force, buttons } of this.rows) {
+    this.describe(guidance);
+    for (const { person, force, buttons, guide } of this.rows) {
       const place = places.get(person.number), text = place ? `${place.force.toFixed(1)} N` : "";
       if (force.textContent !== text) force.textContent = text;
-      buttons.hidden = !place || !buttons.childElementCount;
+      const guided = guidance.told?.trainee === person.number;
+      guide.setAttribute("aria-pressed", String(guided));
+      buttons.hidden = !(place || guided) || !buttons.childElementCount;
     }
+  }
+
+  /** The two tools of a guidance as they are drawn, mm. */
+  private coupled({ told }: Guidance): [Vector, Vector] | null {
+    if (told?.state !== GuidanceState.on) return null;
+    const { otherHands, toolMeshes } = this.view, at = (person: number, tool: number): Vector | undefined =>
+      person === this.you ? toolMeshes.tipPositions[tool] : otherHands.places.find((place) => place.person === person && place.number === tool)?.at;
+    const from = at(told.teacher, told.teacher_tool), to = at(told.trainee, told.trainee_tool);
+    return from && to ? [from, to] : null;
+  }
+
+  private describe({ told, force }: Guidance): void {
+    const name = (number: number) => this.room!.people.find((person) => person.number === number)?.name ?? "", { you } = this;
+    element("guidance").hidden = !told;
+    if (!told) return;
+    const who = told.teacher === you ? `You guide ${name(told.trainee)}` : `${name(told.teacher)} guides ${told.trainee === you ? "you" : name(told.trainee)}`;
+    write("guidance-who", told.state === GuidanceState.on ? who : `${who} once both hold the organ.`);
+    write("guidance-force", told.state === GuidanceState.on ? `${Math.hypot(...force).toFixed(2)} N` : "");
   }
 
   private label(person: number, [x, y]: [number, number]): void {

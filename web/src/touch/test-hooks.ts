@@ -7,7 +7,7 @@ import type { CommandQueue } from "../tools/command-queue";
 import type { SurfaceCursor } from "../input/surface-cursor";
 import type { ToolController } from "../tools/tool-controller";
 import type { OtherHand } from "../protocol/room-messages";
-import { CommandKind, type Frame, type Scene, type Vector } from "../protocol/server-messages";
+import { CommandKind, type Frame, type Guidance, type Scene, type Vector } from "../protocol/server-messages";
 import type { AudioFeedback } from "../sound/audio-feedback";
 import type { SoundEvent } from "../sound/sound-events";
 import { pitch, renderOffline } from "../sound/synthesizer";
@@ -29,6 +29,7 @@ interface Parts {
   frame(): Frame | null;
   scene(): Scene | null;
   hands(): OtherHand[];
+  guidance(): Window["palpate"]["guidance"];
 }
 
 declare global {
@@ -38,6 +39,8 @@ declare global {
       readonly scene: Scene | null;
       /** Tools of others in a room. */
       readonly hands: OtherHand[];
+      /** Who guides whom, and the force on the guided hand, N. */
+      readonly guidance: { told: Guidance | null; force: Vector };
       /** Shown nodes as they are drawn, (nodes, 3) mm. */
       positions(): number[];
       /** Commands a tool to hold the material point at `point` and displace it, mm. */
@@ -96,6 +99,9 @@ export function exposeTestHooks(parts: Parts): { recordWork(ms: number): void } 
     },
     get hands() {
       return parts.hands();
+    },
+    get guidance() {
+      return parts.guidance();
     },
     positions: () => [...view.positions],
     hold: (tool, point, displacement) => parts.commands.send(tool, CommandKind.hold, point, displacement, performance.now()),

@@ -5,7 +5,7 @@ import { element, write } from "./controls";
 const SPEEDS = [0.25, 0.5, 1, 2, 4].filter((speed) => speed >= SLOWEST && speed <= FASTEST);
 const SYMBOLS: Record<string, [symbol: string, name: string]> = {
   touch: ["▲", "touch"], release: ["▽", "release"], cut: ["✕", "cut"], undo: ["↶", "cut taken back"], model: ["◆", "model"],
-  claim: ["★", "claim"], note: ["●", "note"], limit: ["!", "force limit"],
+  claim: ["★", "claim"], guide: ["↔", "guidance"], note: ["●", "note"], limit: ["!", "force limit"],
 };
 const INKS = ["--accent", "--warn"]; // of the sessions
 const SIDE = 8; // pixels beside the plot: the thumb of the slider is there
