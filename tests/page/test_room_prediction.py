@@ -126,6 +126,34 @@ def test_after_a_cut_the_page_predicts_the_cut_organ(far, tissue):
     trainee.wait("palpate.scene.made === 0")
 
 
+COUPLED = """(() => {
+    const at = (values) => [0, 1, 2].map((k) => values.point[k] + values.displacement[k]);
+    return {own: at(palpate.frame), other: at(palpate.hands[0]), force: palpate.guidance.force};
+})()"""
+
+
+def test_a_hand_is_guided_from_afar(far):
+    """At rest both pages make the same force, each by itself, while both predict; it ends when the teacher lets go."""
+    trainee, teacher = far("trainee"), far("teacher")
+    points = [(x, 0.0, float(25 * np.sqrt(1 - (x / 40) ** 2))) for x in (-10.0, -2.0)]  # on the surface
+    hold(trainee, points[0], (0, 0, -2.0))
+    hold(teacher, points[1], (0, 0, -2.0))
+    teacher.wait("palpate.hands.length === 1 && palpate.hands[0].contact === 1")
+    teacher.page.locator("#people button", has_text="Guide").evaluate("(button) => button.click()")
+    for page in (teacher, trainee):
+        page.wait("palpate.guidance.told?.state === 2 && Math.hypot(...palpate.guidance.force) > 0.3")
+        page.settle(1500)
+    told = [page.see(COUPLED) for page in (trainee, teacher)]
+    spring = 0.1 * np.subtract(told[0]["other"], told[0]["own"])
+    for one in told:
+        np.testing.assert_allclose(one["force"], spring, atol=0.02)
+    np.testing.assert_allclose(told[0]["force"], told[1]["force"], atol=1e-3)
+    np.testing.assert_allclose(trainee.tool()[1], np.add((0, 0, -2), 5 * np.array(told[0]["force"])), atol=0.05)
+    teacher.see("palpate.release(0)")
+    trainee.wait("palpate.guidance.told === null && Math.abs(palpate.frame.displacement[0]) < 0.02")
+    assert trainee.tool()[3] == 1
+
+
 LARGEST_FORCE = """(() => {
     window.largestForce = 0;
     setInterval(() => {

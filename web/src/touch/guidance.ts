@@ -54,6 +54,21 @@ export class Guidance {
     this.coupling?.end();
   }
 
+  /** The connection is bad, and all tools let go. */
+  drop(): void {
+    this.told = null;
+    this.over = this.number;
+    this.lose();
+  }
+
+  /** There is another connection, perhaps to another room process, which counts anew. */
+  reset(): void {
+    this.drop();
+    this.coupling = null;
+    this.commands().shift([0, 0, 0]);
+    this.number = this.over = 0;
+  }
+
   /** N, of the coupling on the guided hand; as this page has it, or as the room says. */
   get force(): Vector {
     const { coupling, told } = this;

@@ -141,7 +141,7 @@ worker.onmessage = ({ data }: MessageEvent<FromWorker>) => {
     if (!data.good) {
       releaseAll();
       sound.clear();
-      guidance.lose();
+      guidance.drop();
       if (scene) readout.lose(scene.limit);
     }
   } else if (data.cut && scene) {
@@ -157,6 +157,7 @@ worker.onmessage = ({ data }: MessageEvent<FromWorker>) => {
     post({ kind: "next", arrays: null, pressing: false });
   } else {
     scene = data.organ.scene;
+    guidance.reset();
     view.show(data.organ);
     controller.setOrgan(data.organ);
     measuring.setOrgan(data.organ);
