@@ -77,8 +77,8 @@ export class GuidanceCoupling {
     const { force, offset, wanted } = this;
     this.gain = this.on ? Math.min(1, this.gain + 1 / RISE) : Math.max(0, this.gain - 1 / FALL);
     const stored = this.pull();
-    const room = this.first + this.received - this.given - this.gained;
-    const soon = room - AHEAD * Math.max(0, this.gained - this.before), allowed = Math.max(0, Math.min(1, soon / ENOUGH));
+    const level = this.first + this.received - this.given - this.gained;
+    const soon = level - AHEAD * Math.max(0, this.gained - this.before), allowed = Math.max(0, Math.min(1, soon / ENOUGH));
     this.before = this.gained;
     this.share += limited(allowed - this.share, SHARE_CHANGE);
     for (let k = 0; k < 3; k++) force[k] = this.share * wanted[k];
@@ -89,7 +89,7 @@ export class GuidanceCoupling {
     const { normal } = this, out = normal ? offset.reduce((sum, x, k) => sum + x * normal[k], 0) : 0;
     if (normal) for (let k = 0; k < 3; k++) offset[k] -= out * normal[k];
     // The hand that guides gives all that it puts in; the guided one keeps what its spring needs to draw it back.
-    const spare = room - this.first - (this.led ? stored : 0);
+    const spare = level - this.first - (this.led ? stored : 0);
     if (spare > 0) this.given += spare;
   }
 
