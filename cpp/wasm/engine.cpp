@@ -104,13 +104,16 @@ EXPORTED int make(int nodes, const double* node, int tets, const int32_t* tet, c
     return made;
 }
 
-// The blade of a cut along a way on the surface at rest, (points, 3) mm, `depth` mm deep. Returns how many triangles it
-// has, 0 if the surface's normals give it no way; blade_corners() gives those, (.., 3, 3) mm.
-EXPORTED int incise(int points, const double* point, double depth) {
+// The blade of a cut along a way on the surface at rest, (points, 3) mm, `depth` mm deep in the direction (x, y, z), or
+// against the surface if that is 0. Returns how many triangles it has, 0 if the surface's normals give it no way;
+// blade_corners() gives those, (.., 3, 3) mm.
+EXPORTED int incise(int points, const double* point, double depth, double x, double y, double z) {
     std::vector<Point3> path(points);
     for (int k = 0; k < points; k++) std::copy_n(point + 3 * size_t(k), 3, path[k].begin());
     const double edge = organ.solid.edge;
-    organ.blade = incision(*organ.body().surface, path, incision_step * edge, edge, nullptr).swept(depth + edge);
+    const double given[3] = {x, y, z};
+    const double* direction = x == 0 && y == 0 && z == 0 ? nullptr : given;
+    organ.blade = incision(*organ.body().surface, path, incision_step * edge, edge, direction).swept(depth + edge);
     return int(organ.blade.size());
 }
 

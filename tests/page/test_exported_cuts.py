@@ -240,6 +240,24 @@ def test_a_stroke_cuts_offline_and_the_lips_part_where_one_pulls(opened, album, 
     assert session.cuts == 0
 
 
+@pytest.mark.browser
+def test_a_stroke_from_edge_to_edge_frees_a_piece(opened, album):
+    """The hand begins at the organ's edge and goes past the other one: the cut goes all the way through."""
+    page = opened.page
+    if opened.device == "phone":
+        return
+    page.click("#cut-tool")
+    page.locator("#amount").fill(str(opened.see("document.getElementById('amount').max")))
+    assert opened.see("document.getElementById('amount-set').textContent") == "through"
+    start, end = (np.array(opened.see(f"palpate.pixel({point})")) for point in ([34, 2, 12.5], [34, -5, -11.5]))
+    draw(opened, start, 1.9 * (end - start), 60)
+    opened.until_told("came free")
+    opened.wait("palpate.scene.made === 1 && palpate.frame.body === 1")
+    page.screenshot(path=album / "exported-piece-taken.png")
+    page.keyboard.press("z")
+    opened.wait("palpate.scene.made === 0")
+
+
 @pytest.mark.parametrize(
     "cuts", [[[5, "cut"]], [[5, "saw", [], []]], [["a", "undo"]], [[1, "cut", [[0, 0, 0]], [[0, 0, 0]]]], 3]
 )

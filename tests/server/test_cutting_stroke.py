@@ -76,6 +76,7 @@ def run(steps, replaced=False):
         assert cutting.stroke is None
 
     asyncio.run(go())
+    session.told = told
     return session, [text for text in told if not text.startswith("Cut of ")], changes
 
 
@@ -85,9 +86,9 @@ def over_the_top(count=30):
     return [(float(a), 0.0, float(25 * np.sqrt(1 - (a / 40) ** 2))) for a in x]
 
 
-def stroke(page, way, depth=14.0):
+def stroke(page, way, depth=14.0, direction=(0.0, 0.0, 0.0)):
     kinds = [CutStep.begin] + [CutStep.move] * (len(way) - 2) + [CutStep.end]
-    return [(page, Scalpel(kind, depth, point)) for kind, point in zip(kinds, way, strict=True)]
+    return [(page, Scalpel(kind, depth, point, direction)) for kind, point in zip(kinds, way, strict=True)]
 
 
 def test_a_stroke_is_one_cut_of_its_depth():
@@ -226,6 +227,20 @@ def test_a_page_that_goes_ends_its_stroke_and_another_one_cannot_disturb_it():
     assert told == []
     assert session.cuts == 1
     assert np.abs(session.mesh.blades[0].points[:, 1]).max() < 1.0
+
+
+def test_a_stroke_through_the_organ_frees_a_piece_which_is_told():
+    """Along the line of sight, from beyond one edge to beyond the other, as a page sends it."""
+    x, z = 33.0, np.linspace(-22, 22, 30)
+    front = -30 * np.sqrt(np.maximum(1 - (x / 40) ** 2 - (z / 25) ** 2, 0))
+    way = [(x, float(b), float(c)) for b, c in zip(front, z, strict=True)][::-1]
+    session, told, _ = run(stroke("page", way, 100.0, (0.0, 1.0, 0.0)))
+    assert told == []
+    assert session.mesh.nodes[np.unique(session.mesh.tets)][:, 0].max() > x, "copies keep their shape"
+    assert session.mesh.places[:, 0].max() == pytest.approx(x)
+    beyond = session.first.tissue.mesh.volumes.sum() - session.mesh.volumes.sum()
+    assert beyond == pytest.approx(np.pi * 30 * 25 * 40 * (2 / 3 - 0.825 + 0.825**3 / 3), rel=0.1)
+    assert session.told[-1].endswith(f"{beyond / 1000:.2g} ml came free and were taken away.")
 
 
 def test_what_lies_far_off_or_is_no_way_is_told_or_nothing():

@@ -36,8 +36,8 @@ TOOL = 0  # that the loop has as the blade: it presses or pulls otherwise
 
 @dataclass(eq=False)
 class Stroke:
-    """One stroke of a blade. page: whose it is; None: the device's with motors. before: the tissue before it. cut: how many
-    points of the way the cut has followed.
+    """One stroke of a blade. page: whose it is; None: the device's with motors. before: the tissue before it. direction: of
+    the blade; None: against the surface. cut: how many points of the way the cut has followed.
     """
 
     page: WebSocket | None
@@ -45,6 +45,7 @@ class Stroke:
     before: Tissue
     depth: float
     way: list[tuple[float, float, float]]
+    direction: tuple[float, float, float] | None = None
     ended: bool = False
     cut: int = 0
     moved: asyncio.Event = field(default_factory=asyncio.Event)
@@ -91,7 +92,8 @@ class Cutting:
             return None if stroke else asyncio.create_task(self._undo(session))
         if message.step == CutStep.begin and stroke is None:
             depth = min(message.depth, 2 * reach(session))  # through all of it
-            self.stroke = Stroke(page, session, session.tissue, depth, [message.point])
+            way = message.direction if any(message.direction) else None
+            self.stroke = Stroke(page, session, session.tissue, depth, [message.point], way)
             self._feel(self.stroke, message.point)
             return asyncio.create_task(self._follow(self.stroke))
         if stroke and stroke.page is page and message.step != CutStep.begin:
@@ -135,7 +137,7 @@ class Cutting:
                     continue
                 done = len(stroke.way)
                 way = simplified(stroke.way[:done], TOLERANCE * stroke.before.edge)
-                blade = await asyncio.to_thread(incision, stroke.before, way, stroke.depth)
+                blade = await asyncio.to_thread(incision, stroke.before, way, stroke.depth, stroke.direction)
                 cut = partial(stroke.session.cut, blade, extend=stroke.cut > 0)
                 if not await self._change(stroke.session, cut):
                     return

@@ -121,13 +121,13 @@ def decode(data: bytes) -> FromPage:
             raise DataError(f"Lead: step {values[0]}, expected less than {len(LeadStep)}; reload the page")
         return Lead(*values)
     if sent is Scalpel:
-        step, depth, *place = values
-        if step >= len(CutStep) or not np.isfinite([depth, *place]).all() or not (depth > 0 or step == CutStep.undo):
+        step, depth, x, y, z, *way = values
+        if step >= len(CutStep) or not np.isfinite(values).all() or not (depth > 0 or step == CutStep.undo):
             raise DataError(
-                f"Scalpel: step {step}, depth {depth} mm at {place}, expected less than {len(CutStep)}, "
+                f"Scalpel: step {step}, depth {depth} mm at {[x, y, z]} along {way}, expected less than {len(CutStep)}, "
                 f"more than 0, finite numbers; reload the page"
             )
-        return Scalpel(step, depth, (place[0], place[1], place[2]))
+        return Scalpel(step, depth, (x, y, z), (way[0], way[1], way[2]))
     tool, kind, serial, *numbers = values
     if tool >= TOOLS or kind > CommandKind.free:  # a blade is a `Scalpel`'s
         raise DataError(

@@ -68,12 +68,14 @@ class Mark:
 class Scalpel:
     """Page to server: the blade goes to `point` (mm, on the surface at rest), `depth` mm deep. step: a `CutStep`.
 
-    The tissue is cut along the way from `begin` on while the blade moves. undo: takes the last cut back.
+    The tissue is cut along the way from `begin` on while the blade moves. undo: takes the last cut back. direction: of the
+    whole stroke's blade, as `begin` has it; (0, 0, 0): against the surface's mean normal.
     """
 
     step: U8
     depth: F32
     point: Vector
+    direction: Vector = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from palpate.errors import DataError
 from palpate.meshes.cutting.blade import Blade
 from palpate.tissue.tissue import Tissue
 
+FARTHEST = 4.0  # mean edges from the surface that a point of the way may lie: it leaves the organ there
 STEP = 2.0  # mean edges between the points at which the blade follows the surface
 
 
@@ -33,7 +34,7 @@ def incision(tissue: Tissue, path: ArrayLike, depth: float, direction: ArrayLike
     Raises
     ------
     DataError
-        If the path has fewer than two points, one of them lies more than a mean edge off the surface, the depth is not
+        If the path has fewer than two points, one of them lies more than four mean edges off the surface, the depth is not
         positive, or the direction is zero.
 
     Examples
@@ -47,7 +48,7 @@ def incision(tissue: Tissue, path: ArrayLike, depth: float, direction: ArrayLike
     if not (np.isfinite(depth) and depth > 0):
         raise DataError(f"depth: {depth} mm; give a finite depth above 0")
     far = [float(tissue.surface.closest(x).distance) for x in corners]
-    if max(far) > tissue.edge:
+    if max(far) > FARTHEST * tissue.edge:
         bad = int(np.argmax(far))
         raise DataError(
             f"path: point {corners[bad].tolist()} lies {far[bad]:.3g} mm off the surface; give points on it"

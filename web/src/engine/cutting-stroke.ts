@@ -8,8 +8,8 @@ const MOST_POINTS = 400;
 export class CuttingStroke {
   private readonly way: Vector[];
 
-  /** edge: mm, of a mean element. depth: mm. */
-  constructor(start: Vector, readonly depth: number, private readonly edge: number) {
+  /** edge: mm, of a mean element. depth: mm. direction: of the blade; (0, 0, 0): against the surface. */
+  constructor(start: Vector, readonly depth: number, readonly direction: Vector, private readonly edge: number) {
     this.way = [start];
   }
 

@@ -31,12 +31,12 @@ export class LocalCuts {
 
   /** Takes a `Scalpel` message. */
   obey(data: ArrayBuffer): void {
-    const { step, depth, point } = decodeScalpel(new DataView(data));
+    const { step, depth, point, direction } = decodeScalpel(new DataView(data));
     if (step === CutStep.undo) {
       if (!this.stroke && !this.due && this.made > 0) this.due = "undo";
     } else if (step === CutStep.begin) {
       if (this.stroke || this.due) return;
-      this.stroke = new CuttingStroke(point, Math.min(depth, 2 * this.uncut.scene.reach), this.engine.edge); // through all of it
+      this.stroke = new CuttingStroke(point, Math.min(depth, 2 * this.uncut.scene.reach), direction, this.engine.edge); // through all of it
       this.feel(true);
     } else if (this.stroke) {
       this.stroke.add(point);
@@ -57,7 +57,7 @@ export class LocalCuts {
         this.made--;
         this.show(opened);
       } else {
-        const blade = this.engine.incision(due.path(), due.depth), opened = this.engine.cut(blade);
+        const blade = this.engine.incision(due.path(), due.depth, due.direction), opened = this.engine.cut(blade);
         this.record.addCut(ticks, blade);
         this.made++;
         this.show(opened);

@@ -13,7 +13,7 @@ interface Exports {
     triangles: number, triangle: number, shownNodes: number, shown: number, regions: number, labels: number, bladeTriangles: number, blade: number, edge: number,
     radius: number, limit: number, friction: number, toughness: number,
   ): number;
-  incise(points: number, point: number, depth: number): number;
+  incise(points: number, point: number, depth: number, x: number, y: number, z: number): number;
   blade_corners(out: number): void;
   cut(triangles: number, corners: number): number;
   undo(): number;
@@ -182,9 +182,10 @@ export class TouchEngine {
     };
   }
 
-  /** The blade of a cut along a way on the surface at rest (mm), `depth` mm deep: its triangles, (triangles, 3, 3) mm. */
-  incision(way: readonly (readonly number[])[], depth: number): Float64Array {
-    const points = this.put(Float64Array.from(way.flat())), count = 9 * this.engine.incise(way.length, points, depth);
+  /** The blade of a cut along a way on the surface at rest (mm), `depth` mm deep: its triangles, (triangles, 3, 3) mm.
+   * direction: of the blade; (0, 0, 0): against the surface's mean normal. */
+  incision(way: readonly (readonly number[])[], depth: number, [x, y, z]: readonly number[] = [0, 0, 0]): Float64Array {
+    const points = this.put(Float64Array.from(way.flat())), count = 9 * this.engine.incise(way.length, points, depth, x, y, z);
     this.engine.release(points);
     if (count === 0) throw new CutRefused("The blade has no way into the tissue here; cut less far around.");
     const at = address(this.engine.allocate(8 * count));

@@ -269,14 +269,16 @@ export interface Scalpel {
   step: number;
   depth: number;
   point: Vector;
+  direction: Vector;
 }
-export const SCALPEL_KIND = 7, SCALPEL_BYTES = 20;
+export const SCALPEL_KIND = 7, SCALPEL_BYTES = 32;
 export function encodeScalpel(message: Scalpel): ArrayBuffer {
   const view = new DataView(new ArrayBuffer(SCALPEL_BYTES));
   view.setUint8(0, 7);
   view.setUint8(1, message.step);
   view.setFloat32(2, message.depth, true);
   for (let i = 0; i < 3; i++) view.setFloat32(6 + 4 * i, message.point[i], true);
+  for (let i = 0; i < 3; i++) view.setFloat32(18 + 4 * i, message.direction[i], true);
   return view.buffer;
 }
 export function decodeScalpel(view: DataView): Scalpel {
@@ -285,6 +287,7 @@ export function decodeScalpel(view: DataView): Scalpel {
     step: view.getUint8(1),
     depth: view.getFloat32(2, true),
     point: Array.from({ length: 3 }, (_, i) => view.getFloat32(6 + 4 * i, true)) as Vector,
+    direction: Array.from({ length: 3 }, (_, i) => view.getFloat32(18 + 4 * i, true)) as Vector,
   };
 }
 

@@ -9,7 +9,7 @@ const HINTS: Record<ToolKind, string> = {
   pull: "Hold a point of the organ and drag it; the wheel lifts it.",
   grasp: "Two jaws hold left and right; drag to move them, the wheel closes them.",
   needle: "Click where the needle enters; the wheel or the slider inserts it.",
-  cut: "Draw over the organ to cut it; the slider is the depth. Pull beside the cut to open it.",
+  cut: "Draw over the organ to cut it; the slider is the depth, at its end all the way through. Pull beside the cut to open it.",
   measure: "",
   camera: "Drag to look around; the wheel goes forward and back. G flies on, Q leaves.",
 };
