@@ -94,32 +94,49 @@ gaps_of_lips(In<int32_t, 2> triangles, In<uint8_t, 1> lip, In<int32_t, 2> carrie
 using Ints = Owned<int, 1>;
 using CutArrays =
     std::tuple<Owned<int, 2>, Ints, Ints, Owned<double, 1>, Ints, Ints, // tets, origin, parent, share, side, body
-               Owned<int, 2>, Owned<bool, 1>, Ints, Owned<double, 2>>;  // triangles, lip, tet, weight
+               Owned<int, 2>, Owned<bool, 1>, Ints, Owned<double, 2>,   // triangles, lip, tet, weight
+               Owned<bool, 1>, Owned<bool, 1>, Ints, Owned<double, 1>>; // real, gone, cut_parent, cut_area
 
-CutArrays cut(In<double, 2> nodes, In<int32_t, 2> tets, In<double, 2> points, In<int32_t, 2> triangles) {
+CutArrays cut(In<double, 2> nodes, In<int32_t, 2> tets, In<uint8_t, 1> held, In<double, 2> points,
+              In<int32_t, 2> triangles, In<int32_t, 1> sizes) {
     expect(nodes.shape(1) == 3 && tets.shape(1) == 4, "expected nodes (n, 3) and tets (m, 4)");
     expect(tets.shape(0) > 0 && tets.shape(0) < (1u << 27), "tets: none, or too many");
+    expect(held.size() == 0 || held.size() == nodes.shape(0), "held: one for each node, or none");
     expect_finite(nodes, "nodes: not finite");
     expect_numbers(tets, nodes.shape(0), "tets: names a node that is not there");
-    const std::vector<BladeTriangle> blade = triangles_of(points, triangles);
-    const CutBody body =
-        unlocked([&] { return cut_body(nodes.data(), int(nodes.shape(0)), tets.data(), int(tets.shape(0)), blade); });
+    const std::vector<BladeTriangle> all = triangles_of(points, triangles);
+    std::vector<std::vector<BladeTriangle>> cuts;
+    size_t at = 0;
+    for (size_t k = 0; k < sizes.size(); at += size_t(sizes(k++))) {
+        expect(sizes(k) >= 0 && at + size_t(sizes(k)) <= all.size(), "sizes: more triangles than there are");
+        cuts.emplace_back(all.begin() + at, all.begin() + at + sizes(k));
+    }
+    expect(at == all.size(), "sizes: fewer triangles than there are");
+    const CutBody body = unlocked([&] {
+        return cut_body(nodes.data(), int(nodes.shape(0)), tets.data(), int(tets.shape(0)),
+                        held.size() ? held.data() : nullptr, cuts);
+    });
     auto weight = uninitialized<double>(body.skin.tet.size(), 4);
     std::copy(body.skin.weight.begin(), body.skin.weight.end(), weight.data());
     return {table<int>(body.mesh.tet, 4),      column<int>(body.mesh.origin),
             column<int>(body.mesh.parent),     column<double>(body.mesh.share),
             column<int>(body.mesh.side),       column<int>(body.mesh.body),
             table<int>(body.skin.triangle, 3), column<bool>(body.skin.lip),
-            column<int>(body.skin.tet),        weight};
+            column<int>(body.skin.tet),        weight,
+            column<bool>(body.mesh.real),      column<bool>(body.gone),
+            column<int>(body.cut_parent),      column<double>(body.cut_area)};
 }
 
 } // namespace
 
 void bind_cutting(nb::module_& m) {
-    m.def("cut", &cut, "nodes"_as_is, "tets"_as_is, "points"_as_is, "triangles"_as_is,
+    m.def("cut", &cut, "nodes"_as_is, "tets"_as_is, "held"_as_is, "points"_as_is, "triangles"_as_is, "sizes"_as_is,
           "A mesh that the triangles (t, 3) of a blade with points (p, 3) mm have cut, as "
           "palpate.meshes.cutting.cut_mesh "
-          "has it: tets, origin, parent, share, side, body; of its surface triangles, lip, tet, weight.");
+          "has it: tets, origin, parent, share, side, body; of its surface triangles, lip, tet, weight; real, of the "
+          "nodes; gone, of the "
+          "tets; cut_parent and cut_area, mm^2, of the faces that were cut. sizes: triangles of each cut. held: nodes, "
+          "1 or 0: a piece that none hold is gone once a cut has freed it; empty: none is.");
     m.def("drawn", &drawn, "triangles"_as_is, "lip"_as_is, "rank"_as_is, "ranks"_a,
           "What a display draws of a cut body's surface: vertices of it (n,), triangles (t, 3) of these, and the first "
           "vertex on lips of each rank (ranks,). rank: of each vertex's region.");

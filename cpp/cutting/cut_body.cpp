@@ -1,4 +1,6 @@
 #include "cutting/cut_body.h"
+#include "base/vec3.h"
+#include "cutting/free_pieces.h"
 #include <algorithm>
 
 namespace palpate {
@@ -19,26 +21,55 @@ double mesh_extent(const double* nodes, int count) {
     return most;
 }
 
-CutBody cut_body(const double* nodes, int node_count, const int32_t* tets, int tet_count,
-                 const std::vector<BladeTriangle>& blade) {
+namespace {
+
+double area_of(const SlitComplex& slit, int face) {
+    const auto& corner = slit.corner[face / 4];
+    double side[2][3];
+    for (int k = 0; k < 2; k++)
+        for (int d = 0; d < 3; d++)
+            side[k][d] = slit.place[3 * size_t(corner[tet_face[face % 4][k + 1]]) + d] -
+                         slit.place[3 * size_t(corner[tet_face[face % 4][0]]) + d];
+    const auto& [a, b] = side;
+    const double n[3] = {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
+    return length(n) / 2;
+}
+
+CutBody made_of(const SlitParts& parts, const double* nodes, const int32_t* tets) {
+    CutBody out{virtual_nodes(parts, tets), {}, {}, {}, {}};
+    out.skin = cut_skin(parts, out.mesh, nodes, tets);
+    out.gone.resize(out.mesh.tet.size());
+    for (size_t f = 0; f < parts.fragment_of.size(); f++)
+        if (parts.slit.gone[parts.fragment_of[f]]) out.gone[out.mesh.element[f]] = 1;
+    for (int face = 0; face < int(parts.passed.size()); face++) {
+        if (!parts.passed[face] || parts.beyond[face] < face / 4) continue;
+        out.cut_parent.push_back(parts.slit.parent[face / 4]);
+        out.cut_area.push_back(area_of(parts.slit, face));
+    }
+    return out;
+}
+
+} // namespace
+
+CutBody cut_body(const double* nodes, int node_count, const int32_t* tets, int tet_count, const uint8_t* held,
+                 const std::vector<std::vector<BladeTriangle>>& cuts) {
     SlitComplex slit(nodes, node_count, tets, tet_count, on_blade * mesh_extent(nodes, node_count));
-    slit.slit(blade);
+    for (const auto& blade : cuts) {
+        slit.slit(blade);
+        if (held) take_free_pieces(slit, SlitParts(slit), held, node_count);
+    }
     while (true) {
         const SlitParts parts(slit);
         const auto pinched = pinched_edges(parts);
-        if (pinched.empty()) {
-            CutBody out{virtual_nodes(parts, tets), {}};
-            out.skin = cut_skin(parts, out.mesh, nodes, tets);
-            return out;
-        }
+        if (pinched.empty()) return made_of(parts, nodes, tets);
         for (const auto& [a, b] : pinched) slit.split(a, b, 0.5);
     }
 }
 
-void take_away(CutBody& body, const std::vector<uint8_t>& gone) {
+void take_away(CutBody& body) {
     VirtualNodes& mesh = body.mesh;
     CutSkin& skin = body.skin;
-    const auto stays = [&, of = mesh.body](int tet) { return !gone[of[tet]]; };
+    const auto stays = [&](int tet) { return !body.gone[tet]; };
     std::vector<int> tet_number(mesh.tet.size(), -1), node_number(mesh.origin.size(), -1),
         vertex_number(skin.tet.size(), -1);
     for (size_t t = 0, next = 0; t < mesh.tet.size(); t++)
@@ -48,7 +79,9 @@ void take_away(CutBody& body, const std::vector<uint8_t>& gone) {
         }
     VirtualNodes left;
     for (size_t i = 0; i < node_number.size(); i++)
-        if (node_number[i] == 0) node_number[i] = int(left.origin.size()), left.origin.push_back(mesh.origin[i]);
+        if (node_number[i] == 0)
+            node_number[i] = int(left.origin.size()), left.origin.push_back(mesh.origin[i]),
+            left.real.push_back(mesh.real[i]);
     for (size_t t = 0; t < mesh.tet.size(); t++) {
         if (tet_number[t] < 0) continue;
         left.tet.push_back(mesh.tet[t]);
@@ -70,6 +103,7 @@ void take_away(CutBody& body, const std::vector<uint8_t>& gone) {
         drawn.lip.push_back(skin.lip[t]);
     }
     mesh = std::move(left), skin = std::move(drawn);
+    body.gone.assign(mesh.tet.size(), 0);
 }
 
 } // namespace palpate

@@ -6,7 +6,8 @@
 namespace palpate {
 namespace {
 
-constexpr double least_way = 1e-6; // of a sum of normals, or a direction: a shorter one points nowhere
+constexpr double least_height = 1e-6; // mm: a flatter triangle has no plane, and palpate.Blade refuses it
+constexpr double least_way = 1e-6;    // of a sum of normals, or a direction: a shorter one points nowhere
 
 // Points of a polyline, its corners among them, no farther from each other than `step` mm.
 std::vector<Point3> along(const std::vector<Point3>& corners, double step) {
@@ -55,6 +56,11 @@ std::vector<BladeTriangle> Incision::swept(double depth) const {
     for (const bool second : {false, true}) // as Blade.swept has them: the order has a say in how lips are triangulated
         for (size_t k = 1; k < upper.size(); k++) {
             const Point3 &a = upper[k - 1], &b = upper[k], below_a = under(a), below_b = under(b);
+            double along = 0;
+            for (int d = 0; d < 3; d++) along += (b[d] - a[d]) * way[d];
+            const double step = distance(a.data(), b.data()),
+                         across = std::sqrt(std::max(step * step - along * along, 0.0));
+            if (across * depth <= least_height * std::max(step, depth)) return {};
             if (second)
                 out.emplace_back(a.data(), below_b.data(), below_a.data());
             else

@@ -11,7 +11,7 @@ constexpr double incision_step = 2; // mean edges between the points at which a 
 struct Incision {
     Point3 way;                // unit, from the blade's upper end to its tip; 0 if the normals cancel
     std::vector<Point3> upper; // mm, where its upper end goes
-    // Its triangles, two for each part of the way; `depth` mm from the upper end to the tip.
+    // Its triangles, two for each part of the way; `depth` mm from the upper end to the tip. None if one were flat.
     std::vector<BladeTriangle> swept(double depth) const;
 };
 

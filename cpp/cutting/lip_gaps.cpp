@@ -36,10 +36,11 @@ std::vector<int> numbered_places(const EmbeddedSkin& skin, double same) {
     std::sort(order.begin(), order.end());
     order.erase(std::unique(order.begin(), order.end()), order.end());
     const auto at = [&](int v) { return skin.place + 3 * size_t(v); };
-    std::sort(order.begin(), order.end(), [&](int a, int b) { return at(a)[0] < at(b)[0]; });
+    const auto along = [&](int v) { return 0.36 * at(v)[0] + 0.48 * at(v)[1] + 0.8 * at(v)[2]; }; // no plane of a cut
+    std::sort(order.begin(), order.end(), [&](int a, int b) { return along(a) < along(b); });
     DisjointSets groups(skin.vertices);
     for (size_t i = 0; i < order.size(); i++)
-        for (size_t j = i + 1; j < order.size() && at(order[j])[0] - at(order[i])[0] <= same; j++)
+        for (size_t j = i + 1; j < order.size() && along(order[j]) - along(order[i]) <= same; j++)
             if (distance(at(order[i]), at(order[j])) <= same) groups.join(order[i], order[j]);
     std::vector<int> out;
     groups.number(out);

@@ -91,7 +91,7 @@ void SlitComplex::Support::add(int of, double w) {
 
 SlitComplex::SlitComplex(const double* nodes, int node_count, const int32_t* tets, int tet_count, double near)
     : place(nodes, nodes + 3 * size_t(node_count)), support(node_count), corner(tet_count), parent(tet_count),
-      near(near), pieces(tet_count), around(node_count), active(tet_count) {
+      gone(tet_count), near(near), pieces(tet_count), around(node_count), active(tet_count) {
     for (int n = 0; n < node_count; n++) support[n].add(n, 1);
     for (int t = 0; t < tet_count; t++) {
         parent[t] = t;
@@ -135,7 +135,7 @@ void SlitComplex::slit(const BladeTriangle& triangle, const std::vector<int>& re
     for (int t : reached) {
         if (!meets(triangle, whole[t])) continue;
         for (int k : pieces[t])
-            if (meets(triangle, corner[k])) active[k] = 1, actives.push_back(k);
+            if (!gone[k] && meets(triangle, corner[k])) active[k] = 1, actives.push_back(k);
     }
     const auto add_edges = [&](const int* points, int count) {
         for (int a = 0; a < count; a++)
@@ -234,6 +234,7 @@ void SlitComplex::halve(int k, int a, int b, int point) {
     insert(around[point], other);
     for (int v : corners)
         if (v != a) insert(around[v], other);
+    gone.push_back(gone[k]);
     active.push_back(active[k]);
     if (active[k]) actives.push_back(other);
 }

@@ -46,6 +46,7 @@ public:
     std::vector<std::array<int, 4>> corner; // points of the tetrahedra, positively oriented
     std::vector<int> parent;                // of each tetrahedron, that of the mesh
     std::map<Face, Point3> cut;             // the blade's normal at the faces that it has passed
+    std::vector<uint8_t> gone;              // of each tetrahedron: it was taken away, and no blade passes it any more
 
 private:
     const double near;

@@ -38,9 +38,10 @@ int numbered_copies(const SlitParts& parts, const std::vector<Corners>& node, st
     return count;
 }
 
-// New numbers for `node`, compact: for each node of the mesh the copy with the most volume first, in the mesh's order,
-// then the others.
-void renumber(VirtualNodes& made, const std::vector<int>& original, const std::vector<double>& volume) {
+// New numbers for `node`, compact: for each node of the mesh first a copy that is real, and of these that with the most
+// volume, in the mesh's order; then the others. original, real: (tets, 4).
+void renumber(VirtualNodes& made, const std::vector<int>& original, const std::vector<uint8_t>& real,
+              const std::vector<double>& volume) {
     std::vector<int> used;
     for (const Corners& tet : made.tet) used.insert(used.end(), tet.begin(), tet.end());
     const std::vector<int> corner = used;
@@ -49,14 +50,18 @@ void renumber(VirtualNodes& made, const std::vector<int>& original, const std::v
     std::vector<int> at(used.back() + 1), origin(used.size());
     for (size_t k = 0; k < used.size(); k++) at[used[k]] = int(k);
     std::vector<double> weight(used.size());
+    std::vector<uint8_t> inside(used.size());
     for (size_t k = 0; k < corner.size(); k++) {
         weight[at[corner[k]]] += volume[k / 4];
+        inside[at[corner[k]]] |= real[k];
         origin[at[corner[k]]] = original[k];
     }
     std::vector<int> order(used.size()), leading, others;
     std::iota(order.begin(), order.end(), 0);
     std::stable_sort(order.begin(), order.end(), [&](int a, int b) {
-        return origin[a] != origin[b] ? origin[a] < origin[b] : weight[a] > weight[b];
+        return origin[a] != origin[b]   ? origin[a] < origin[b]
+               : inside[a] != inside[b] ? inside[a] > inside[b]
+                                        : weight[a] > weight[b];
     });
     for (size_t k = 0; k < order.size(); k++)
         (k == 0 || origin[order[k]] != origin[order[k - 1]] ? leading : others).push_back(order[k]);
@@ -65,6 +70,7 @@ void renumber(VirtualNodes& made, const std::vector<int>& original, const std::v
     for (size_t k = 0; k < leading.size(); k++) {
         number[leading[k]] = int(k);
         made.origin.push_back(origin[leading[k]]);
+        made.real.push_back(inside[leading[k]]);
     }
     for (Corners& tet : made.tet)
         for (int& node : tet) node = number[at[node]];
@@ -112,7 +118,14 @@ VirtualNodes virtual_nodes(const SlitParts& parts, const int32_t* tets) {
         if (most < 0 || share[c] >= share[most]) most = c;
     }
     const auto kept = [&](int c) { return share[c] >= least_share || largest[parts.owner[one[c]]] == c; };
+    std::vector<std::array<uint8_t, 4>> inside(count); // of each copy, its corners that are corners of its parts
+    for (int i = 0; i < parts.count(); i++)
+        for (int k = 0; k < 4; k++) {
+            const int f = parts.fragment[i];
+            for (int p : parts.slit.corner[i]) inside[copy[f]][k] |= p == tet[f][k]; // the first points are the nodes
+        }
     std::vector<int> number(count, -1), bodies, original;
+    std::vector<uint8_t> real;
     std::vector<double> volume;
     VirtualNodes made;
     for (int c = 0; c < count; c++)
@@ -127,9 +140,10 @@ VirtualNodes virtual_nodes(const SlitParts& parts, const int32_t* tets) {
         made.side.push_back(int8_t((side[c] > 0) - (side[c] < 0)));
         bodies.push_back(parts.body[parts.fragment_of[f]]);
         original.insert(original.end(), tet[f].begin(), tet[f].end());
+        real.insert(real.end(), inside[c].begin(), inside[c].end());
         volume.push_back(share[c] * whole[owner]);
     }
-    renumber(made, original, volume);
+    renumber(made, original, real, volume);
     made.body = bodies;
     std::sort(bodies.begin(), bodies.end());
     bodies.erase(std::unique(bodies.begin(), bodies.end()), bodies.end());

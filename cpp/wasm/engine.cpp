@@ -11,6 +11,8 @@ using namespace palpate;
 
 namespace {
 
+constexpr double no_area = 1e-9; // of all cuts: less is rounding
+
 enum Cut : int { nothing_met = 4 }; // beside what `Made` says
 
 struct Organ {
@@ -49,13 +51,11 @@ void change_body(std::unique_ptr<OrganBody> to) {
 
 // The body with these cuts, if it can be made.
 int change_cuts(std::vector<std::vector<BladeTriangle>> cuts) {
-    std::vector<BladeTriangle> blades;
-    for (const auto& cut : cuts) blades.insert(blades.end(), cut.begin(), cut.end());
     std::unique_ptr<OrganBody> to;
     Made answer = made;
-    if (!blades.empty()) to = std::make_unique<OrganBody>(cut_body_of(organ.solid, blades, answer));
+    if (!cuts.empty()) to = std::make_unique<OrganBody>(cut_body_of(organ.solid, cuts, answer));
     if (answer != made) return answer;
-    if (cuts.size() > organ.cuts.size() && to->area == organ.body().area) return nothing_met;
+    if (cuts.size() > organ.cuts.size() && to->area - organ.body().area <= no_area * to->area) return nothing_met;
     change_body(std::move(to));
     organ.cuts = std::move(cuts);
     return made;
@@ -69,12 +69,12 @@ EXPORTED void* allocate(size_t bytes) { return ::operator new(bytes); }
 EXPORTED void release(void* memory) { ::operator delete(memory); }
 
 // node: (nodes, 3) mm; tet: (tets, 4); region, lam, mu: (tets); fixed: (nodes); triangle: (triangles, 3) of the outer
-// surface; shown: (count) ascending; labels: the largest region first; blade: (blade_triangles, 3, 3), of
-// cuts that the organ comes with. Lengths in mm, forces in N, toughness in J/m^2.
+// surface; shown: (count) ascending; labels: the largest region first; blade: (.., 3, 3), the triangles of
+// the cuts that the organ comes with, cut_size of each. Lengths in mm, forces in N, toughness in J/m^2.
 EXPORTED int make(int nodes, const double* node, int tets, const int32_t* tet, const int32_t* region, const double* lam,
                   const double* mu, const uint8_t* fixed, int triangles, const int32_t* triangle, int count,
-                  const int32_t* shown, int regions, const int32_t* labels, int blade_triangles, const double* blade,
-                  double edge, double radius, double limit, double friction, double toughness) {
+                  const int32_t* shown, int regions, const int32_t* labels, int cut_count, const int32_t* cut_size,
+                  const double* blade, double edge, double radius, double limit, double friction, double toughness) {
     OrganSolid& solid = organ.solid;
     take(solid.node, node, 3 * size_t(nodes)), take(solid.fixed, fixed, nodes);
     take(solid.tet, tet, 4 * size_t(tets)), take(solid.region, region, tets);
@@ -84,10 +84,11 @@ EXPORTED int make(int nodes, const double* node, int tets, const int32_t* tet, c
     solid.edge = edge;
     organ.whole.reset(), organ.opened.reset();
     organ.cuts = {};
-    if (blade_triangles > 0) {
+    for (int k = 0; k < cut_count; blade += 9 * size_t(cut_size[k++]))
+        organ.cuts.push_back(triangles_at(cut_size[k], blade));
+    if (cut_count > 0) {
         Made answer = made;
-        organ.cuts = {triangles_at(blade_triangles, blade)};
-        organ.opened = std::make_unique<OrganBody>(cut_body_of(solid, organ.cuts[0], answer));
+        organ.opened = std::make_unique<OrganBody>(cut_body_of(solid, organ.cuts, answer));
         if (answer != made) return answer;
     } else {
         organ.whole = std::make_unique<OrganBody>(whole_body(solid));

@@ -1,9 +1,9 @@
 #include "wasm/organ_body.h"
 #include "base/vec3.h"
 #include "elements/smoothed_stiffness.h"
-#include "wasm/free_pieces.h"
 #include "wasm/lip_contact.h"
 #include <algorithm>
+#include <numeric>
 
 namespace palpate {
 namespace {
@@ -37,6 +37,22 @@ Made make_model(OrganBody& body, const ElasticSolid& solid, const std::vector<ui
                                 : std::make_unique<ComplianceModel>(std::move(stiffness), table_bytes);
     body.factor->value = {}; // ticks and tables take the rounded one
     return made;
+}
+
+// The place in `regions` of a tetrahedron's region.
+int rank_of(const OrganSolid& solid, int tet) {
+    return int(std::find(solid.regions.begin(), solid.regions.end(), solid.region[tet]) - solid.regions.begin());
+}
+
+// mm^3.
+double volume_of(const OrganSolid& solid, int tet) {
+    double side[3][3];
+    const auto at = [&](int k) { return &solid.node[3 * size_t(solid.tet[4 * size_t(tet) + k])]; };
+    for (int k = 0; k < 3; k++)
+        for (int d = 0; d < 3; d++) side[k][d] = at(k + 1)[d] - at(0)[d];
+    const auto& [a, b, c] = side;
+    const double n[3] = {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
+    return dot(n, c) / 6;
 }
 
 template <class T> std::vector<T> picked(const std::vector<T>& from, const std::vector<int>& at) {
@@ -109,19 +125,22 @@ OrganBody whole_body(const OrganSolid& solid) {
     return body;
 }
 
-OrganBody cut_body_of(const OrganSolid& solid, const std::vector<BladeTriangle>& blades, Made& answer) {
+OrganBody cut_body_of(const OrganSolid& solid, const std::vector<std::vector<BladeTriangle>>& cuts, Made& answer) {
     OrganBody body;
-    body.cut = cut_body(solid.node.data(), solid.nodes(), solid.tet.data(), solid.tets(), blades);
+    body.cut = cut_body(solid.node.data(), solid.nodes(), solid.tet.data(), solid.tets(), solid.fixed.data(), cuts);
     const VirtualNodes& mesh = body.cut.mesh;
-    const std::vector<uint8_t> gone = free_pieces(mesh, solid);
     answer = comes_free;
-    if (std::count(gone.begin(), gone.end(), 0) == 0) return body;
-    body.area = cut_area(body.cut, solid);
-    body.taken = volumes_of(mesh, gone, solid);
-    take_away(body.cut, gone);
+    if (std::count(body.cut.gone.begin(), body.cut.gone.end(), 0) == 0) return body;
+    body.area = std::accumulate(body.cut.cut_area.begin(), body.cut.cut_area.end(), 0.0);
+    body.taken.resize(solid.regions.size());
+    for (size_t t = 0; t < mesh.tet.size(); t++)
+        if (body.cut.gone[t])
+            body.taken[rank_of(solid, mesh.parent[t])] += mesh.share[t] * volume_of(solid, mesh.parent[t]);
+    take_away(body.cut);
     std::vector<double> node;
     for (int i : mesh.origin) node.insert(node.end(), &solid.node[3 * size_t(i)], &solid.node[3 * size_t(i)] + 3);
-    const std::vector<uint8_t> fixed = picked(solid.fixed, mesh.origin);
+    std::vector<uint8_t> fixed = picked(solid.fixed, mesh.origin);
+    for (size_t i = 0; i < fixed.size(); i++) fixed[i] &= mesh.real[i]; // what lies beyond the blade holds nothing
     const std::vector<int32_t> region = picked(solid.region, mesh.parent);
     const std::vector<double> lam = picked(solid.lam, mesh.parent), mu = picked(solid.mu, mesh.parent);
     const LipGaps lips = make_surfaces(body, solid, node, fixed);

@@ -48,6 +48,6 @@ enum Made : int { made, not_positive_definite, comes_free, too_many_gaps }; // w
 
 // Of an organ that blades have passed; without a model unless it was made. Pieces that no three of their nodes hold are
 // taken away. comes_free: nothing would be left.
-OrganBody cut_body_of(const OrganSolid& solid, const std::vector<BladeTriangle>& blades, Made& answer);
+OrganBody cut_body_of(const OrganSolid& solid, const std::vector<std::vector<BladeTriangle>>& cuts, Made& answer);
 
 } // namespace palpate

@@ -134,7 +134,7 @@ def test_the_command_refuses(whole, tmp_path, monkeypatch, capsys):
     for words, said in {
         "tissue.vtu --from 1,2 --to 15,0,22 --depth 10 -o cut.vtu": "give three numbers",
         "tissue.vtu --from -15,0,22 --to 15,0,22 --depth 0 -o cut.vtu": "--depth: 0.0 mm",
-        "tissue.vtu --from -60,0,15 --to 60,0,15 --depth 9 --direction 0,0,-1 -o cut.vtu": "off the surface",
+        "tissue.vtu --from -160,0,15 --to 60,0,15 --depth 9 --direction 0,0,-1 -o cut.vtu": "off the surface",
         "tissue.vtu --from 0,-29,5 --to 0,29,5 --depth 99 --direction 0,0,-1 --loose drop -o cut.vtu": "--loose: 'drop'",
     }.items():
         assert command(monkeypatch, tmp_path, words) == 2

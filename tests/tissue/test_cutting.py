@@ -120,7 +120,8 @@ def test_the_other_half_does_not_move(cube):
     for way, contact in ((towards, False), (away, False), (away, True)):
         answer = pp.model(through, "compliance", contact=contact).push(PUSH[0], way, PUSH[2])
         assert np.abs(answer.displacement).max() > 1
-        assert (answer.displacement[still] == 0).all()
+        # By contact, the half that is pulled away presses on the other one where it bulges at its support.
+        assert np.abs(answer.displacement[still]).max() <= (0.05 if contact else 0)  # of 2 mm
     assert np.abs(pp.model(through, "compliance").push(*PUSH).displacement[still]).max() > 0.1
     half = brick((4, 4, 4))
     assert still.size > len(half.nodes) / 2

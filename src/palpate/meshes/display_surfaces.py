@@ -8,7 +8,7 @@ from palpate import _core
 from palpate.arrays import Float32, Float64, Int32, Int64
 from palpate.meshes.cutting.cut_mesh import CutMesh
 from palpate.meshes.separate_organs import main_regions, organs
-from palpate.meshes.tet_mesh import TetMesh, region_faces, regions_by_size
+from palpate.meshes.tet_mesh import TetMesh, region_faces
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +76,7 @@ def _with_organs(drawn: DisplayedSurface, mesh: TetMesh, organ: Int32) -> Displa
 
 def _of_cut(mesh: CutMesh, nodes: Int32) -> DisplayedSurface:
     skin = mesh.skin
-    labels = regions_by_size(mesh)
+    labels = mesh.figures.regions
     rank = np.array([labels.index(region) for region in mesh.region[skin.tet].tolist()], dtype=np.int32)
     vertex, triangles, lips = _core.cutting.drawn(skin.triangles, skin.lip.view(np.uint8), rank, len(labels))
     drawn = DisplayedSurface(

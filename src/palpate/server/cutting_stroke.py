@@ -28,7 +28,7 @@ SPACING = 0.5  # mean edges between the points of a way
 TOLERANCE = 0.1  # mean edges from the way of the hand: each point that is left costs time
 PIECE = 1.0  # mean edges by which the way grows until the cut follows
 MOST_POINTS = 400  # of a way
-MOST_CUTS = 100  # in a session, whose cost grows with their number
+MOST_CUTS = 100  # changes of the body in a session, whose cost grows with their number
 RETRY = 0.005  # s, while an earlier change is on its way
 DEPTH = 2.5  # mean edges, of a cut at first
 TOOL = 0  # that the loop has as the blade: it presses or pulls otherwise
@@ -128,7 +128,7 @@ class Cutting:
     async def _follow(self, stroke: Stroke) -> None:
         try:
             if stroke.session.bodies >= MOST_CUTS:
-                await self.tell(f"{MOST_CUTS} cuts were made in this session; begin another one")
+                await self.tell(f"the organ was cut, or a cut taken back, {MOST_CUTS} times; begin another session")
                 return
             while not stroke.ended or stroke.due:
                 if not stroke.due:
@@ -195,7 +195,7 @@ def told_of_pieces(session: Session, before: Tissue) -> str:
     whole = np.bincount(mesh.region, mesh.volumes)
     inner = [(label, (mesh.names or {}).get(label, f"region {label}")) for label in regions_by_size(mesh)[1:]]
     out = [f"{taken[name] / whole[label]:.0%} of {name}" for label, name in inner if name in taken]
-    return f" {new / 1000:.2g} ml came free and were taken away{': ' if out else ''}{', '.join(out)}."
+    return f" {float(f'{new / 1000:.2g}'):g} ml came free and were taken away{': ' if out else ''}{', '.join(out)}."
 
 
 def simplified(way: ArrayLike, tolerance: float) -> Float64:

@@ -24,13 +24,15 @@ def refuse_unfollowed(tissue: Tissue, what: str, instead: str) -> None:
 
     what, instead: for whom, and what serves this tissue. Raises `MaterialError`.
     """
-    cut = isinstance(tissue.mesh, CutMesh)
+    mesh = tissue.mesh
+    cut, taken = isinstance(mesh, CutMesh), isinstance(mesh, CutMesh) and any(mesh.figures.taken.values())
     for found, lacking in (
         (tissue.element != "smoothed", f'element "{tissue.element}"; fit it again: palpate fit'),
         (tissue.relaxation is not None, "a tissue that relaxes; leave out its relaxation: palpate fit"),
         (tissue.inertia is not None, "a tissue with inertia; leave it out: palpate fit"),
-        (len(organ_gaps(tissue.mesh).rest) > 0 or tissue.attachments, "organs that touch"),
+        (len(organ_gaps(mesh).rest) > 0 or tissue.attachments, "organs that touch"),
         (cut and tissue.surface_friction > 0, "lips that rub on each other"),
+        (taken, "what was before a piece was taken away; cut it in the page"),
     ):
         if found:
             joined = ", or " if ";" in lacking else "; "
@@ -56,12 +58,13 @@ def solid_bytes(session: Session) -> bytes:
     """JSON, of a length that comes first (32 bits), then the arrays that web/src/engine/touch-engine.ts reads.
 
     They are blade (of all cuts), node, lam, mu (float64; mm, N/mm²), tet, region, triangle, shown, labels of the regions by
-    size (int32), fixed (uint8).
+    size, triangles of each cut (int32), fixed (uint8).
     """
     tissue, settings = before_cuts(session.first.tissue), session.settings
     mesh, blades = tissue.mesh, session.mesh.blades if isinstance(session.mesh, CutMesh) else ()
     shown = displayed_nodes(mesh) if blades else session.shown  # of a cut organ the engine finds them itself
     corners = np.concatenate([np.empty((0, 3, 3)), *(blade.points[blade.triangles] for blade in blades)])
+    sizes = [len(blade.triangles) for blade in blades]
     labels, whole = regions_by_size(mesh), np.bincount(mesh.region, mesh.volumes)
     lam, mu = lame(tissue.young, tissue.poisson)
     described = session.description() | {"instructions": INSTRUCTIONS}
@@ -77,6 +80,7 @@ def solid_bytes(session: Session) -> bytes:
             for label in labels
         ],
         "blade": len(corners),
+        "cuts": len(sizes),
         "edge": tissue.edge,
         "radius": settings.radius,
         "limit": settings.limit,
@@ -86,7 +90,7 @@ def solid_bytes(session: Session) -> bytes:
     text = json.dumps(header).encode()
     arrays = [
         *(np.asarray(a, "<f8") for a in (corners, mesh.nodes, lam, mu)),
-        *(np.asarray(a, "<i4") for a in (mesh.tets, mesh.region, mesh.surface, shown, labels)),
+        *(np.asarray(a, "<i4") for a in (mesh.tets, mesh.region, mesh.surface, shown, labels, sizes)),
         tissue.held.astype(np.uint8),
     ]
     return struct.pack("<I", len(text)) + text + b"".join(a.tobytes() for a in arrays)

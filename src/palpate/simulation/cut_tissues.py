@@ -29,7 +29,7 @@ def blades_of(tissue: Tissue) -> tuple[Blade, ...]:
 def taken_by_name(tissue: Tissue) -> dict[str, float]:
     """Volumes of the pieces that its cuts have freed and that were taken away, by name of the region, mm³."""
     mesh = tissue.mesh
-    volumes = mesh.taken.volumes if isinstance(mesh, CutMesh) else {}
+    volumes = mesh.figures.taken if isinstance(mesh, CutMesh) else {}
     return {(mesh.names or {}).get(region, f"region {region}"): volume for region, volume in volumes.items()}
 
 

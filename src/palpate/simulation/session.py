@@ -255,7 +255,8 @@ class Session:
 
         The tissue is cut and factored first, which takes part of a second; ticks go on meanwhile. Then the cut body takes
         over within a tick. Tools that touch it stay where they are, and their forces fade into those of the cut body. A piece
-        that comes free, which no three nodes hold, is taken away (`taken`), and a tool that held it lets go.
+        that comes free, which no three nodes hold, is taken away (`taken`), and a tool that held it lets go, which the others
+        feel at once.
 
         Parameters
         ----------

@@ -4,6 +4,7 @@ import json
 import struct
 from collections.abc import Mapping
 
+from palpate.meshes.separate_organs import main_regions
 from palpate.server.cutting_stroke import first_depth, may_cut
 from palpate.server.exam import Exam
 from palpate.server.scene_message import scene_bytes
@@ -26,7 +27,9 @@ def session_of(
 
 def organ_data(session: Session, title: str, task: str = "") -> bytes:
     """The scene as the server sends it, then the solid. Both begin with their length, 32 bits."""
-    cuts = may_cut(session) and session.first.tissue.surface_friction == 0  # the engine's lips do not rub
+    tissue = session.first.tissue
+    one = len(main_regions(tissue.mesh)) == 1  # the page does not tell organs beside each other apart once one is cut
+    cuts = may_cut(session) and one and tissue.surface_friction == 0  # and the engine's lips do not rub
     tools, depth = ((*TOOLS, "cut"), first_depth(session)) if cuts else (TOOLS, 0.0)
     return _joined(scene_bytes(session, title, task=task, tools=tools, depth=depth), solid_bytes(session))
 

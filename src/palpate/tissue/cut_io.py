@@ -9,10 +9,11 @@ from palpate.arrays import AnyArray, Float64, Int32
 from palpate.errors import PalpateError
 from palpate.meshes.centerline_io import stored_centerline
 from palpate.meshes.cutting.blade import Blade
-from palpate.meshes.cutting.cut_mesh import CutMesh
+from palpate.meshes.cutting.cut_mesh import CutFigures, CutMesh
 from palpate.meshes.cutting.skin import Skin
 from palpate.meshes.import_repair import region_names
 
+MOST = 2**27  # tetrahedra of a mesh before its cuts
 PER_TET = ("share", "side", "body", "parent")
 SKIN = {"skin triangles": np.int32, "skin lip": np.int32, "skin tet": np.int32, "skin weight": np.float64}
 
@@ -33,20 +34,43 @@ def plain_blades(mesh: CutMesh) -> list[dict[str, Any]]:
     return [{"points": blade.points.tolist(), "triangles": blade.triangles.tolist()} for blade in mesh.blades]
 
 
-def stored_cut_mesh(stored: Any, blades: Sequence[dict[str, Any]]) -> CutMesh:
-    """The mesh in what meshio read. Raises `ValueError`, `KeyError` or `TypeError` if it does not hold together."""
+def plain_figures(mesh: CutMesh) -> dict[str, Any]:
+    """What the cuts have done, by labels as text."""
+    figures = mesh.figures
+    by_text = ({str(label): value for label, value in each.items()} for each in (figures.areas, figures.taken))
+    return dict(zip(("areas", "taken"), by_text, strict=True)) | {"regions": list(figures.regions)}
+
+
+def _figures(plain: dict[str, Any], region: Int32) -> CutFigures:
+    """What `plain_figures` gave, of a mesh with these regions."""
+    areas, taken = ({int(k): float(v) for k, v in plain[name].items()} for name in ("areas", "taken"))
+    regions = tuple(int(label) for label in plain["regions"])
+    numbers = np.array([*areas.values(), *taken.values()])
+    if not {*region.tolist(), *areas, *taken} <= {*regions} or not (np.isfinite(numbers) & (numbers >= 0)).all():
+        raise ValueError("cuts")
+    return CutFigures(areas, taken, regions)
+
+
+def stored_cut_mesh(stored: Any, blades: Sequence[dict[str, Any]], figures: dict[str, Any]) -> CutMesh:
+    """The mesh in what meshio read, with what `plain_blades` and `plain_figures` gave.
+
+    Raises `ValueError`, `KeyError` or `TypeError` if it does not hold together.
+    """
     nodes = np.array(stored.points, dtype=np.float64)
     tets = np.array(stored.cells[0].data, dtype=np.int32)
     share = np.array(stored.cell_data["share"][0], dtype=np.float64)
     side, body, parent, region = (_whole(stored.cell_data[name][0]) for name in (*PER_TET[1:], "region"))
-    origin = _whole(stored.point_data["origin"])
+    origin, real = (_whole(stored.point_data[name]) for name in ("origin", "real"))
     if not ((share > 0) & (share <= 1 + 1e-9)).all():
         raise ValueError("share")
+    most = MOST if any(figures["taken"].values()) else len(share)  # what was taken away had numbers too
     for name, values, low in (("side", side, -1), ("body", body, 0), ("parent", parent, 0)):
-        if values.shape != share.shape or values.min() < low or values.max() > len(share):
+        if values.shape != share.shape or values.min() < low or values.max() > most:
             raise ValueError(name)
-    if origin.shape != (len(nodes),) or origin.min() < 0 or origin.max() >= len(nodes):
+    if origin.shape != (len(nodes),) or origin.min() < 0 or origin.max() >= max(len(nodes), most):
         raise ValueError("origin")
+    if real.shape != origin.shape:
+        raise ValueError("real")
     try:
         return CutMesh(
             nodes,
@@ -57,9 +81,11 @@ def stored_cut_mesh(stored: Any, blades: Sequence[dict[str, Any]]) -> CutMesh:
             side=side,
             body=body,
             origin=origin,
+            real=real != 0,
             parent=parent,
             skin=_skin(stored, len(tets)),
             blades=[Blade(blade["points"], np.array(blade["triangles"])) for blade in blades],
+            figures=_figures(figures, region),
             centerline=stored_centerline(stored),
         )
     except PalpateError as problem:

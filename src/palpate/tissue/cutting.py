@@ -4,11 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from palpate.arrays import Float64, Int32
+from palpate.arrays import Bool, Float64
 from palpate.errors import DataError, MaterialError
 from palpate.meshes.cutting.blade import Blade
-from palpate.meshes.cutting.cut_mesh import CutMesh, cut_mesh, without
-from palpate.tissue.boundary_conditions import rigid_rank
+from palpate.meshes.cutting.cut_mesh import CutMesh, cut_held_mesh, without
 from palpate.tissue.tissue import Tissue
 
 LOOSE = ("refuse", "remove")
@@ -19,7 +18,7 @@ def cut(tissue: Tissue, blade: Blade | Sequence[Blade], loose: str = "refuse") -
 
     Each tetrahedron that a blade has passed is there once for each part it was cut into (virtual nodes), and counts with
     that part's volume. The cut ends where the blade has ended, inside a tetrahedron or between two, and there the nodes
-    stay whole. The lips do not feel each other. Copies of held nodes are held.
+    stay whole. A held node holds the piece that its place is in.
 
     Parameters
     ----------
@@ -66,14 +65,11 @@ def cut(tissue: Tissue, blade: Blade | Sequence[Blade], loose: str = "refuse") -
         raise MaterialError(
             f'element: "{tissue.element}" is not built for cuts; make the tissue with element="smoothed"'
         )
-    whole, mesh = before_cuts(tissue), cut_mesh(tissue.mesh, blades)
-    held = whole.fixed
-    free = _loose(mesh, held)
-    if len(free):
-        if loose == "refuse" or len(free) == mesh.body.max() + 1:
-            raise MaterialError(_says(mesh, free))
-        mesh = without(mesh, free)
-    return _tissue(whole, mesh)
+    whole = before_cuts(tissue)
+    mesh, gone = cut_held_mesh(tissue.mesh, blades, whole.held)
+    if gone.any() and (loose == "refuse" or gone.all()):
+        raise MaterialError(_says(mesh, gone))
+    return _tissue(whole, without(mesh, gone) if gone.any() else mesh)
 
 
 def may_be_cut(tissue: Tissue) -> bool:
@@ -109,29 +105,18 @@ def _tissue(before: Tissue, mesh: CutMesh) -> Tissue:
         young=copied(before.young),
         poisson=copied(before.poisson),
         stiffening=copied(before.stiffening),
-        fixed=np.isin(mesh.origin, before.fixed),
+        fixed=np.isin(mesh.origin, before.fixed) & mesh.real,
         springs=None,
         report=None,
         relaxation=relaxation,
     )
 
 
-def _loose(mesh: CutMesh, held: Int32) -> Int32:
-    """Numbers of the pieces that no three held nodes hold."""
-    still = np.isin(mesh.origin, held)
-    free = []
-    for body in range(int(mesh.body.max()) + 1):
-        nodes = np.unique(mesh.tets[mesh.body == body])
-        if rigid_rank(mesh.nodes[nodes[still[nodes]]]) < 6:
-            free.append(body)
-    return np.array(free, dtype=np.int32)
-
-
-def _says(mesh: CutMesh, free: Int32) -> str:
-    volume = np.bincount(mesh.body, mesh.volumes)
+def _says(mesh: CutMesh, gone: Bool) -> str:
+    free, volume = np.unique(mesh.body[gone]), np.bincount(mesh.body, mesh.volumes)
     largest = int(free[np.argmax(volume[free])])
     middle = mesh.nodes[np.unique(mesh.tets[mesh.body == largest])].mean(axis=0)
-    if len(free) == len(volume):
+    if gone.all():
         return "blade: no piece of the cut tissue is held by three nodes or more; hold more of it"
     return (
         f"blade: {len(free)} of {len(volume)} pieces come free (the largest: {volume[largest]:.3g} mm³ about "

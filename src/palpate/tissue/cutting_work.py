@@ -97,7 +97,7 @@ def cutting_work(
     tough, unknown = toughness_by_region(before, toughness)
     if not (np.isfinite(friction) and friction >= 0):
         raise MaterialError(f"friction: {friction:g} N/mm of a blade, expected 0 or more")
-    new, old = (dict(one.mesh.cut_areas) if isinstance(one.mesh, CutMesh) else {} for one in (after, before))
+    new, old = (dict(one.mesh.figures.areas) if isinstance(one.mesh, CutMesh) else {} for one in (after, before))
     for region, area in old.items():
         new[region] = new.get(region, 0.0) - area
     area = sum(new.values())
@@ -123,8 +123,8 @@ def toughness_by_region(
 ) -> tuple[dict[int, float], dict[int, str]]:
     """Toughness of each region, J/m², and the names of those whose toughness is unknown, which have 0."""
     mesh = tissue.mesh
-    taken = mesh.taken.volumes if isinstance(mesh, CutMesh) else {}  # of what was taken away, a toughness may be told
-    regions = [int(region) for region in np.union1d(mesh.region, list(taken))]
+    there = np.unique(mesh.region).tolist()
+    regions = sorted(mesh.figures.regions) if isinstance(mesh, CutMesh) else there  # of what was taken away, too
     numbers = {name: region for region, name in (mesh.names or {}).items()}
     if given is None:
         measured = {region: tissue_properties(name).fracture_energy for region, name in tissue.materials.items()}

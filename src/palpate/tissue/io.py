@@ -15,7 +15,7 @@ from palpate.errors import DataError, FileError, MaterialError
 from palpate.meshes.cutting.cut_mesh import CutMesh
 from palpate.meshes.io import is_cut, read_stored, repaired, write_mesh
 from palpate.tissue.attachment import Attachment
-from palpate.tissue.cut_io import grid_fields, plain_blades, stored_cut_mesh, tet_fields, text_of
+from palpate.tissue.cut_io import grid_fields, plain_blades, plain_figures, stored_cut_mesh, tet_fields, text_of
 from palpate.tissue.relaxation import Relaxation
 from palpate.tissue.spring_fit_report import FitReport
 from palpate.tissue.tissue import SpringLaw, Tissue
@@ -28,7 +28,7 @@ def write_tissue(path: str | Path, tissue: Tissue) -> None:
     """Write a tissue to a .vtu file, completely or not at all.
 
     Tetrahedra carry region, young (kPa), poisson and, if the tissue has it, stiffening. Nodes carry fixed and, after a fit,
-    the error of the springs in mm. Tetrahedra of a cut tissue carry share, side, body and parent, its nodes origin.
+    the error of the springs in mm. Tetrahedra of a cut tissue carry share, side, body and parent, its nodes origin and real.
 
     Parameters
     ----------
@@ -68,8 +68,8 @@ def write_tissue(path: str | Path, tissue: Tissue) -> None:
         constants["stiffening"] = tissue.stiffening
     whole: dict[str, Any] = {}
     if isinstance(tissue.mesh, CutMesh):
-        text["blades"] = plain_blades(tissue.mesh)
-        nodal["origin"] = tissue.mesh.origin
+        text["blades"], text["cuts"] = plain_blades(tissue.mesh), plain_figures(tissue.mesh)
+        nodal["origin"], nodal["real"] = tissue.mesh.origin, tissue.mesh.real.astype(np.int32)
         constants |= tet_fields(tissue.mesh)
         whole = {name: text_of(values) for name, values in grid_fields(tissue.mesh).items()}
     whole[_TEXT] = "UInt8", " ".join(str(byte) for byte in json.dumps(text).encode())
@@ -120,7 +120,7 @@ def read_tissue(path: str | Path) -> Tissue:
         )
     try:
         text = parse_json(bytes(np.asarray(stored.field_data[_TEXT], dtype=np.uint8)))
-        mesh = mesh or stored_cut_mesh(stored, text["blades"])
+        mesh = mesh or stored_cut_mesh(stored, text["blades"], text["cuts"])
         springs = None if text["springs"] is None else SpringLaw(**text["springs"])
         report = None if text["report"] is None else FitReport.from_plain(text["report"], stored.point_data["error"])
         held = np.asarray(stored.point_data["fixed"]).astype(bool)

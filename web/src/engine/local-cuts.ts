@@ -16,11 +16,11 @@ export class LocalCuts {
   private taken: number[]; // mm³ that these have freed, by region
   bodies = 0; // how often the body has been changed
 
-  /** uncut: the organ before all cuts. command: to the loop's tools. present: the organ that is drawn from now on. tell: a text. */
+  /** first: the organ as it came. command: to the loop's tools. present: the organ that is drawn from now on. tell: a text. */
   constructor(
     private readonly engine: TouchEngine,
     private readonly record: SessionRecord,
-    private readonly uncut: SceneArrays,
+    private readonly first: SceneArrays,
     private readonly command: (command: Omit<ToolCommand, "serial">) => void,
     private readonly present: (organ: SceneArrays) => void,
     private readonly tell: (text: string) => void,
@@ -36,7 +36,7 @@ export class LocalCuts {
       if (!this.stroke && !this.due && this.made > 0) this.due = "undo";
     } else if (step === CutStep.begin) {
       if (this.stroke || this.due) return;
-      this.stroke = new CuttingStroke(point, Math.min(depth, 2 * this.uncut.scene.reach), direction, this.engine.edge); // through all of it
+      this.stroke = new CuttingStroke(point, Math.min(depth, 2 * this.first.scene.reach), direction, this.engine.edge); // through all of it
       this.feel(true);
     } else if (this.stroke) {
       this.stroke.add(point);
@@ -63,15 +63,16 @@ export class LocalCuts {
         this.show(opened);
       }
     } catch (problem) {
-      if (!(problem instanceof CutRefused)) throw problem;
-      this.tell(problem.message);
+      const refused = problem instanceof CutRefused;
+      this.tell(refused ? problem.message : "The engine has failed, perhaps for want of memory: save the session, and open the page again.");
+      if (!refused) throw problem; // no tick runs any more
     }
   }
 
   private end(stroke: CuttingStroke): void {
     this.stroke = null;
     if (stroke.path().length === 0) return;
-    if (this.bodies >= MOST_CUTS) this.tell(`${MOST_CUTS} cuts were made in this session; begin another one`);
+    if (this.bodies >= MOST_CUTS) this.tell(`The organ was cut, or a cut taken back, ${MOST_CUTS} times: begin another session.`);
     else this.due = stroke;
   }
 
@@ -83,12 +84,12 @@ export class LocalCuts {
 
   private show(opened: OpenedBody | null): void {
     this.bodies++;
-    const { uncut, made, bodies } = this, change = { body: bodies, made };
+    const { first, made, bodies } = this, change = { body: bodies, made };
     const { area, taken } = this, now = opened ?? this.engine.first;
     this.area = now?.area ?? 0;
     this.taken = now?.taken ?? taken.map(() => 0);
     if (this.area > area) this.tell(`Cut of ${Math.round(this.area - area)} mm².${this.toldOfPieces(sum(this.taken) - sum(taken))}`);
-    const { scene, ...arrays } = opened ? withBody(uncut, opened) : uncut;
+    const { scene, ...arrays } = opened ? withBody(first, opened) : first;
     this.present({ scene: { ...scene, ...change }, ...arrays });
   }
 
@@ -96,7 +97,7 @@ export class LocalCuts {
   private toldOfPieces(now: number): string {
     if (!(now > 0)) return "";
     const { parts } = this.engine, out = parts.flatMap(({ name, volume }, i) => (i > 0 && this.taken[i] > 0 ? [`${Math.round((100 * this.taken[i]) / volume)}% of ${name}`] : []));
-    return ` ${(now / 1000).toPrecision(2)} ml came free and were taken away${out.length ? `: ${out.join(", ")}` : ""}.`;
+    return ` ${Number((now / 1000).toPrecision(2))} ml came free and were taken away${out.length ? `: ${out.join(", ")}` : ""}.`;
   }
 }
 

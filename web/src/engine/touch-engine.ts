@@ -10,7 +10,7 @@ interface Exports {
   release(at: number): void;
   make(
     nodes: number, node: number, tets: number, tet: number, region: number, lam: number, mu: number, fixed: number,
-    triangles: number, triangle: number, shownNodes: number, shown: number, regions: number, labels: number, bladeTriangles: number, blade: number, edge: number,
+    triangles: number, triangle: number, shownNodes: number, shown: number, regions: number, labels: number, cutCount: number, cutSizes: number, blade: number, edge: number,
     radius: number, limit: number, friction: number, toughness: number,
   ): number;
   incise(points: number, point: number, depth: number, x: number, y: number, z: number): number;
@@ -39,7 +39,8 @@ interface Header {
   shown: number;
   regions: number;
   parts: { name: string; volume: number }[]; // regions in the same order: names, mm³
-  blade: number; // triangles of the cuts that it comes with
+  cuts: number; // that it comes with
+  blade: number; // triangles of these
   edge: number; // mm, of a mean element
   radius: number;
   limit: number;
@@ -82,8 +83,8 @@ export interface EngineFrame {
 }
 
 /** Bytes of each array of an organ's file, in their order. */
-const arrays = ({ nodes, tets, triangles, shown, regions, blade }: Header) => ({
-  blade: 72 * blade, node: 24 * nodes, lam: 8 * tets, mu: 8 * tets, tet: 16 * tets, region: 4 * tets, triangle: 12 * triangles, shown: 4 * shown, labels: 4 * regions, fixed: nodes,
+const arrays = ({ nodes, tets, triangles, shown, regions, blade, cuts }: Header) => ({
+  blade: 72 * blade, node: 24 * nodes, lam: 8 * tets, mu: 8 * tets, tet: 16 * tets, region: 4 * tets, triangle: 12 * triangles, shown: 4 * shown, labels: 4 * regions, sizes: 4 * cuts, fixed: nodes,
 });
 const OPENED_NUMBERS = 8;
 
@@ -134,14 +135,14 @@ export class TouchEngine {
       new Uint8Array(this.engine.memory.buffer, at[name], bytes).set(file.subarray(from, from + bytes));
       from += bytes;
     }
-    const { nodes, tets, triangles, shown, regions, blade, edge, radius, limit, friction, toughness } = header;
+    const { nodes, tets, triangles, shown, regions, cuts, edge, radius, limit, friction, toughness } = header;
     const failed = this.engine.make(
-      nodes, at.node, tets, at.tet, at.region, at.lam, at.mu, at.fixed, triangles, at.triangle, shown, at.shown, regions, at.labels, blade, at.blade, edge,
+      nodes, at.node, tets, at.tet, at.region, at.lam, at.mu, at.fixed, triangles, at.triangle, shown, at.shown, regions, at.labels, cuts, at.sizes, at.blade, edge,
       radius, limit, friction, toughness,
     );
     for (const each of Object.values(at)) this.engine.release(each);
-    if (failed) throw new Error(blade ? REFUSALS[failed] : "the organ's stiffness is not positive definite");
-    this.first = blade ? this.opened() : null;
+    if (failed) throw new Error(cuts ? REFUSALS[failed] : "the organ's stiffness is not positive definite");
+    this.first = cuts ? this.opened() : null;
     this.drawn = this.drawnFirst = this.first ? this.first.rest.length / 3 : shown;
     this.edge = edge;
     this.parts = header.parts;

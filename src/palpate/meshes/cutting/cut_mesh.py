@@ -1,7 +1,7 @@
 """The mesh of a cut body."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -10,21 +10,20 @@ from palpate import _core
 from palpate.arrays import Bool, Float64, Int32
 from palpate.errors import MeshError
 from palpate.meshes.cutting.blade import Blade
-from palpate.meshes.cutting.cut_areas import cut_areas
 from palpate.meshes.cutting.skin import Skin
-from palpate.meshes.tet_mesh import TetMesh, signed_volumes
+from palpate.meshes.tet_mesh import TetMesh, regions_by_size, signed_volumes
 from palpate.volumes.centerline import Centerline
 
 
 @dataclass(frozen=True)
-class TakenPieces:
-    """Pieces that came free by the cuts and were taken away: their volumes by region, mm³."""
+class CutFigures:
+    """What cuts have done, by labels of regions: the area of all cuts, one lip of each, mm²; and of the pieces that came
+    free and were taken away the volumes, mm³. regions: labels of the mesh before, the largest first.
+    """
 
-    count: int
-    volumes: dict[int, float]
-
-
-NOTHING_TAKEN = TakenPieces(0, {})
+    areas: dict[int, float]
+    taken: dict[int, float]
+    regions: tuple[int, ...]
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -35,18 +34,20 @@ class CutMesh(TetMesh):
     parts. The first nodes are those of the mesh before, the others virtual ones: copies of nodes, at the same places.
 
     share: (M,) 0 to 1. side: (M,) 1 or -1, the side of the blade; 0 where none has passed. body: (M,) number of the piece.
-    origin: (N,) and parent: (M,) node and tetrahedron of the mesh before. skin: the surface. blades: what cut it. taken:
-    what is no longer there, if that is known. cut_areas: mm², of all cuts by region, one lip of each.
+    origin: (N,) and parent: (M,) node and tetrahedron of the mesh before. real: (N,) True where a node's place is in its
+    piece, and not beyond the blade. skin: the surface. blades: what cut it. If a
+    piece was taken away, some nodes and tetrahedra of the mesh before have no copy.
     """
 
     share: Float64
     side: Int32
     body: Int32
     origin: Int32
+    real: Bool
     parent: Int32
     skin: Skin
     blades: tuple[Blade, ...]
-    taken: TakenPieces
+    figures: CutFigures
 
     def __init__(
         self,
@@ -59,22 +60,21 @@ class CutMesh(TetMesh):
         side: Int32,
         body: Int32,
         origin: Int32,
+        real: Bool,
         parent: Int32,
         skin: Skin,
         blades: Sequence[Blade],
-        taken: TakenPieces = NOTHING_TAKEN,
-        cut_areas: dict[int, float] | None = None,
+        figures: CutFigures,
         centerline: Centerline | None = None,
     ) -> None:
         super().__init__(nodes, tets, region, names, centerline)
-        for name, value in (("share", share), ("side", side), ("body", body), ("origin", origin), ("parent", parent)):
+        per_node = (("origin", origin), ("real", real))
+        for name, value in (("share", share), ("side", side), ("body", body), ("parent", parent), *per_node):
             value.flags.writeable = False
             object.__setattr__(self, name, value)
         object.__setattr__(self, "skin", skin)
         object.__setattr__(self, "blades", tuple(blades))
-        object.__setattr__(self, "taken", taken)
-        if cut_areas is not None:
-            self.__dict__["cut_areas"] = cut_areas
+        object.__setattr__(self, "figures", figures)
 
     @cached_property
     def surface(self) -> Int32:
@@ -106,17 +106,13 @@ class CutMesh(TetMesh):
         """Vertices (S, 3), mm, and triangles (F, 3) of the surface."""
         return self.places, self.skin.triangles
 
-    @cached_property
-    def cut_areas(self) -> dict[int, float]:
-        """Of all cuts, by region: of each cut one lip, mm²."""
-        return cut_areas(self.nodes, self.tets, self.region, self.places[self.skin.triangles[self.skin.lip]])
-
     def text(self) -> str:
         """What was cut, in words."""
         pieces, copies = int(self.body.max()) + 1, len(self.nodes) - len(np.unique(self.origin))
-        said = f"cuts of {sum(self.cut_areas.values()) / 100:.3g} cm², {copies} copies of nodes, "
+        said = f"cuts of {sum(self.figures.areas.values()) / 100:.3g} cm², {copies} copies of nodes, "
         said += f"{pieces} piece{'s' * (pieces > 1)} of {self.volumes.sum() / 1000:.4g} ml"
-        return said + f"; {sum(self.taken.volumes.values()) / 1000:.3g} ml taken away" * (self.taken.count > 0)
+        taken = sum(self.figures.taken.values())
+        return said + f"; {taken / 1000:.3g} ml taken away" * (taken > 0)
 
     @cached_property
     def uncut(self) -> TetMesh:
@@ -150,19 +146,44 @@ def cut_mesh(mesh: TetMesh, blades: Sequence[Blade]) -> CutMesh:
     MeshError
         If a piece of a cut mesh has been taken away.
     """
+    return cut_held_mesh(mesh, blades, np.empty(0, dtype=bool))[0]
+
+
+def cut_held_mesh(mesh: TetMesh, blades: Sequence[Blade], held: Bool) -> tuple[CutMesh, Bool]:
+    """Cut a mesh that is held, blade after blade.
+
+    Parameters
+    ----------
+    mesh, blades
+        As `cut_mesh` takes them.
+    held : ndarray, (N,)
+        Which nodes of the mesh before all cuts are held. A piece that a blade frees, of which no three nodes are held that
+        are not on one line, is gone then: later blades meet nothing there.
+
+    Returns
+    -------
+    CutMesh
+        The cut body, its loose pieces included.
+    ndarray, (M,)
+        Which of its tetrahedra belong to a piece that is gone.
+
+    Raises
+    ------
+    MeshError
+        If a piece of a cut mesh has been taken away.
+    """
     every = (*mesh.blades, *blades) if isinstance(mesh, CutMesh) else tuple(blades)
     mesh = mesh.uncut if isinstance(mesh, CutMesh) else mesh
+    sizes = np.array([len(blade.triangles) for blade in every], dtype=np.int32)
     offset = np.cumsum([0, *(len(blade.points) for blade in every)], dtype=np.int32)
-    blade = (
-        np.concatenate([np.empty((0, 3)), *(blade.points for blade in every)]),
-        np.concatenate(
-            [np.empty((0, 3), np.int32), *(b.triangles + first for b, first in zip(every, offset, strict=False))]
-        ),
-    )
-    tets, origin, parent, share, side, body, triangles, lip, tet, weight = _core.cutting.cut(
-        mesh.nodes, mesh.tets, *blade
-    )
-    return CutMesh(
+    points = np.concatenate([np.empty((0, 3)), *(blade.points for blade in every)])
+    numbered = (blade.triangles + first for blade, first in zip(every, offset, strict=False))
+    triangles = np.concatenate([np.empty((0, 3), np.int32), *numbered])
+    made = _core.cutting.cut(mesh.nodes, mesh.tets, held.astype(np.uint8), points, triangles, sizes)
+    tets, origin, parent, share, side, body, triangles, lip, tet, weight, real, gone, cut_parent, cut_area = made
+    areas = np.bincount(mesh.region[cut_parent], cut_area)
+    figures = CutFigures({k: float(v) for k, v in enumerate(areas) if v > 0}, {}, tuple(regions_by_size(mesh)))
+    cut = CutMesh(
         mesh.nodes[origin],
         tets,
         mesh.region[parent],
@@ -171,11 +192,14 @@ def cut_mesh(mesh: TetMesh, blades: Sequence[Blade]) -> CutMesh:
         side=side,
         body=body,
         origin=origin,
+        real=real,
         parent=parent,
         skin=Skin(triangles, lip, tet, weight),
         blades=every,
+        figures=figures,
         centerline=mesh.centerline,
     )
+    return cut, gone
 
 
 def touched_surface(mesh: TetMesh, held: Bool) -> tuple[Float64, Int32, Bool]:
@@ -193,16 +217,16 @@ def refuse_cut(mesh: TetMesh, what: str, instead: str = "take the model `complia
         raise MeshError(f"{what}: takes no tissue that has been cut; {instead}")
 
 
-def without(mesh: CutMesh, bodies: Int32) -> CutMesh:
-    """A cut mesh without the pieces of these numbers."""
-    kept = ~np.isin(mesh.body, bodies)
+def without(mesh: CutMesh, gone: Bool) -> CutMesh:
+    """A cut mesh without tetrahedra (M,), which are whole pieces."""
+    kept = ~gone
     nodes = np.zeros(len(mesh.nodes), dtype=bool)
     nodes[mesh.tets[kept]] = True
     at, tet = np.cumsum(nodes) - 1, np.cumsum(kept) - 1
-    volume = np.bincount(mesh.region[~kept], mesh.volumes[~kept])
     drawn = kept[mesh.skin.tet]
     vertex = np.cumsum(drawn) - 1
     triangle = drawn[mesh.skin.triangles[:, 0]]
+    taken = np.bincount(mesh.region[gone], mesh.volumes[gone])
     return CutMesh(
         mesh.nodes[nodes],
         at[mesh.tets[kept]].astype(np.int32),
@@ -212,6 +236,7 @@ def without(mesh: CutMesh, bodies: Int32) -> CutMesh:
         side=mesh.side[kept],
         body=mesh.body[kept],
         origin=mesh.origin[nodes],
+        real=mesh.real[nodes],
         parent=mesh.parent[kept],
         skin=Skin(
             vertex[mesh.skin.triangles[triangle]].astype(np.int32),
@@ -220,7 +245,6 @@ def without(mesh: CutMesh, bodies: Int32) -> CutMesh:
             mesh.skin.weight[drawn],
         ),
         blades=mesh.blades,
-        taken=TakenPieces(len(bodies), {region: float(v) for region, v in enumerate(volume) if v > 0}),
-        cut_areas=mesh.cut_areas,
+        figures=replace(mesh.figures, taken={region: float(v) for region, v in enumerate(taken) if v > 0}),
         centerline=mesh.centerline,
     )
