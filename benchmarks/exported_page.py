@@ -1,7 +1,7 @@
 """The engine of an exported page next to the native one: python -m benchmarks.exported_page.
 
 With -o docs/figures/exported-page.md the table is written; --picture docs/images/exported.png takes the picture alone, and
---picture-of-a-cut that of one that is cut.
+--picture-of-a-cut and --picture-of-a-piece those of one that is cut.
 
 For kidneys of four sizes. In Node: the time to make the organ, and ticks under a press that moves, beside those of the native
 loop in lockstep; the tables that a tick reads are there in both; then the time of a cut of 30 mm, in which no tick runs. In
@@ -16,7 +16,7 @@ import shutil
 import subprocess
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -144,13 +144,28 @@ def cut_and_pull(page: Page) -> None:
     page.mouse.move(x + 30, y + 85, steps=20)
 
 
-def photograph(picture: Path, cut: bool) -> None:
-    """A screenshot of an exported kidney that is pressed, or cut and pulled open."""
+def cut_off(page: Page) -> None:
+    """A stroke through the lower pole, from beside it to beside it."""
+    box = page.locator("#view").bounding_box()
+    x, y = box["x"] + 0.56 * box["width"], box["y"] + 0.7 * box["height"]
+    page.keyboard.press("5")
+    page.locator("#amount").fill(page.locator("#amount").get_attribute("max") or "")
+    page.mouse.move(x - 109, y + 36)
+    page.mouse.down()
+    page.mouse.move(x + 160, y - 40, steps=60)
+    page.mouse.up()
+    while not page.evaluate("palpate.scene.made === 1"):
+        page.wait_for_timeout(50)
+    print(page.inner_text("#hint"))
+
+
+def photograph(picture: Path, cut: Callable[[Page], None] | None) -> None:
+    """A screenshot of an exported kidney that is pressed, or cut."""
     with tempfile.TemporaryDirectory() as name:
         file = pp.export(kidney(EDGES[0]).replace(element="smoothed"), Path(name) / "organ.html", title="Kidney")
         with opened(file) as (page, _):
             if cut:
-                cut_and_pull(page)
+                cut(page)
             else:
                 x, y = press(page)
                 page.mouse.move(x + 60, y + 20, steps=20)
@@ -218,9 +233,11 @@ if __name__ == "__main__":
     parser.add_argument("-o", "--output", type=Path, help="the table, .md")
     parser.add_argument("--picture", type=Path, help="take the picture alone, .png")
     parser.add_argument("--picture-of-a-cut", type=Path, help="the same of a kidney that is cut, .png")
+    parser.add_argument("--picture-of-a-piece", type=Path, help="the same of one whose lower pole is cut off, .png")
     given = parser.parse_args()
-    for picture, cut in ((given.picture, False), (given.picture_of_a_cut, True)):
+    pictures = {None: given.picture, cut_and_pull: given.picture_of_a_cut, cut_off: given.picture_of_a_piece}
+    for cut, picture in pictures.items():
         if picture is not None:
             photograph(picture, cut)
-    if given.picture is None and given.picture_of_a_cut is None:
+    if not any(pictures.values()):
         main(given.output)
