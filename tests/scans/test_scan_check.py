@@ -94,6 +94,18 @@ def test_a_grid_with_x_and_z_exchanged_is_named():
         pp.reconstruct(scan, wrong, levels=1, iterations=1)
 
 
+def test_a_grid_wider_than_views_that_show_the_whole_object_is_named():
+    """Three quarters of the grid are seen: enough where the object goes on beyond the panel, too little where it ends."""
+    panel = pp.Panel((40, 48), (2, 2), (-47, -39, 0))
+    views = pp.arc_views(panel, [-20, -10, 0, 10, 20], radius=500, pivot=(0, 0, 24))
+    wide = pp.Grid((8, 20, 24), (5, 5, 5), origin=(-57.5, -47.5, 6.5))
+    object_ = np.zeros(panel.shape)
+    object_[15:25, 18:30] = 1.0
+    named = [found.cause for found in check_grid(views, wide, dict.fromkeys(range(len(views)), object_))]
+    assert named == ["pixel pitch"]
+    assert check_grid(views, wide) == []
+
+
 def test_a_centred_grid_lies_around_its_point():
     grid = pp.Grid.centred((4, 5, 6), (3, 2, 1), x=10, z=-20)
     assert np.allclose(grid.bounds.mean(axis=0), (10, 0, -20))

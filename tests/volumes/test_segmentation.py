@@ -193,3 +193,15 @@ def test_the_command_refuses_before_it_writes(tmp_path):
         result = CliRunner().invoke(app, ["segment", str(tmp_path / "v.nii.gz"), "-o", str(out), *options])
         assert isinstance(result.exception, DataError)
         assert not out.exists()
+
+
+def test_a_registered_method_finds_what_it_says(monkeypatch):
+    """And no thresholds go with it."""
+    monkeypatch.setattr("palpate.volumes.segmentation.names", lambda kind: ("threshold", "halves"))
+    monkeypatch.setattr("palpate.volumes.segmentation.part", lambda kind, name: lambda v: v.values == 0.5)
+    values = np.zeros((4, 5, 6))
+    values[2, 3, 4], values[1, 1, 1] = 0.5, 1.0
+    volume = pp.Volume(values, pp.Grid(values.shape, (1, 1, 1)))
+    assert np.argwhere(pp.segment(volume, method="halves").values).tolist() == [[2, 3, 4]]
+    with pytest.raises(pp.errors.DataError, match="takes no thresholds"):
+        pp.segment(volume, lower=0.5, method="halves")
