@@ -11,12 +11,13 @@
 // Cut: a blade goes along the surface where the pixel goes, as deep as selected. The server cuts the tissue behind it.
 // Measure: sets points on the surface as drawn, see `MeasureTool`.
 // Camera: moves nothing here; what is dragged turns the view from inside, see `Endoscope`.
+import { BladeStroke } from "./blade-stroke";
 import type { CommandQueue } from "./command-queue";
 import type { MeasureTool } from "./measure-tool";
 import { add, dot, interpolate, length, limitLength, locate, nearestNode, pick, scale, subtract, unit, type Hit } from "../organ/mesh-geometry";
 import { ENDOSCOPE_TOOLS, NEEDLE } from "../rendering/tool-meshes";
 import type { Organ } from "../protocol/worker-messages";
-import { CommandKind, CutStep, type Scalpel, type Vector } from "../protocol/server-messages";
+import { CommandKind, type Scalpel, type Vector } from "../protocol/server-messages";
 import type { OrganView } from "../rendering/organ-view";
 
 export type ToolKind = "press" | "pull" | "grasp" | "needle" | "cut" | "measure" | "camera";
@@ -27,7 +28,6 @@ export const TOOL_NUMBERS: Record<ToolKind, number[]> = { press: [0], pull: [0],
 const MAX_REACH = 0.999; // of the longest displacement, since the server gets it rounded
 const MOST_MOVED = 0.02; // of the organ's radius: farther from another organ's surface, a measured point is not one of it
 const MIN_INSERTION = 0.05; // mm: a needle needs a direction
-const BEYOND = 1.2; // of a cut's first depth, which is 2.5 mean edges, by which a blade goes on past the organ's edge: a cut may begin 4 edges off
 
 interface Jaw {
   hit: Hit;
@@ -54,16 +54,15 @@ export class ToolController {
   private grasp: Grasp | null = null;
   private pressPoint: Hit | null = null; // on the surface at rest
   private needle: Needle | null = null;
-  private blade: Hit | null = null; // on the surface at rest
-  private bladeFrom: Vector | null = null; // mm, where the stroke begins, until it has a direction
-  private bladeWay: Vector | null = null; // unit vector, of its last step
-  private bladeSent: Vector = [0, 0, 0]; // mm, where it was said to be last
+  readonly blade: BladeStroke;
   private aiming = false; // the needle's entry point still follows the pixel
   private pressure = 1;
   private gain = 0.85; // of the last grasp: the first value for the next one
   private pixel: [number, number] = [0, 0];
 
-  constructor(private readonly view: OrganView, private readonly commands: CommandQueue, private readonly measureTool: MeasureTool, private readonly sendScalpel: (scalpel: Scalpel) => void) {}
+  constructor(private readonly view: OrganView, private readonly commands: CommandQueue, private readonly measureTool: MeasureTool, sendScalpel: (scalpel: Scalpel) => void) {
+    this.blade = new BladeStroke(view, () => this.amounts.cut, (origin, direction) => this.pickRay(origin, direction, true), sendScalpel);
+  }
 
   setOrgan(organ: Organ): void {
     this.releaseAll();
@@ -81,7 +80,7 @@ export class ToolController {
     const before = this.organ!, surface = organ.scene.parts.find((p) => !p.inside)!;
     const again = (hit: Hit) => locate(interpolate(hit, before.rest, before.triangles), organ.rest, organ.triangles, surface.first, surface.count);
     if (this.pressPoint) this.pressPoint = again(this.pressPoint);
-    if (this.blade) this.blade = again(this.blade);
+    this.blade.relocate(again);
     for (const jaw of this.grasp?.jaws ?? []) jaw.hit = again(jaw.hit);
     this.measureTool.setOrgan(organ, again);
     this.organ = organ;
@@ -108,7 +107,7 @@ export class ToolController {
 
   /** Does the tool hold something that ends with `release`? */
   get holding(): boolean {
-    return this.pressPoint !== null || this.grasp !== null || this.blade !== null;
+    return this.pressPoint !== null || this.grasp !== null || this.blade.cutting;
   }
   get pressing(): boolean {
     return this.pressPoint !== null;
@@ -138,7 +137,7 @@ export class ToolController {
     if (this.kind === "measure") return this.measureTool.begin(hit), true;
     this.picked = { point: interpolate(hit, this.organ!.rest, this.organ!.triangles), count: (this.picked?.count ?? 0) + 1 };
     const kind = swap && this.kind === "press" ? "pull" : swap && this.kind === "pull" ? "press" : this.kind;
-    if (kind === "cut") return this.beginCut(hit);
+    if (kind === "cut") return this.blade.begin(this.pick(x, y, true) ?? hit, this.organ!), true;
     if (kind === "press") this.pressPoint = this.pick(x, y, true) ?? hit;
     else if (kind === "needle") this.insertNeedle(hit);
     else {
@@ -147,68 +146,6 @@ export class ToolController {
     }
     this.sendCommands(stamp);
     return true;
-  }
-
-  /** The stroke begins once it has a direction: from beyond the organ's edge if it begins there. */
-  private beginCut(hit: Hit): boolean {
-    this.blade = hit;
-    this.bladeWay = null;
-    this.bladeFrom = interpolate(hit, this.organ!.rest, this.organ!.triangles);
-    this.showBlade();
-    return true;
-  }
-
-  /** The blade goes to the pixel; past the organ's edge it goes on a little, so that the cut goes all the way through. */
-  private moveBlade(): void {
-    const hit = this.pick(...this.pixel, true), last = interpolate(this.blade!, this.organ!.rest, this.organ!.triangles);
-    if (!hit) {
-      if (!this.bladeFrom && this.bladeWay) this.cutTo(CutStep.move, this.beyond(last, this.bladeWay));
-      return;
-    }
-    const point = interpolate(hit, this.organ!.rest, this.organ!.triangles), way = subtract(point, last);
-    if (length(way) === 0) return;
-    this.blade = hit;
-    this.bladeWay = unit(way);
-    if (this.bladeFrom) {
-      const before = this.beyond(this.bladeFrom, scale(this.bladeWay, -1)), { eye } = this.view.turntable;
-      const atEdge = this.pickRay(eye, unit(subtract(before, eye)), true) === null;
-      this.cutTo(CutStep.begin, atEdge ? before : this.bladeFrom);
-      this.bladeFrom = null;
-    }
-    this.cutTo(CutStep.move, point);
-    this.showBlade();
-  }
-
-  /** Where a blade goes on that leaves the organ's outline at a point. */
-  private beyond(point: Vector, way: Vector): Vector {
-    const view = unit(subtract(point, this.view.turntable.eye)), across = subtract(way, scale(view, dot(way, view)));
-    return add(point, scale(unit(across), BEYOND * this.organ!.scene.depth));
-  }
-
-  private cutTo(step: number, point: Vector): void {
-    this.bladeSent = point;
-    const direction: Vector = this.cutsThrough ? unit(subtract(point, this.view.turntable.eye)) : [0, 0, 0];
-    this.sendScalpel({ step, depth: Math.max(this.amounts.cut, MIN_INSERTION), point, direction });
-  }
-
-  /** A blade at its greatest depth goes through the organ along the line of sight, and not at right angles to the surface. */
-  get cutsThrough(): boolean {
-    return this.amounts.cut > 0.99 * this.longestCut;
-  }
-
-  get longestCut(): number {
-    return 2 * this.view.size;
-  }
-
-  private showBlade(): void {
-    const { normals, triangles } = this.organ!;
-    this.view.toolMeshes.moveBlade(this.drawnPoint(this.blade!).position, unit(interpolate(this.blade!, normals, triangles)), this.amounts.cut);
-    this.view.requestRedraw();
-  }
-
-  /** Takes the last cut back. */
-  undoCut(): void {
-    if (!this.blade) this.sendScalpel({ step: CutStep.undo, depth: 0, point: [0, 0, 0], direction: [0, 0, 0] });
   }
 
   private jaw(hit: Hit, closing: Vector = [0, 0, 0]): Jaw {
@@ -247,10 +184,7 @@ export class ToolController {
       const hit = this.pick(x, y);
       return hit ? this.measureTool.moveTo(hit) : undefined;
     }
-    if (this.blade) {
-      this.moveBlade();
-      return;
-    }
+    if (this.blade.cutting) return this.blade.move(this.pick(x, y, true), this.organ!);
     if (this.pressPoint) this.pressPoint = this.pick(x, y, true) ?? this.pressPoint; // stays where the surface ends
     else if (this.aiming && this.amounts.needle === 0) {
       const hit = this.pick(x, y);
@@ -321,12 +255,7 @@ export class ToolController {
   release(): void {
     this.aiming = false;
     if (this.measureTool.placing) return this.measureTool.place();
-    if (this.blade) {
-      if (!this.bladeFrom) this.cutTo(CutStep.end, this.bladeSent);
-      this.blade = this.bladeFrom = null;
-      this.view.toolMeshes.moveBlade(null);
-      return;
-    }
+    if (this.blade.cutting) return this.blade.end();
     if (!this.holding) return;
     this.grasp = this.pressPoint = null;
     this.commands.release(0);

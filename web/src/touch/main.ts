@@ -320,7 +320,7 @@ const resetAll = () => {
 };
 const help = element<HTMLDialogElement>("help");
 const onClick: Record<string, () => void> = {
-  reset: resetView, "save-session": () => post({ kind: "save", file: true }), found: claimLump, sample: claimSample, "reset-all": () => resetAll(), "needle-out": () => controller.withdrawNeedle(), "undo-cut": () => controller.undoCut(), "help-open": () => help.showModal(),
+  reset: resetView, "save-session": () => post({ kind: "save", file: true }), found: claimLump, sample: claimSample, "reset-all": () => resetAll(), "needle-out": () => controller.withdrawNeedle(), "undo-cut": () => controller.blade.undo(), "help-open": () => help.showModal(),
   headset: () => void webxr.enter(scene?.reach ?? 1).catch((problem: unknown) => showMessage(String(problem))),
 };
 for (const [id, action] of Object.entries(onClick)) element(id).addEventListener("click", action);
@@ -337,7 +337,7 @@ listenToKeys(canvas, view, cursor, {
   i: () => scene?.views.includes("inside") && translucentToggle.click(),
   s: () => scene?.images && slicesToggle.click(),
   o: () => controller.withdrawNeedle(),
-  z: () => (controller.kind === "measure" ? measureTool.undo() : scene?.tools.includes("cut") && room.leads && controller.undoCut()),
+  z: () => (controller.kind === "measure" ? measureTool.undo() : scene?.tools.includes("cut") && room.leads && controller.blade.undo()),
   h: () => room.toggleFreeze(),
   g: () => endoscopePanel.toggleFlight(),
   q: () => endoscope.active && leaveEndoscope(),

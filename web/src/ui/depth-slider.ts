@@ -26,7 +26,7 @@ export class DepthSlider {
       pull: [-0.3 * smallestSide, 0.3 * smallestSide],
       grasp: [0, 1.2 * radius],
       needle: [0, Math.min(0.99 * reach, 1.6 * size)],
-      cut: [this.step, this.controller.longestCut],
+      cut: [this.step, this.controller.blade.greatestDepth],
       measure: [0, 0],
       camera: [0, 0],
     };
@@ -73,7 +73,7 @@ export class DepthSlider {
     this.shown = [kind, mm];
     element("amount-row").hidden = kind === "measure" || kind === "camera";
     this.slider.value = String(mm);
-    const text = kind === "cut" && this.controller.cutsThrough ? "through" : `${mm.toFixed(1).replace("-", "−")} mm`;
+    const text = kind === "cut" && this.controller.blade.goesThrough ? "through" : `${mm.toFixed(1).replace("-", "−")} mm`;
     this.slider.setAttribute("aria-valuetext", text);
     write("amount-set", text);
   }
