@@ -14,7 +14,7 @@ import palpate as pp
 from palpate.errors import FileError
 from palpate.simulation.page_record import parse_page_record
 from palpate.simulation.session_compatibility import recorded_settings
-from palpate.standalone.organ_data import session_of
+from palpate.standalone.organ_data import organ_data, session_of
 
 DEPTH = 16.0  # mm
 AWAY = (0, 0, 0, 0, 0, 0, 0)
@@ -162,6 +162,20 @@ def test_what_comes_free_is_taken_away_as_in_a_session(tmp_path):
     )
     assert not np.any(lost["forces"][202:])
     assert lost["contact"][0] == 2
+
+
+def test_where_the_page_does_not_cut_it_offers_none(monkeypatch):
+    """An organ too large for its memory; lips that rub."""
+
+    def tools(tissue):
+        data = organ_data(session_of(tissue), "organ")
+        length = int.from_bytes(data[4:8], "little")
+        return json.loads(data[8 : 8 + length])["tools"]
+
+    assert "cut" in tools(organ(6))
+    assert "cut" not in tools(organ(6).replace(surface_friction=0.2))
+    monkeypatch.setattr("palpate.standalone.organ_data.MOST_NODES", 100)
+    assert "cut" not in tools(organ(6))
 
 
 @pytest.fixture(scope="module")
