@@ -220,7 +220,8 @@ def simplified(way: ArrayLike, tolerance: float) -> Float64:
 
 def may_cut(session: Session) -> bool:
     """Whether pages may cut the tissue of a session."""
-    return may_be_cut(session.first.tissue) and not session.first.tissue.time_dependent
+    tissue = session.first.tissue
+    return may_be_cut(tissue) and not tissue.time_dependent and not taken_by_name(tissue)
 
 
 def first_depth(session: Session) -> float:

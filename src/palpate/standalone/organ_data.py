@@ -13,9 +13,8 @@ from palpate.simulation.lesson import TOOLS
 from palpate.simulation.session import Session
 from palpate.tissue.tissue import Tissue
 
-MOST_NODES = (
-    13_000  # of an organ that the page cuts: 13,700 were cut twice, and 19,700 take more than its 4 GB meanwhile
-)
+# Of an organ that the page cuts: one of 13,700 was cut twice; of 19,700, two bodies at once need more than its 4 GB.
+MOST_NODES = 13_000
 
 
 def session_of(
