@@ -10,6 +10,7 @@ import { borderEdges, normalize, normals, packNormals, uniqueEdges } from "./org
 import { noteMessage, readNotes, readTimeline } from "./protocol/text-messages";
 import { readScene, type SceneArrays } from "./protocol/scene-arrays";
 import { readHands, readPeople, type OtherHand, type RoomState } from "./protocol/room-messages";
+import { RoomLiveness, type Liveness } from "./protocol/room-liveness";
 import { buffersOf, type ColorMode, type FromWorker, type NodeArrays, type Organ, type Scale, type ToWorker } from "./protocol/worker-messages";
 import {
   CloseCode, ComparisonState, DIFFERENCE_BYTES, DIFFERENCE_KIND, DISTANCE_STEPS, FRAME_BYTES, decodeDifference, decodeFrame,
@@ -24,7 +25,7 @@ const page = self as unknown as {
 
 const FAST_DECODE = 4; // ms
 const FIRST_RETRY = 250, LAST_RETRY = 4000; // ms
-const SEEN_INTERVAL = 100, LOOK_INTERVAL = 50, MOST_SILENCE = 1500, LEAST_SILENCE = 100, GIVEN_UP = 4000, NO_ANSWER = 8000; // ms
+const SEEN_INTERVAL = 100, LOOK_INTERVAL = 50, NO_ANSWER = 8000; // ms
 
 let organ: Organ | null = null;
 let colorMap: ColorMap | null = null;
@@ -46,11 +47,8 @@ let hands: OtherHand[] = []; // of the newest frame
 let prediction: Prediction | null = null; // in a room
 let predictionWanted: boolean | null = null; // by the person
 let frozen = false; // the room has stopped this hand
-let heard = 0; // ms, when the server was heard last
-let silence: "none" | "stale" | "lost" = "none";
+const liveness = new RoomLiveness(followLiveness);
 let giveUp: (code: number) => void = () => {}; // the connection, and begin another one
-let asked: { serial: number; at: number } | null = null; // the command whose answer is being timed
-let roundTrip = { mean: MOST_SILENCE, deviation: 0 }; // ms, smoothed
 let lastSerial = 0; // of the newest command that the last frame obeys
 let decodeTime = 0; // ms, of the last frame
 let pressing = false; // the first tool measures stiffness
@@ -113,60 +111,40 @@ function connect(address: string): void {
   socket.binaryType = "arraybuffer";
   taken = 0;
   socket.onopen = () => {
-    heard = performance.now();
-    roundTrip = { mean: MOST_SILENCE, deviation: 0 };
-    asked = null;
-    silence = "none";
+    liveness.begin();
     page.postMessage({ kind: "status", good: true, text: "" });
     if (mode === "error") requestComparison(true);
   };
   socket.onmessage = (event: MessageEvent<ArrayBuffer | string>) => {
-    hear();
+    liveness.hear();
     if (typeof event.data === "string") return page.postMessage({ kind: "notice", text: event.data });
     takeMessage(event.data);
   };
 }
 
-/** The server lets itself be heard. */
-function hear(): void {
-  heard = performance.now();
-  if (silence === "lost") page.postMessage({ kind: "status", good: true, text: "" });
-  if (silence !== "none") prediction?.hush(false);
-  silence = "none";
-}
-
-/** In a room frames come all the time. When none has come for three times the way to the server and back, as long as that usually
- * takes at most, and some more, the force is not that of now, and none is shown. A hand goes on if it was a packet that came late;
- * after MOST_SILENCE its tools let go. After GIVEN_UP the page connects anew: a host that lost its power closes nothing, and another
- * one may have the room. */
-function watchSilence(): void {
-  if (!organ?.scene.room || socket?.readyState !== WebSocket.OPEN) return;
-  const since = performance.now() - heard, { mean, deviation } = roundTrip;
-  if (since > GIVEN_UP) {
-    socket.onmessage = socket.onclose = null;
-    socket.close();
-    giveUp(CloseCode.room_lost);
-  } else if (since > MOST_SILENCE && silence !== "lost") {
-    silence = "lost";
-    prediction?.hush(true);
-    page.postMessage({ kind: "status", good: false, text: "The room does not answer. Waiting…" });
-  } else if (silence === "none" && since > 3 * (mean + 4 * deviation) + LEAST_SILENCE) {
-    silence = "stale";
-    prediction?.hush(true);
-    page.postMessage({ kind: "stale" });
+/** The room is heard, is silent, or is given up. */
+function followLiveness(now: Liveness, before: Liveness): void {
+  if (now === "given up") {
+    socket!.onmessage = socket!.onclose = null;
+    socket!.close();
+    return giveUp(CloseCode.room_lost);
   }
+  prediction?.hush(now !== "heard");
+  if (now === "stale") page.postMessage({ kind: "stale" });
+  else if (now === "lost") page.postMessage({ kind: "status", good: false, text: "The room does not answer. Waiting…" });
+  else if (before === "lost") page.postMessage({ kind: "status", good: true, text: "" });
 }
-setInterval(watchSilence, LOOK_INTERVAL);
 
-/** Times how long it takes until a frame obeys a command; mean and deviation as of TCP's round trip (RFC 6298). */
+setInterval(() => {
+  if (organ?.scene.room && socket?.readyState === WebSocket.OPEN) liveness.watch();
+}, LOOK_INTERVAL);
+
+/** Tells how long the way is, if a frame obeys the command whose answer is being timed. */
 function timeRoundTrip(serial: number): void {
-  if (!asked || serial < asked.serial) return;
-  const took = performance.now() - asked.at;
-  const { mean, deviation } = roundTrip, first = mean === MOST_SILENCE && deviation === 0;
-  roundTrip = first ? { mean: took, deviation: took / 2 } : { mean: mean + (took - mean) / 8, deviation: deviation + (Math.abs(took - mean) - deviation) / 4 };
-  asked = null;
-  prediction?.measure(roundTrip.mean);
-  page.postMessage({ kind: "way", milliseconds: roundTrip.mean });
+  const milliseconds = liveness.answer(serial);
+  if (milliseconds === null) return;
+  prediction?.measure(milliseconds);
+  page.postMessage({ kind: "way", milliseconds });
 }
 
 function takeMessage(data: ArrayBuffer): void {
@@ -201,7 +179,7 @@ function countFrame(): void {
 /** A frame of the room or of the session in the page. */
 function takeFrame(data: ArrayBuffer): void {
   countFrame();
-  if (asked) timeRoundTrip(decodeFrame(new DataView(data)).serial);
+  if (liveness.asking) timeRoundTrip(decodeFrame(new DataView(data)).serial);
   prediction?.hear(data, told);
   if (!prediction?.active) showFrame(data, told);
 }
@@ -356,7 +334,7 @@ page.onmessage = ({ data }) => {
   } else if (data.kind === "save") {
     if (local) page.postMessage({ kind: "record", text: local.recorded(), file: data.file });
   } else if (data.kind === "command") {
-    asked ??= { serial: data.command.serial, at: performance.now() };
+    liveness.ask(data.command.serial);
     send(encodeToolCommand(data.command));
     prediction?.command(data.command);
   } else if (data.kind === "predict") prediction?.ask((predictionWanted = data.on));
