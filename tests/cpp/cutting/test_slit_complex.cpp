@@ -1,5 +1,6 @@
 // What a blade leaves of a cube: the parts fill it, neighbours fit, and the faces that were passed are the blade.
 #include "cutting/slit_complex.h"
+#include "kuhn_cube.h"
 #include <algorithm>
 #include <cmath>
 #include <doctest.h>
@@ -8,21 +9,7 @@ using namespace palpate;
 
 namespace {
 
-// A cube of 2 mm of eight smaller ones, each of six tetrahedra about its diagonal (H. W. Kuhn).
-struct Cube {
-    std::vector<double> node;
-    std::vector<int32_t> tet;
-    Cube() {
-        for (int n = 0; n < 27; n++) node.insert(node.end(), {n % 3 * 1.0, n / 3 % 3 * 1.0, n / 9 * 1.0});
-        const int step[3] = {1, 3, 9}, order[6][3] = {{0, 1, 2}, {1, 2, 0}, {2, 0, 1}, {0, 2, 1}, {2, 1, 0}, {1, 0, 2}};
-        for (int first : {0, 1, 3, 4, 9, 10, 12, 13})
-            for (int k = 0; k < 6; k++) {
-                int at[4] = {first};
-                for (int d = 0; d < 3; d++) at[d + 1] = at[d] + step[order[k][d]];
-                if (k >= 3) std::swap(at[2], at[3]); // odd permutations are mirrored
-                tet.insert(tet.end(), at, at + 4);
-            }
-    }
+struct Cube : KuhnCube {
     SlitComplex complex() const { return {node.data(), 27, tet.data(), int(tet.size() / 4), 1e-9}; }
 };
 
