@@ -67,6 +67,7 @@ export class BladeStroke {
     if (!this.from) this.tell(CutStep.end, this.sent);
     this.hit = this.from = null;
     this.view.toolMeshes.moveBlade(null);
+    this.view.requestRedraw();
   }
 
   /** Takes the last cut back. */
