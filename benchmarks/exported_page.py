@@ -128,17 +128,23 @@ def stroked(file: Path) -> tuple[float, float, float, float]:
         return ready, ticks / (after[0] - before[0]), 1e6 * float(np.mean(busy)), (after[3] - before[3]) / ticks
 
 
-def cut_and_pull(page: Page) -> None:
-    """A stroke across the lower pole, and a hand that pulls one lip down."""
+def cut(page: Page, start: tuple[float, float], end: tuple[float, float]) -> tuple[float, float]:
+    """A stroke between two pixels beside the middle of the lower pole, and that pixel."""
     box = page.locator("#view").bounding_box()
     x, y = box["x"] + 0.56 * box["width"], box["y"] + 0.7 * box["height"]
-    page.keyboard.press("5")
-    page.mouse.move(x - 90, y + 30)
+    page.mouse.move(x + start[0], y + start[1])
     page.mouse.down()
-    page.mouse.move(x + 90, y - 30, steps=40)
+    page.mouse.move(x + end[0], y + end[1], steps=50)
     page.mouse.up()
     while not page.evaluate("palpate.scene.made === 1"):
         page.wait_for_timeout(50)
+    return x, y
+
+
+def cut_and_pull(page: Page) -> None:
+    """A stroke across the lower pole, and a hand that pulls one lip down."""
+    page.keyboard.press("5")
+    x, y = cut(page, (-90, 30), (90, -30))
     page.keyboard.press("2")
     page.mouse.move(x + 8, y + 22)
     page.mouse.down()
@@ -147,26 +153,19 @@ def cut_and_pull(page: Page) -> None:
 
 def cut_off(page: Page) -> None:
     """A stroke through the lower pole, from beside it to beside it."""
-    box = page.locator("#view").bounding_box()
-    x, y = box["x"] + 0.56 * box["width"], box["y"] + 0.7 * box["height"]
     page.keyboard.press("5")
     page.locator("#amount").fill(page.locator("#amount").get_attribute("max") or "")
-    page.mouse.move(x - 109, y + 36)
-    page.mouse.down()
-    page.mouse.move(x + 160, y - 40, steps=60)
-    page.mouse.up()
-    while not page.evaluate("palpate.scene.made === 1"):
-        page.wait_for_timeout(50)
+    cut(page, (-109, 36), (160, -40))
     print(page.inner_text("#hint"))
 
 
-def photograph(picture: Path, cut: Callable[[Page], None] | None) -> None:
+def photograph(picture: Path, operate: Callable[[Page], None] | None) -> None:
     """A screenshot of an exported kidney that is pressed, or cut."""
     with tempfile.TemporaryDirectory() as name:
         file = pp.export(kidney(EDGES[0]).replace(element="smoothed"), Path(name) / "organ.html", title="Kidney")
         with opened(file) as (page, _):
-            if cut:
-                cut(page)
+            if operate:
+                operate(page)
             else:
                 x, y = press(page)
                 page.mouse.move(x + 60, y + 20, steps=20)
@@ -239,8 +238,8 @@ if __name__ == "__main__":
     parser.add_argument("--picture-of-a-piece", type=Path, help="the same of one whose lower pole is cut off, .png")
     given = parser.parse_args()
     pictures = {None: given.picture, cut_and_pull: given.picture_of_a_cut, cut_off: given.picture_of_a_piece}
-    for cut, picture in pictures.items():
+    for operate, picture in pictures.items():
         if picture is not None:
-            photograph(picture, cut)
+            photograph(picture, operate)
     if not any(pictures.values()):
         main(given.output)

@@ -5,10 +5,9 @@ import json
 import numpy as np
 import pytest
 from axe_playwright_python.sync_playwright import Axe
-from support.browser import LAPTOP, PHONE
 from support.engine_in_node import run_in_node
 from support.example_organs import organ
-from support.touch_page import Touched
+from support.exported_page import DEVICES, opened_offline
 
 import palpate as pp
 from palpate.errors import FileError
@@ -184,22 +183,10 @@ def page_file(tmp_path_factory):
     return pp.export(organ(9), path, title="Training")
 
 
-@pytest.fixture(params=[("laptop", "light"), ("phone", "dark")], ids=" ".join)
+@pytest.fixture(params=DEVICES, ids=" ".join)
 def opened(browser, page_file, request):
-    device, scheme = request.param
-    how = {"viewport": PHONE, "has_touch": True, "is_mobile": True} if device == "phone" else {"viewport": LAPTOP}
-    context = browser.new_context(color_scheme=scheme, **how)
-    context.set_offline(True)
-    page = context.new_page()
-    requests = []
-    page.on("request", lambda request: requests.append(request.url))
-    mine = Touched(None, page)
-    mine.device = device
-    mine.open(page_file.as_uri())
-    yield mine
-    assert mine.problems == []
-    assert [url for url in requests if not url.startswith(("blob:", "data:"))] == [page_file.as_uri()]
-    context.close()
+    with opened_offline(browser, page_file, *request.param) as page:
+        yield page
 
 
 def draw(touched, start, way, steps=20):

@@ -15,9 +15,10 @@ from threading import Thread
 import numpy as np
 import pytest
 from axe_playwright_python.sync_playwright import Axe
-from support.browser import LAPTOP, PHONE
+from support.browser import LAPTOP
 from support.engine_in_node import run_in_node
 from support.example_organs import organ
+from support.exported_page import DEVICES, opened_offline
 from support.running_server import ended
 from support.touch_page import Touched
 
@@ -81,22 +82,10 @@ DRAWN_AS_LARGE_AS_IT_IS = """(() => {
 })()"""
 
 
-@pytest.fixture(params=[("laptop", "light"), ("phone", "dark")], ids=" ".join)
+@pytest.fixture(params=DEVICES, ids=" ".join)
 def opened(browser, page_file, request):
-    device, scheme = request.param
-    how = {"viewport": PHONE, "has_touch": True, "is_mobile": True} if device == "phone" else {"viewport": LAPTOP}
-    context = browser.new_context(color_scheme=scheme, **how)
-    context.set_offline(True)
-    page = context.new_page()
-    requests = []
-    page.on("request", lambda request: requests.append(request.url))
-    mine = Touched(None, page)
-    mine.device = device
-    mine.open(page_file.as_uri())
-    yield mine
-    assert mine.problems == []
-    assert [url for url in requests if not url.startswith(("blob:", "data:"))] == [page_file.as_uri()]
-    context.close()
+    with opened_offline(browser, page_file, *request.param) as page:
+        yield page
 
 
 def test_it_is_touched_offline(opened, album):

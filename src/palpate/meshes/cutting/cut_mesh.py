@@ -35,8 +35,8 @@ class CutMesh(TetMesh):
 
     share: (M,) 0 to 1. side: (M,) 1 or -1, the side of the blade; 0 where none has passed. body: (M,) number of the piece.
     origin: (N,) and parent: (M,) node and tetrahedron of the mesh before. real: (N,) True where a node's place is in its
-    piece, and not beyond the blade. skin: the surface. blades: what cut it. If a
-    piece was taken away, some nodes and tetrahedra of the mesh before have no copy.
+    piece, and not beyond the blade. skin: the surface. blades: what cut it. figures: what the cuts have done. If a piece was
+    taken away, some nodes and tetrahedra of the mesh before have no copy.
     """
 
     share: Float64
