@@ -195,8 +195,6 @@ std::vector<SlitComplex::Face> SlitComplex::faces_on(const std::vector<int8_t>& 
 
 std::vector<int> SlitComplex::about(int a, int b) const { return common(around[a], around[b]); }
 
-bool SlitComplex::is_edge(int a, int b) const { return a != b && !about(a, b).empty(); }
-
 int SlitComplex::split(int a, int b, double t) {
     const int point = int(support.size());
     for (int d = 0; d < 3; d++) place.push_back((1 - t) * place[3 * size_t(a) + d] + t * place[3 * size_t(b) + d]);

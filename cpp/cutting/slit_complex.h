@@ -39,7 +39,6 @@ public:
     void slit(const std::vector<BladeTriangle>& blade);
     // The number of a new point at (1 - t) a + t b: each tetrahedron of the edge ab becomes two.
     int split(int a, int b, double t);
-    bool is_edge(int a, int b) const;
 
     std::vector<double> place;              // (points, 3) mm
     std::vector<Support> support;           // of the points

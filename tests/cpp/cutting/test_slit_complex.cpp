@@ -115,8 +115,6 @@ TEST_CASE("a point lies between the nodes that it came from, and what is passed 
     slit.slit(rectangle({0.31, 0.42, 0.53}, {1.1, 0.2, 0.1}, {-0.1, 0.9, 0.6}));
     const double area = passed_area(slit);
     const auto face = slit.cut.begin()->first;
-    CHECK(slit.is_edge(face[0], face[1]));
-    CHECK(!slit.is_edge(0, 26));
     slit.split(face[0], face[1], 0.25);
     check_fits(slit);
     CHECK(passed_area(slit) == doctest::Approx(area).epsilon(1e-12));
