@@ -114,7 +114,7 @@ def web_edges(root: Path) -> dict[str, set[str]]:
     """File of the page -> the files of the page that it imports; types too."""
     edges = {}
     for path in root.rglob("*.ts"):
-        found = re.findall(r'(?:from|import\(?) ?"(\.[^"]+)"', path.read_text())
+        found = re.findall(r'(?:from|import\(?) ?"(\.[^"]+?)(?:\.ts)?"', path.read_text())
         edges[path.relative_to(root).as_posix()] = {
             Path(os.path.normpath(path.parent / name)).relative_to(root).as_posix() + ".ts" for name in found
         }

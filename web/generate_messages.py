@@ -15,6 +15,7 @@ from palpate.server.json_messages import (
     Image,
     NoteText,
     Person,
+    PieceShape,
     Scene,
     Stack,
     TimelineEvent,
@@ -38,15 +39,15 @@ from palpate.server.message_kinds import (
 )
 from palpate.server.messages import AT_REST, DISPLACEMENT_STEPS, DISTANCE_STEPS, FASTEST, GUIDANCE_LIMIT, SLOWEST
 from palpate.simulation.lesson import EXAM_FORCE, EXAM_LENGTH, EXAM_WORK
-from palpate.simulation.pointer import TOOLS, CommandKind, ContactState
+from palpate.simulation.pointer import TOOLS, CommandKind, ContactState, PieceState
 from palpate.simulation.session import RATE
 from palpate.simulation.session_notes import LONGEST_NOTE, MOST_NOTES
 
 HERE = Path(__file__).parent
-JSON = [Part, NoteText, TimelineEvent, TimelineTrack, Person, Scene, Window, Stack, Image, Album]
+JSON = [Part, NoteText, TimelineEvent, TimelineTrack, Person, PieceShape, Scene, Window, Stack, Image, Album]
 ENUMS = [
-    CommandKind, ContactState, SelectionKind, MarkKind, NoteStep, PlayStep, CutStep, ComparisonState, TrialState, Feedback,
-    ChoiceKind, Role, LeadStep, GuidanceState, CloseCode,
+    CommandKind, ContactState, PieceState, SelectionKind, MarkKind, NoteStep, PlayStep, CutStep, ComparisonState, TrialState,
+    Feedback, ChoiceKind, Role, LeadStep, GuidanceState, CloseCode,
 ]  # fmt: skip
 CONSTANTS = {
     "TOOLS": TOOLS,

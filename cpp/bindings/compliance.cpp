@@ -22,7 +22,7 @@ FactoredStiffness elastic(const SparseCholesky& factor, In<int32_t, 1> free, In<
     for (int node : named)
         if (node < 0 || node >= count || free_index[node] < 0 || seen[node]++)
             throw std::invalid_argument("vertices: each a free node, named once");
-    return factored_stiffness(factor, free_index, named, nodes.data());
+    return factored_stiffness(factor.tree, &factor, factor.rounded(), free_index, named, nodes.data());
 }
 
 RelaxationSpectrum spectrum(In<double, 2> relaxation) {

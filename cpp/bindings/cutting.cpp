@@ -57,14 +57,19 @@ std::tuple<Owned<int, 1>, Owned<int, 2>, Owned<int, 1>> drawn(In<int32_t, 2> tri
     return {column<int>(made.vertex), table<int>(made.triangle, 3), column<int>(made.lips)};
 }
 
+std::vector<Point3> points_of(In<double, 2> path) {
+    expect(path.shape(1) == 3 && path.shape(0) > 0, "path: points (p, 3)");
+    expect_finite(path, "path: not finite");
+    std::vector<Point3> out(path.shape(0));
+    for (size_t k = 0; k < out.size(); k++) std::copy_n(path.data() + 3 * k, 3, out[k].begin());
+    return out;
+}
+
 std::tuple<Owned<double, 2>, std::array<double, 3>> incision_of(const ContactSurface& surface, In<double, 2> path,
                                                                 double step, double above,
                                                                 std::optional<std::array<double, 3>> direction) {
-    expect(path.shape(1) == 3 && path.shape(0) > 1, "path: two or more points (p, 3)");
-    expect_finite(path, "path: not finite");
+    const std::vector<Point3> corners = points_of(path);
     expect(step > 0 && above >= 0 && surface.triangles() > 0, "step: above 0 mm; above: 0 mm or more");
-    std::vector<Point3> corners(path.shape(0));
-    for (size_t k = 0; k < corners.size(); k++) std::copy_n(path.data() + 3 * k, 3, corners[k].begin());
     const Incision made = incision(surface, corners, step, above, direction ? direction->data() : nullptr);
     return {table<double>(made.upper, 3), made.way};
 }
@@ -140,6 +145,14 @@ void bind_cutting(nb::module_& m) {
     m.def("drawn", &drawn, "triangles"_as_is, "lip"_as_is, "rank"_as_is, "ranks"_a,
           "What a display draws of a cut body's surface: vertices of it (n,), triangles (t, 3) of these, and the first "
           "vertex on lips of each rank (ranks,). rank: of each vertex's region.");
+    m.def(
+        "straightened",
+        [](In<double, 2> path, std::array<double, 3> way) {
+            return table<double>(straightened(points_of(path), way.data()), 3);
+        },
+        "path"_as_is, "way"_a,
+        "Points (p, 3) mm of a blade's upper end, moved by a millionth of their way at most, so that parts of "
+        "the blade that nearly lie in one plane do.");
     m.def("incision", &incision_of, "surface"_a, "path"_as_is, "step"_a, "above"_a, "direction"_a = nb::none(),
           "The points (p, 3) mm of a blade's upper end that follows a surface, and its way, (0, 0, 0) if it has none.");
     m.def(

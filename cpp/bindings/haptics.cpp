@@ -1,5 +1,6 @@
 #include "bindings/arrays.h"
 #include "haptics/driver.h"
+#include "haptics/room_device.h"
 #include "haptics/servo_device.h"
 #include "haptics/virtual_wall.h"
 #include "net/json_reader.h"
@@ -43,6 +44,7 @@ void bind_settings(nb::module_& m) {
         .def_rw("max_speed", &ServoSettings::max_speed)
         .def_rw("ramp", &ServoSettings::ramp)
         .def_rw("blend", &ServoSettings::blend)
+        .def_rw("withdrawal", &ServoSettings::withdrawal)
         .def_rw("max_age", &ServoSettings::max_age)
         .def_rw("recovery", &ServoSettings::recovery)
         .def_rw("debounce", &ServoSettings::debounce);
@@ -78,15 +80,31 @@ void bind_status(nb::module_& m) {
 }
 
 void answer(Servo& servo, bool touching, const Vector3& at, const Vector3& force, const Matrix& stiffness,
-            const Vector3& normal, int64_t serial) {
+            const Vector3& normal, int64_t serial, bool withdrawn) {
     LocalContactModel& local = servo.answers.write_slot();
     local.serial = serial;
     local.touching = touching;
+    local.withdrawn = withdrawn;
     std::copy(at.begin(), at.end(), local.at);
     std::copy(force.begin(), force.end(), local.force);
     std::copy(stiffness.begin(), stiffness.end(), local.stiffness);
     std::copy(normal.begin(), normal.end(), local.normal);
     servo.answers.publish();
+}
+
+void tell(RoomDevice& device, const std::array<int64_t, most_tools>& hands,
+          const std::array<std::array<double, 9>, most_tools>& places, int64_t begun, int patience, bool withheld,
+          bool stopped) {
+    RoomNews news;
+    for (int t = 0; t < most_tools; t++) {
+        RoomTool& tool = news.tool[t];
+        tool.hand = hands[t];
+        std::copy_n(places[t].begin(), 3, tool.point);
+        std::copy_n(places[t].begin() + 3, 3, tool.displacement);
+        std::copy_n(places[t].begin() + 6, 3, tool.tissue);
+    }
+    news.begun = begun, news.patience = patience, news.withheld = withheld, news.stopped = stopped;
+    device.tell(news);
 }
 
 void bind_servo(nb::module_& m) {
@@ -105,7 +123,7 @@ void bind_servo(nb::module_& m) {
             "lose", [](Servo& servo) { servo.lose(); }, "Only while no driver runs.")
         .def("restart", &Servo::restart, "Only while no driver runs.")
         .def("answer", &answer, "touching"_a, "at"_a, "force"_a, "stiffness"_a, "normal"_a, "serial"_a,
-             "In the solver's place: from one thread only.")
+             "withdrawn"_a = false, "In the solver's place: from one thread only.")
         .def(
             "pose", [](Servo& servo) { return servo.poses.latest(); },
             "The newest one, in the solver's place: from one thread only.")
@@ -117,6 +135,15 @@ void bind_servo(nb::module_& m) {
         .def_prop_rw(
             "edge", [](const ServoDevice& device) { return device.edge.load(); },
             [](ServoDevice& device, double mm) { device.edge = mm; }, "mm that its blade is deep; 0: it has none.");
+    nb::class_<RoomDevice, Device>(
+        m, "RoomDevice", "A device at one site of a room: its own tool, and those of others where the room says.")
+        .def(nb::init<Servo&>(), "servo"_a, nb::keep_alive<1, 2>())
+        .def_prop_rw(
+            "edge", [](RoomDevice& device) { return device.edge().load(); },
+            [](RoomDevice& device, double mm) { device.edge() = mm; }, "mm that its blade is deep; 0: it has none.")
+        .def("tell", &tell, "hands"_a, "places"_a, "begun"_a, "patience"_a, "withheld"_a, "stopped"_a,
+             "What the room says. hands: whose each tool is, 0 nobody's. places: point, displacement and that of the "
+             "tissue there, mm. patience: ticks until the next news.");
     nb::class_<VirtualWall>(m, "VirtualWall", "A stand-in for the solver: a flat wall. For tests of devices.")
         .def(
             "__init__",

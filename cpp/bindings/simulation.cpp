@@ -4,7 +4,11 @@
 #include "simulation/realtime_loop.h"
 #include "simulation/replay.h"
 #include <algorithm>
+#include <cmath>
 #include <nanobind/stl/array.h>
+#include <nanobind/stl/map.h>
+#include <nanobind/stl/pair.h>
+#include <nanobind/stl/shared_ptr.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
@@ -13,11 +17,13 @@ using namespace palpate;
 
 namespace {
 
-struct Driven {                    // the loop, and what it runs on after a cut
-    nb::object body[2], before[2]; // a model and its surface; those may go that were replaced before these
+struct Driven { // the loop, and what it runs on after a cut
+    nb::object body[3],
+        before[3]; // a model, its surface and that of loose pieces; those may go that were replaced before
     RealtimeLoop loop;
     const ToolSettings tools;
     int nodes;      // of the body that was asked for last
+    int pieces = 0; // beside it
     int widest = 0; // nodes of a patch
     Driven(const TissueModel& model, const ContactSurface& surface, In<int32_t, 1> shown,
            const SimulationSettings& settings)
@@ -63,8 +69,29 @@ struct Driven {                    // the loop, and what it runs on after a cut
     }
 };
 
+LoosePieces loose_pieces(const nb::object& surface, const In<int32_t, 1>& piece_of, const In<double, 1>& weight,
+                         const In<uint8_t, 1>& bedded, const In<int32_t, 1>& before, int pieces_before) {
+    const size_t count = weight.shape(0);
+    expect(count <= most_pieces && bedded.shape(0) == count && before.shape(0) == count, "weight: too many pieces");
+    expect(surface.is_none() == (count == 0), "pieces: a surface of those that there are");
+    LoosePieces loose;
+    if (!count) return loose;
+    loose.surface = &nb::cast<const ContactSurface&>(surface);
+    expect(loose.surface->triangles() > 0 && piece_of.shape(0) == size_t(loose.surface->triangles()),
+           "piece_of: one for each triangle");
+    expect_numbers(piece_of, count, "piece_of: a piece that is not there");
+    for (size_t i = 0; i < count; i++) {
+        expect(within(before(i), -1, pieces_before - 1), "number_before: a piece that was not there");
+        LoosePiece piece;
+        piece.weight = weight(i), piece.bedded = bedded(i) != 0;
+        loose.piece.push_back(piece);
+    }
+    loose.before = listed(before), loose.piece_of = listed(piece_of);
+    return loose;
+}
+
 CommandKind kind(int number) {
-    expect(within(number, 0, int(CommandKind::blade)), "kind: 0 to 4");
+    expect(within(number, 0, int(CommandKind::carry)), "kind: 0 to 5");
     return CommandKind(number);
 }
 
@@ -148,13 +175,20 @@ void bind_devices(nb::module_& m) {
         .value("hold", CommandKind::hold, "Hold the tissue at a point of its surface and displace it.")
         .value("needle", CommandKind::needle, "Enter at a point of the surface.")
         .value("free", CommandKind::free, "Go to a point in space; contact follows from that.")
-        .value("blade", CommandKind::blade, "Cut along the surface towards a point there.");
+        .value("blade", CommandKind::blade, "Cut along the surface towards a point there.")
+        .value("carry", CommandKind::carry, "Hold a loose piece and move it.");
     nb::enum_<ContactState>(m, "ContactState", nb::is_arithmetic(), "What a tool's proxy is doing.")
         .value("idle", ContactState::idle, "No command.")
         .value("closed", ContactState::closed, "In contact: the tissue follows it.")
         .value("refused", ContactState::refused, "Cannot hold here; until it is let go.")
         .value("open", ContactState::open, "Follows the tissue without a force: in space, or about to hold.")
-        .value("cutting", ContactState::cutting, "A blade in the tissue.");
+        .value("cutting", ContactState::cutting, "A blade in the tissue.")
+        .value("carrying", ContactState::carrying, "Holds a loose piece.");
+    nb::enum_<PieceState>(m, "PieceState", nb::is_arithmetic(), "Where a piece is that a cut has freed.")
+        .value("lying", PieceState::lying, "Where it came free.")
+        .value("carried", PieceState::carried, "In a tool.")
+        .value("falling", PieceState::falling, "Freely.")
+        .value("gone", PieceState::gone, "Out of the scene.");
     nb::class_<Device>(m, "Device", "The other end of the loop.");
     nb::class_<Pointer, Device>(m, "Pointer", "Commands from another thread; the newest wins.")
         .def(nb::init<>())
@@ -205,6 +239,15 @@ void bind_frame(nb::module_& m) {
             [](const Frame& f) { return std::vector<double>(f.device_stiffness, f.device_stiffness + most_tools); })
         .def_prop_ro("tip", [](const Frame& f) { return vectors(f.tip); })
         .def_prop_ro("axis", [](const Frame& f) { return vectors(f.axis); })
+        .def_prop_ro(
+            "piece_state",
+            [](const Frame& f) { return std::vector<PieceState>(f.piece_state, f.piece_state + f.piece_count); })
+        .def_prop_ro(
+            "piece_offset",
+            [](const Frame& f) {
+                return rows(std::vector<double>(f.piece_offset, f.piece_offset + 3 * f.piece_count));
+            },
+            nb::rv_policy::automatic)
         .def_prop_ro("insertion",
                      [](const Frame& f) { return std::vector<double>(f.insertion, f.insertion + most_tools); })
         .def_prop_ro(
@@ -225,6 +268,37 @@ void bind_frame(nb::module_& m) {
 void bind_simulation(nb::module_& m) {
     bind_devices(m);
     bind_frame(m);
+    nb::class_<CutResistance>(m, "CutResistance", "The toughness along a blade's edge in a body before all cuts.")
+        .def(
+            "__init__",
+            [](CutResistance* self, In<double, 2> nodes, In<int32_t, 2> tets, In<int32_t, 1> region,
+               std::map<int32_t, double> toughness) {
+                expect(nodes.shape(1) == 3 && tets.shape(1) == 4 && tets.shape(0) == region.shape(0),
+                       "nodes, tets, region: expected (nodes, 3), (tets, 4), (tets)");
+                expect_numbers(tets, nodes.shape(0), "tets: names a node that is not there");
+                std::vector<int32_t> label;
+                std::vector<double> value;
+                for (const auto& [one, tough] : toughness) {
+                    expect(std::isfinite(tough) && tough >= 0, "toughness: expected finite numbers of 0 or more");
+                    label.push_back(one), value.push_back(tough);
+                }
+                new (self) CutResistance(nodes.data(), tets.data(), region.data(), int(tets.shape(0)), label.data(),
+                                         value.data(), int(label.size()));
+            },
+            "nodes"_a, "tets"_a, "region"_a, "toughness"_a, "mm; labels; J/m^2 by label, 0 for others.")
+        .def_prop_ro("toughness",
+                     [](const CutResistance& r) {
+                         std::map<int32_t, double> out;
+                         for (size_t i = 0; i < r.label.size(); i++) out[r.label[i]] = r.toughness[i];
+                         return out;
+                     })
+        .def(
+            "along",
+            [](const CutResistance& r, Vector3 point, Vector3 way) {
+                const CutResistance::Edge met = r.along(point.data(), way.data());
+                return std::pair(met.inside, met.toughness);
+            },
+            "point"_a, "way"_a, "mm of an edge that lie in the body, and J/m^2 mm.");
     nb::class_<SimulationSettings>(m, "SimulationSettings", "What a tick does besides the model; mm, N, a tick.")
         .def(nb::init<>())
         .def_rw("sweeps", &SimulationSettings::sweeps)
@@ -237,9 +311,13 @@ void bind_simulation(nb::module_& m) {
                 PALPATE_TOOL_SETTING("approach", motion.approach) PALPATE_TOOL_SETTING("reach", motion.reach)
                     PALPATE_TOOL_SETTING("puncture", needle.puncture) PALPATE_TOOL_SETTING("cutting", needle.cutting)
                         PALPATE_TOOL_SETTING("shaft_friction", needle.friction)
-                            PALPATE_TOOL_SETTING("toughness", blade.toughness)
-                                PALPATE_TOOL_SETTING("blade_friction", blade.friction)
-                                    PALPATE_TOOL_SETTING("give", blade.give);
+                            PALPATE_TOOL_SETTING("blade_friction", blade.friction)
+                                PALPATE_TOOL_SETTING("give", blade.give)
+        .def_prop_rw(
+            "resistance",
+            [](const SimulationSettings& s) { return std::const_pointer_cast<CutResistance>(s.tools.blade.tissue); },
+            [](SimulationSettings& s, std::shared_ptr<CutResistance> of) { s.tools.blade.tissue = std::move(of); },
+            nb::arg().none(), "What new surface takes: a CutResistance, or None.");
     nb::class_<Driven>(m, "RealtimeLoop",
                        "A model, a surface and a tool: by the clock (start, stop) or in lockstep (step).")
         .def(nb::init<const TissueModel&, const ContactSurface&, In<int32_t, 1>, const SimulationSettings&>(),
@@ -268,7 +346,9 @@ void bind_simulation(nb::module_& m) {
             "Another model of the same tissue from the next tick on; False while one is on its way.")
         .def(
             "change_body",
-            [](Driven& d, nb::object model, nb::object surface, In<int32_t, 1> shown, int sweeps) {
+            [](Driven& d, nb::object model, nb::object surface, In<int32_t, 1> shown, int sweeps, nb::object pieces,
+               In<int32_t, 1> piece_of, In<double, 1> weight, In<uint8_t, 1> bedded, In<int32_t, 1> number_before,
+               Vector3 down, double depth) {
                 const auto& to = nb::cast<const TissueModel&>(model);
                 const auto& on = nb::cast<const ContactSurface&>(surface);
                 Driven::checked(to, on, shown, SimulationSettings());
@@ -276,21 +356,29 @@ void bind_simulation(nb::module_& m) {
                 expect(shown.shape(0) <= d.loop.shown_room, "shown: too many nodes");
                 // A patch at a cut has the nodes of both lips, and of the layer below them.
                 if (4 * d.widest > ContactPatch::capacity) d.require_room(on);
+                LoosePieces beside = loose_pieces(pieces, piece_of, weight, bedded, number_before, d.pieces);
+                std::copy_n(down.data(), 3, beside.down);
+                beside.depth = depth;
                 bool done;
                 {
                     nb::gil_scoped_release release;
-                    done = d.loop.change_body(to, on, sweeps, listed(shown));
+                    done = d.loop.change_body(to, on, sweeps, listed(shown), std::move(beside));
                 }
                 if (!done) return false;
-                for (int k = 0; k < 2; k++) d.before[k] = std::move(d.body[k]);
-                d.body[0] = std::move(model), d.body[1] = std::move(surface);
+                for (int k = 0; k < 3; k++) d.before[k] = std::move(d.body[k]);
+                d.body[0] = std::move(model), d.body[1] = std::move(surface), d.body[2] = std::move(pieces);
+                d.pieces = int(weight.shape(0));
                 d.nodes = to.nodes();
                 return true;
             },
-            "model"_a, "surface"_a, "shown"_a, "sweeps"_a,
+            "model"_a, "surface"_a, "shown"_a, "sweeps"_a, "pieces"_a.none(), "piece_of"_a, "weight"_a, "bedded"_a,
+            "number_before"_a, "down"_a, "depth"_a,
             nb::sig("def change_body(self, model: palpate._core.tissue.TissueModel, surface: "
-                    "palpate._core.tissue.ContactSurface, shown: typing.Any, sweeps: int) -> bool"),
-            "A body that was cut, from the next tick on; False while a change is on its way.")
+                    "palpate._core.tissue.ContactSurface, shown: typing.Any, sweeps: int, pieces: "
+                    "palpate._core.tissue.ContactSurface | None, piece_of: typing.Any, weight: typing.Any, bedded: "
+                    "typing.Any, number_before: typing.Any, down: typing.Any, depth: float) -> bool"),
+            "A body that was cut, from the next tick on; False while a change is on its way. pieces: surface of those "
+            "beside it, and piece_of: to which of them each of its triangles belongs; weight: N.")
         .def(
             "change_pending", [](Driven& d) { return d.loop.change_pending(); },
             nb::call_guard<nb::gil_scoped_release>(), "Whether another change would be refused.")

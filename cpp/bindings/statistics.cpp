@@ -1,5 +1,6 @@
 #include "bindings/statistics.h"
 #include "bindings/arrays.h"
+#include "statistics/panel_blur.h"
 #include "statistics/transmission_likelihood.h"
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/optional.h>
@@ -97,9 +98,59 @@ void bind_prior(nb::module_& m) {
         "f"_as_is, "spacing"_a, "potential"_a, "edge"_a);
 }
 
+PanelBlur blur_of(const In<float, 3>& taps, const In<float, 3>& image) {
+    expect(taps.shape(0) == image.shape(0) && taps.shape(1) == 2 && taps.shape(2) > 0,
+           "taps: (views, 2, reach + 1), one line a view");
+    return {taps.data(), int64_t(image.shape(0)), int64_t(image.shape(1)), int64_t(image.shape(2)),
+            int64_t(taps.shape(2)) - 1};
+}
+
+void bind_blur(nb::module_& m) {
+    m.def(
+        "blur_views",
+        [](In<float, 3> taps, In<float, 3> image) {
+            auto out = like(image);
+            const PanelBlur blur = blur_of(taps, image);
+            nb::gil_scoped_release release;
+            blur_views(blur, image.data(), out.data());
+            return out;
+        },
+        "taps"_as_is, "image"_as_is);
+    const auto define = [&m](const char* name, auto f, auto... more) {
+        m.def(name, f, "counts"_as_is, "incident"_as_is, "background"_as_is, "taps"_as_is, "l"_as_is, more...);
+    };
+    define("blurred_value", [](In<float, 3> y, In<float, 3> b, In<float, 3> r, In<float, 3> taps, In<float, 3> l) {
+        same_size(y, b, r, l);
+        const PanelBlur blur = blur_of(taps, l);
+        nb::gil_scoped_release release;
+        return blurred_value(pixels(y, b, r), blur, l.data(), nullptr);
+    });
+    define(
+        "blurred_value_and_slope",
+        [](In<float, 3> y, In<float, 3> b, In<float, 3> r, In<float, 3> taps, In<float, 3> l, Array<float, 3> slope) {
+            same_size(y, b, r, l, slope);
+            const PanelBlur blur = blur_of(taps, l);
+            nb::gil_scoped_release release;
+            return blurred_value(pixels(y, b, r), blur, l.data(), slope.data());
+        },
+        "slope"_as_is);
+    m.def(
+        "blurred_direction",
+        [](In<float, 3> taps, In<float, 3> l, In<float, 3> v) {
+            same_size(l, v);
+            auto out = like(l);
+            const PanelBlur blur = blur_of(taps, l);
+            nb::gil_scoped_release release;
+            blurred_direction(blur, l.data(), v.data(), out.data());
+            return out;
+        },
+        "taps"_as_is, "l"_as_is, "v"_as_is);
+}
+
 } // namespace
 
 void bind_statistics(nb::module_& m) {
     bind_likelihood(m);
+    bind_blur(m);
     bind_prior(m);
 }

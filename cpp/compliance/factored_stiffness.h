@@ -7,7 +7,8 @@ namespace palpate {
 
 // What Green's functions need of a tissue. Vertices are the free nodes that are touched or displayed.
 struct FactoredStiffness {
-    const SparseCholesky* factor;              // of the stiffness among the free nodes
+    const Supernodes* tree;                    // of the factor of the stiffness among the free nodes
+    const SparseCholesky* factor;              // in float64, for `displacement`; null where nothing asks for that
     FactorValues<float> rounded;               // the same in float32: columns differ by a relative 1e-5 or less
     std::vector<int> free_index;               // (nodes) number among the free nodes, or -1 for a fixed node
     std::vector<int> vertex_index;             // (nodes) number among the vertices, or -1
@@ -21,10 +22,11 @@ struct FactoredStiffness {
 };
 
 // free_index: (nodes) number among the factor's nodes, or -1. vertices: free nodes, each once. nodes: (nodes, 3) mm.
-inline FactoredStiffness factored_stiffness(const SparseCholesky& factor, const std::vector<int>& free_index,
+inline FactoredStiffness factored_stiffness(const Supernodes& tree, const SparseCholesky* factor,
+                                            FactorValues<float> rounded, const std::vector<int>& free_index,
                                             const std::vector<int>& vertices, const double* nodes) {
-    FactoredStiffness out{&factor, factor.rounded(), free_index, std::vector<int>(free_index.size(), -1), vertices, {},
-                          {}};
+    FactoredStiffness out{
+        &tree, factor, std::move(rounded), free_index, std::vector<int>(free_index.size(), -1), vertices, {}, {}};
     for (int node : vertices) {
         out.vertex_index[node] = int(out.vertex_free.size());
         out.vertex_free.push_back(free_index[node]);

@@ -21,8 +21,8 @@ PALPATE_KERNEL void add_columns(const float* x, const float* y, const float* z, 
 
 GreensFunctions::GreensFunctions(const FactoredStiffness& s, size_t budget)
     : stiffness(s), budget(budget), table(s.vertices()), table_reach(s.vertices(), no_table), column(s.vertices()),
-      last_used(s.vertices(), 0), half_solves(s), partial(s.factor->tree, s.rounded.data(), 3 * batch),
-      tree(s.factor->tree), full(tree, 1), mark(tree.count(), 0) {
+      last_used(s.vertices(), 0), half_solves(s), partial(*s.tree, s.rounded.data(), 3 * batch), tree(*s.tree),
+      full(tree, 1), mark(tree.count(), 0) {
     std::vector<int> places;
     for (int p : s.vertex_free) places.push_back(tree.place[p]);
     tree.paths(places.data(), int(places.size()), mark, vertex_path);
@@ -149,6 +149,16 @@ bool GreensFunctions::half_solve_needed(int vertex) const {
     return false;
 }
 
+// These vertices, the least recently used first.
+std::vector<int> GreensFunctions::least_recent(const std::vector<int>& vertices) const {
+    std::vector<std::pair<double, int>> order;
+    for (int v : vertices) order.emplace_back(double(last_used[v]), v);
+    std::sort(order.begin(), order.end());
+    std::vector<int> out;
+    for (const auto& [when, v] : order) out.push_back(v);
+    return out;
+}
+
 // Half solves may take a quarter of the budget: evicts those that are not needed, then the least recently used.
 void GreensFunctions::trim_half_solves() {
     if (half_solves.bytes() <= budget / 4) return;
@@ -158,9 +168,7 @@ void GreensFunctions::trim_half_solves() {
         if (!half_solves.has(v)) continue;
         half_solve_needed(v) ? still_needed.push_back(v) : half_solves.drop(v);
     }
-    std::stable_sort(still_needed.begin(), still_needed.end(),
-                     [&](int a, int b) { return last_used[a] < last_used[b]; });
-    for (int v : still_needed) {
+    for (int v : least_recent(still_needed)) {
         if (half_solves.bytes() <= budget / 16 * 3) break; // down to 3/16, so that the next call does not search again
         half_solves.drop(v);
         half_solves_full = true;
@@ -282,7 +290,7 @@ void GreensFunctions::evict() {
     std::vector<int> candidates;
     for (int v = 0; v < stiffness.vertices(); v++)
         if (last_used[v] < use_count && (column[v] || table[v].load())) candidates.push_back(v);
-    std::stable_sort(candidates.begin(), candidates.end(), [&](int a, int b) { return last_used[a] < last_used[b]; });
+    candidates = least_recent(candidates);
     // Columns first: they serve displays, blocks serve forces.
     for (bool columns : {true, false})
         for (int v : candidates) {

@@ -101,6 +101,7 @@ private:
     void find_pairs(const int* vertices, int count);
     void compute_half_solves(const int* vertices, int count);
     void trim_half_solves();
+    std::vector<int> least_recent(const std::vector<int>& vertices) const;
     bool half_solve_needed(int vertex) const;
     void drop_table(int vertex);
     void drop_column(int vertex);

@@ -32,7 +32,7 @@ PALPATE_KERNEL void multiply_columns(const float* a, int64_t a_stride, const flo
 } // namespace
 
 HalfSolves::HalfSolves(const FactoredStiffness& s)
-    : stiffness(s), tree(s.factor->tree), substitution(tree, 3 * batch), columns(s.vertices()), path_rows(tree.count()),
+    : stiffness(s), tree(*s.tree), substitution(tree, 3 * batch), columns(s.vertices()), path_rows(tree.count()),
       places(batch), mark(tree.count(), 0) {
     path.reserve(tree.count());
     for (int k = tree.count() - 1; k >= 0; k--) // parents have higher numbers

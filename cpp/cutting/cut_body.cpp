@@ -1,12 +1,12 @@
 #include "cutting/cut_body.h"
-#include "base/vec3.h"
 #include "cutting/free_pieces.h"
 #include <algorithm>
 
 namespace palpate {
 namespace {
 
-constexpr double on_blade = 1e-9; // of the mesh's extent: what lies so near to a blade lies on it
+constexpr int most_rounds = 40;    // of splitting edges where the surface touches itself; two or three are enough
+constexpr double on_blade = 1e-11; // of the mesh's extent: what lies so near to a blade lies on it
 
 } // namespace
 
@@ -23,18 +23,6 @@ double mesh_extent(const double* nodes, int count) {
 
 namespace {
 
-double area_of(const SlitComplex& slit, int face) {
-    const auto& corner = slit.corner[face / 4];
-    double side[2][3];
-    for (int k = 0; k < 2; k++)
-        for (int d = 0; d < 3; d++)
-            side[k][d] = slit.place[3 * size_t(corner[tet_face[face % 4][k + 1]]) + d] -
-                         slit.place[3 * size_t(corner[tet_face[face % 4][0]]) + d];
-    const auto& [a, b] = side;
-    const double n[3] = {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
-    return length(n) / 2;
-}
-
 CutBody made_of(const SlitParts& parts, const double* nodes, const int32_t* tets) {
     CutBody out{virtual_nodes(parts, tets), {}, {}, {}, {}};
     out.skin = cut_skin(parts, out.mesh, nodes, tets);
@@ -44,7 +32,7 @@ CutBody made_of(const SlitParts& parts, const double* nodes, const int32_t* tets
     for (int face = 0; face < int(parts.passed.size()); face++) {
         if (!parts.passed[face] || parts.beyond[face] < face / 4) continue;
         out.cut_parent.push_back(parts.slit.parent[face / 4]);
-        out.cut_area.push_back(area_of(parts.slit, face));
+        out.cut_area.push_back(parts.area(face));
     }
     return out;
 }
@@ -58,10 +46,10 @@ CutBody cut_body(const double* nodes, int node_count, const int32_t* tets, int t
         slit.slit(blade);
         if (held) take_free_pieces(slit, SlitParts(slit), held, node_count);
     }
-    while (true) {
+    for (int round = 0;; round++) {
         const SlitParts parts(slit);
         const auto pinched = pinched_edges(parts);
-        if (pinched.empty()) return made_of(parts, nodes, tets);
+        if (pinched.empty() || round == most_rounds) return made_of(parts, nodes, tets);
         for (const auto& [a, b] : pinched) slit.split(a, b, 0.5);
     }
 }

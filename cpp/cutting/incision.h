@@ -8,6 +8,10 @@ namespace palpate {
 
 constexpr double incision_step = 2; // mean edges between the points at which a blade follows the surface
 
+// A polyline's points, moved by at most a millionth of its length, so that parts along which a blade of this way lies
+// in one plane but for that do lie in it: two planes that are nearly one meet in no clear line.
+std::vector<Point3> straightened(std::vector<Point3> path, const double way[3]);
+
 struct Incision {
     Point3 way;                // unit, from the blade's upper end to its tip; 0 if the normals cancel
     std::vector<Point3> upper; // mm, where its upper end goes

@@ -36,12 +36,14 @@ std::vector<int> numbered_places(const EmbeddedSkin& skin, double same) {
     std::sort(order.begin(), order.end());
     order.erase(std::unique(order.begin(), order.end()), order.end());
     const auto at = [&](int v) { return skin.place + 3 * size_t(v); };
-    const auto along = [&](int v) { return 0.36 * at(v)[0] + 0.48 * at(v)[1] + 0.8 * at(v)[2]; }; // no plane of a cut
-    std::sort(order.begin(), order.end(), [&](int a, int b) { return along(a) < along(b); });
+    std::vector<std::pair<double, int>> along; // a direction that lies in no plane of a cut
+    for (int v : order) along.emplace_back(0.36 * at(v)[0] + 0.48 * at(v)[1] + 0.8 * at(v)[2], v);
+    std::sort(along.begin(), along.end());
     DisjointSets groups(skin.vertices);
-    for (size_t i = 0; i < order.size(); i++)
-        for (size_t j = i + 1; j < order.size() && along(order[j]) - along(order[i]) <= same; j++)
-            if (distance(at(order[i]), at(order[j])) <= same) groups.join(order[i], order[j]);
+    for (size_t i = 0; i < along.size(); i++)
+        for (size_t j = i + 1; j < along.size() && along[j].first - along[i].first <= same; j++)
+            if (distance(at(along[i].second), at(along[j].second)) <= same)
+                groups.join(along[i].second, along[j].second);
     std::vector<int> out;
     groups.number(out);
     return out;

@@ -6,6 +6,8 @@
 namespace palpate {
 namespace {
 
+constexpr double rounding = 1e-3; // of what counts as on a plane: so near lies what was put there
+
 double dot(const Point3& a, const Point3& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
 Point3 less(const double* a, const double* b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
@@ -127,10 +129,15 @@ void SlitComplex::slit(const std::vector<BladeTriangle>& blade) {
         }
         if (!apart) reached.push_back(t);
     }
-    for (const BladeTriangle& triangle : blade) slit(triangle, reached);
+    bool exact = true;
+    for (const BladeTriangle& triangle : blade) exact &= slit(triangle, reached);
+    // Two triangles nearly in one plane: where they meet, points that the second has made count as on the first one
+    // too, and its faces of such points close the gap between both.
+    if (!exact)
+        for (const BladeTriangle& triangle : blade) slit(triangle, reached);
 }
 
-void SlitComplex::slit(const BladeTriangle& triangle, const std::vector<int>& reached) {
+bool SlitComplex::slit(const BladeTriangle& triangle, const std::vector<int>& reached) {
     std::vector<Face> edges; // (low, high, 0): with the faces of two, they are split by the same function
     for (int t : reached) {
         if (!meets(triangle, whole[t])) continue;
@@ -146,6 +153,9 @@ void SlitComplex::slit(const BladeTriangle& triangle, const std::vector<int>& re
     std::vector<int8_t> height = split_across([&](const double* x) { return triangle.height(x); }, std::move(edges));
     std::vector<uint8_t> out(height.size());
     std::vector<Face> inside = faces_on(height, out);
+    bool exact = true;
+    for (const Face& face : inside)
+        for (int p : face) exact &= std::abs(triangle.height(&place[3 * size_t(p)])) <= rounding * near;
     for (int side = 0; side < 3; side++) {
         edges = {};
         for (const Face& face : inside) add_edges(face.data(), 3);
@@ -159,6 +169,7 @@ void SlitComplex::slit(const BladeTriangle& triangle, const std::vector<int>& re
         if (common(about(face[0], face[1]), around[face[2]]).size() == 2) cut[face] = triangle.normal;
     for (int k : actives) active[k] = 0;
     actives.clear();
+    return exact;
 }
 
 // Splits those edges (low, high, 0) that go from one side to the other; -1, 0 or 1 for each point then.

@@ -56,12 +56,12 @@ private:
     std::vector<int> actives;
 
     bool meets(const BladeTriangle& triangle, const std::array<int, 4>& tet) const;
-    void slit(const BladeTriangle& triangle, const std::vector<int>& reached);
+    // Whether all points that count as on the triangle's plane lie on it.
+    bool slit(const BladeTriangle& triangle, const std::vector<int>& reached);
     template <class Distance> std::vector<int8_t> split_across(const Distance& distance, std::vector<Face> edges);
     std::vector<Face> faces_on(const std::vector<int8_t>& height, const std::vector<uint8_t>& out) const;
     std::vector<int> about(int a, int b) const;
     void halve(int k, int a, int b, int point);
-    void pass(const Face& face, const Point3& normal);
 };
 
 } // namespace palpate

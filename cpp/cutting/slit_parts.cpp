@@ -1,6 +1,7 @@
 #include "cutting/slit_parts.h"
 #include "base/vec3.h"
 #include "cutting/disjoint_sets.h"
+#include "tissue/closest_point.h"
 #include <algorithm>
 
 namespace palpate {
@@ -30,9 +31,7 @@ SlitParts::SlitParts(const SlitComplex& slit)
 
 // Faces by their lowest point, then by the other two: two of the same points are those of neighbours.
 void SlitParts::pair_faces() {
-    struct Half {
-        int middle, high, face;
-    };
+    using Half = std::array<int, 3>; // the middle point, the highest, the face
     std::vector<int> start(slit.support.size() + 1);
     std::vector<std::array<int, 3>> points(beyond.size());
     for (int face = 0; face < int(points.size()); face++) {
@@ -47,13 +46,11 @@ void SlitParts::pair_faces() {
     for (int face = 0; face < int(points.size()); face++)
         half[at[points[face][0]]++] = {points[face][1], points[face][2], face};
     for (size_t p = 0; p + 1 < start.size(); p++) {
-        std::sort(&half[0] + start[p], &half[0] + start[p + 1], [](const Half& a, const Half& b) {
-            return a.middle != b.middle ? a.middle < b.middle : a.high != b.high ? a.high < b.high : a.face < b.face;
-        });
+        std::sort(&half[0] + start[p], &half[0] + start[p + 1]);
         for (int k = start[p] + 1; k < start[p + 1]; k++)
-            if (half[k].middle == half[k - 1].middle && half[k].high == half[k - 1].high) {
-                beyond[half[k].face] = half[k - 1].face / 4;
-                beyond[half[k - 1].face] = half[k].face / 4;
+            if (half[k][0] == half[k - 1][0] && half[k][1] == half[k - 1][1]) {
+                beyond[half[k][2]] = half[k - 1][2] / 4;
+                beyond[half[k - 1][2]] = half[k][2] / 4;
             }
     }
 }
@@ -101,14 +98,42 @@ void SlitParts::group() {
     for (int f = 0; f < fragments; f++) share[f] /= of_owner[owner[f]];
 }
 
-// A body of crumbs alone is stuck on again: the faces around it count as not passed. Whether there was one.
+// A body of crumbs alone is stuck on again, to one fragment beside it: to no more, since it may lie between the two
+// lips of a cut, which it would join. Whether there was one.
 bool SlitParts::stick_crumbs() {
-    std::vector<uint8_t> holds(*std::max_element(body.begin(), body.end()) + 1);
+    const int bodies = *std::max_element(body.begin(), body.end()) + 1;
+    std::vector<uint8_t> holds(bodies);
     for (int i = 0; i < count(); i++) holds[body[i]] |= share[fragment[i]] >= least_share;
+    std::vector<int> across(bodies, -1); // of each such body, the face to stick over: of a larger body, the widest
+    const auto better = [&](int face, int than) {
+        const bool larger = holds[body[beyond[face]]];
+        if (than < 0 || larger != holds[body[beyond[than]]]) return than < 0 || larger;
+        return area(face) > area(than);
+    };
+    for (int face = 0; face < int(beyond.size()); face++) {
+        const int b = body[face / 4];
+        if (passed[face] && !holds[b] && body[beyond[face]] != b && better(face, across[b])) across[b] = face;
+    }
+    const auto stick = [&](int crumb, int other) {
+        const int b = body[crumb];
+        return !holds[b] && across[b] >= 0 && (body[other] == b || fragment[other] == fragment[beyond[across[b]]]);
+    };
     bool stuck = false;
     for (int face = 0; face < int(beyond.size()); face++)
-        if (passed[face] && !(holds[body[face / 4]] && holds[body[beyond[face]]])) passed[face] = 0, stuck = true;
+        if (passed[face] && (stick(face / 4, beyond[face]) || stick(beyond[face], face / 4)))
+            passed[face] = 0, stuck = true;
     return stuck;
+}
+
+double SlitParts::area(int face) const {
+    const auto& corner = slit.corner[face / 4];
+    double side[2][3], normal[3];
+    for (int k = 0; k < 2; k++)
+        for (int d = 0; d < 3; d++)
+            side[k][d] = slit.place[3 * size_t(corner[tet_face[face % 4][k + 1]]) + d] -
+                         slit.place[3 * size_t(corner[tet_face[face % 4][0]]) + d];
+    cross(side[0], side[1], normal);
+    return length(normal) / 2;
 }
 
 std::vector<int> SlitParts::vertices() const {

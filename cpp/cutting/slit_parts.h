@@ -23,6 +23,7 @@ struct SlitParts {
 
     int count() const { return int(volume.size()); }
     bool bonded(int face) const { return beyond[face] >= 0 && !passed[face]; }
+    double area(int face) const; // mm^2
     // (parts, 4) vertices of a surface: corners of bonded parts that lie at one point have one number.
     std::vector<int> vertices() const;
     // Calls give(a, b), the places of equal points among the corners of two bonded parts i and j: 4 i + .., 4 j + ..

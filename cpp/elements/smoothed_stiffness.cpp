@@ -2,9 +2,9 @@
 #include "base/thread_pool.h"
 #include "tissue/tetrahedron.h"
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numeric>
-#include <tuple>
 
 namespace palpate {
 namespace {
@@ -23,11 +23,8 @@ struct Cells {
     int count() const { return int(start.size()) - 1; }
 };
 
-struct Part { // of a cell that belongs to a node or an edge
-    int other, region, tet;
-    auto cell() const { return std::tie(other, region); }
-    bool operator<(const Part& b) const { return std::tie(other, region, tet) < std::tie(b.other, b.region, b.tet); }
-};
+// Of a cell that belongs to a node or an edge: the edge's other node, the region, the tetrahedron.
+using Part = std::array<int, 3>;
 
 // The mean gradients of the shape functions in each cell, times the root of its volume and constant. Those of cell c
 // begin at first[c], one for each of its nodes in the order in which they are met.
@@ -73,8 +70,9 @@ template <class Each> Cells gathered(int nodes, double share, const Each& each) 
     out.tet.reserve(parts.size());
     for (int i = 0; i < nodes; i++)
         for (int k = start[i]; k < start[i + 1]; k++) {
-            if (k > start[i] && parts[k].cell() != parts[k - 1].cell()) out.start.push_back(k);
-            out.tet.push_back(parts[k].tet);
+            const bool same = k > start[i] && parts[k][0] == parts[k - 1][0] && parts[k][1] == parts[k - 1][1];
+            if (k > start[i] && !same) out.start.push_back(k);
+            out.tet.push_back(parts[k][2]);
             if (k + 1 == start[i + 1]) out.start.push_back(k + 1);
         }
     return out;

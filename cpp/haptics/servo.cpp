@@ -45,8 +45,9 @@ bool is_usable(const LocalContactModel& answer, double margin) {
 }
 
 void check(const ServoSettings& s) {
-    const double positive[] = {s.period,    s.force, s.stiffness, s.damping, s.max_damping, s.energy_limit, s.scale,
-                               s.max_speed, s.ramp,  s.blend,     s.max_age, s.recovery,    s.debounce};
+    const double positive[] = {s.period,       s.force,    s.stiffness, s.damping,   s.max_damping,
+                               s.energy_limit, s.scale,    s.max_speed, s.ramp,      s.blend,
+                               s.max_age,      s.recovery, s.debounce,  s.withdrawal};
     for (double value : positive)
         if (!(value > 0) || !std::isfinite(value)) throw std::invalid_argument("every servo setting must be above 0");
     if (s.period < 2e-4 || s.period > 2e-3)
@@ -116,6 +117,7 @@ void Servo::tick(const double position[3], uint8_t bits, int64_t now_ns, double 
         solve_coupling(hand, h, world);
         rotate_back(settings.rotation, world, force);
         control_passivity(moved, h, force);
+        if (withdrawn) withdraw(h, force);
     }
     if (fault != Fault::none || !finite(force, 3)) { // solve_coupling may refuse the answer
         std::fill_n(force, 3, 0.0);
@@ -182,6 +184,8 @@ void Servo::read_answer() {
             return;
         }
         answered = now;
+        if (answer.withdrawn && !withdrawn) withdrawn_from = length(last_force);
+        withdrawn = answer.withdrawn;
         for (int k = 0; k < 3; k++) from.constant[k] += weight * (to.constant[k] - from.constant[k]);
         for (int k = 0; k < 9; k++) from.stiffness[k] += weight * (to.stiffness[k] - from.stiffness[k]);
         from.touching = (from.touching && weight < 1) || to.touching;
@@ -260,6 +264,14 @@ void Servo::control_passivity(const double moved[3], double h, double force[3]) 
     double fade = std::clamp(2 + shown.energy / settings.energy_limit, 0.0, 1.0);
     double most = std::min(1.0, settings.force / std::max(length(force), 1e-12));
     for (int k = 0; k < 3; k++) force[k] *= std::min(fade, most);
+}
+
+// The force is no more than that of the tick before, less its part of the time that it has. It returns by the ramp.
+void Servo::withdraw(double h, double force[3]) {
+    const double most = std::max(0.0, length(last_force) - withdrawn_from * h / settings.withdrawal);
+    const double part = std::min(1.0, most / std::max(length(force), 1e-12));
+    for (int k = 0; k < 3; k++) force[k] *= part;
+    if (most == 0) shown.gain = 0;
 }
 
 void Servo::publish(const double hand[3], const double force[3]) {

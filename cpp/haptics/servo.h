@@ -23,7 +23,8 @@ struct DevicePose {                 // the device's reading: written by the serv
 struct LocalContactModel { // the solver's answer: written by the solver, read by the servo
     int64_t serial = 0;    // counts the answers
     bool touching = false;
-    double at[3] = {0, 0, 0};                          // mm, the tool position for which `force` holds
+    bool withdrawn = false;   // the force goes to zero within ServoSettings::withdrawal, and does not grow until then
+    double at[3] = {0, 0, 0}; // mm, the tool position for which `force` holds
     double force[3] = {0, 0, 0};                       // N, of the tissue on the tool
     double stiffness[9] = {0, 0, 0, 0, 0, 0, 0, 0, 0}; // N/mm, symmetric: force(x) = force - stiffness (x - at)
     double normal[3] = {0, 0, 0}; // outward unit normal of a contact that can only push; zero: it may also pull
@@ -60,12 +61,13 @@ struct ServoSettings {
     double scale = 1;                                 // mm of the world for a mm of the device
     double rotation[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}; // world = offset + scale rotation device
     double offset[3] = {0, 0, 0};
-    double max_speed = 5e3; // mm/s, device frame
-    double ramp = 0.5;      // s, in which the force rises from nothing
-    double blend = 3e-3;    // s, from one answer to the next
-    double max_age = 8e-3;  // s, the age at which an answer is too old, or a tick too late
-    double recovery = 0.1;  // s without a fault before the force rises again
-    double debounce = 0.02; // s that a button must keep its state
+    double max_speed = 5e3;   // mm/s, device frame
+    double ramp = 0.5;        // s, in which the force rises from nothing
+    double blend = 3e-3;      // s, from one answer to the next
+    double withdrawal = 5e-3; // s, in which the force goes that an answer withdraws
+    double max_age = 8e-3;    // s, the age at which an answer is too old, or a tick too late
+    double recovery = 0.1;    // s without a fault before the force rises again
+    double debounce = 0.02;   // s that a button must keep its state
 };
 
 struct ServoStatus { // for display
@@ -104,6 +106,8 @@ private:
     };
     Affine from, to;   // the answers being blended
     double weight = 1; // of `to`, in the blend
+    bool withdrawn = false;
+    double withdrawn_from = 0; // N, the force when that began
     double normal[3] = {0, 0, 0};
     double stretch[3] = {0, 0, 0};    // mm, world, of the coupling: hand - tool
     double reading[3] = {0, 0, 0};    // the last one, device frame
@@ -125,6 +129,7 @@ private:
     void observe_energy(const double moved[3], double h);
     void solve_coupling(const double hand[3], double h, double force[3]);
     void control_passivity(const double moved[3], double h, double force[3]);
+    void withdraw(double h, double force[3]);
     void publish(const double hand[3], const double force[3]);
 };
 

@@ -14,9 +14,11 @@ class ServoDevice : public Device {
     Commands now;
     Feedback last;
     int64_t answers = 0;
+    double out[3] = {0, 0, 1}; // of the surface where its blade went in
 
 public:
     std::atomic<double> edge{0}; // mm that its blade is deep; 0: it has none
+    bool withdrawn = false;      // the answers' LocalContactModel::withdrawn; on the loop's thread
 
     explicit ServoDevice(Servo& servo) : servo(servo) {}
 
@@ -30,15 +32,15 @@ public:
         const bool holds =
             !cuts && pose.present && (pose.buttons & 1) && (last.touching || tool.kind == CommandKind::hold);
         if (holds && tool.kind != CommandKind::hold) std::copy_n(last.anchor, 3, tool.point);
+        if (cuts && tool.kind != CommandKind::blade) std::copy_n(last.out, 3, out);
         tool.kind = cuts           ? CommandKind::blade
                     : holds        ? CommandKind::hold
                     : pose.present ? CommandKind::free
                                    : CommandKind::away;
         for (int k = 0; k < 3; k++) {
             if (!holds) tool.point[k] = pose.position[k];
-            tool.displacement[k] = holds ? pose.position[k] - tool.point[k] : 0;
+            tool.displacement[k] = holds ? pose.position[k] - tool.point[k] : cuts ? -deep * out[k] : 0;
         }
-        if (cuts) tool.displacement[2] = -deep;
         return now;
     }
 
@@ -48,6 +50,7 @@ public:
         local = LocalContactModel();
         local.serial = ++answers;
         local.touching = last.touching;
+        local.withdrawn = withdrawn;
         for (int k = 0; k < 3; k++) {
             local.at[k] = last.at[k];
             local.force[k] = last.force[k];

@@ -50,7 +50,7 @@ SelfContact::SelfContact(const HyperelasticEnergy& elements, const ContactSurfac
     for (size_t k = 0; k < around.size(); k++) around[next[surface.corner[k]]++] = int(k / 3);
     add_points(mu);
     exclude_neighbours();
-    size = 2 + 6 * size_t(vertices) + 6 * surface.tree.size() + vertices + 1 + 2 * most_near * vertices +
+    size = 2 + 6 * size_t(vertices) + 6 * surface.tree.box.size() + vertices + 1 + 2 * most_near * vertices +
            points.size() + vertices + surface.triangles();
 }
 
@@ -75,7 +75,7 @@ void SelfContact::add_points(const double* mu) {
 // At rest: the triangles that hang together with each vertex and do not face it, and those within the gap.
 void SelfContact::exclude_neighbours() {
     const double* rest = surface.position.data();
-    std::vector<double> box(6 * surface.tree.size());
+    std::vector<double> box(6 * surface.tree.box.size());
     fit_boxes(surface, rest, box.data());
     std::vector<int> seen(surface.triangles(), -1), front;
     excluded_start.push_back(0);
@@ -125,7 +125,7 @@ SelfContact::Near SelfContact::near(double* work) const {
     n.position = n.moved + 1;
     n.reference = n.position + 3 * size_t(surface.vertices());
     n.box = n.reference + 3 * size_t(surface.vertices());
-    n.first = n.box + 6 * surface.tree.size();
+    n.first = n.box + 6 * surface.tree.box.size();
     n.triangle = n.first + surface.vertices() + 1;
     n.away = n.triangle + most_near * surface.vertices();
     n.mark = n.away + most_near * surface.vertices();

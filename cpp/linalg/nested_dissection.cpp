@@ -115,15 +115,15 @@ public:
     Cutter(const SparsityPattern& pattern, const double* places, int leaf)
         : leaf(leaf), in_part(pattern.nodes(), -HUGE_VAL), side(pattern.nodes()), cover(pattern) {
         Sorted all;
+        std::vector<std::pair<double, int>> order(pattern.nodes());
         for (int d = 0; d < directions; d++) {
             along[d].resize(pattern.nodes());
-            all[d].resize(pattern.nodes());
             for (int i = 0; i < pattern.nodes(); i++) {
-                all[d][i] = i;
                 for (int k = 0; k < 3; k++) along[d][i] += normals[d][k] * places[3 * size_t(i) + k];
+                order[i] = {along[d][i], i};
             }
-            std::sort(all[d].begin(), all[d].end(),
-                      [&](int i, int j) { return along[d][i] != along[d][j] ? along[d][i] < along[d][j] : i < j; });
+            std::sort(order.begin(), order.end());
+            for (const auto& [height, i] : order) all[d].push_back(i);
             for (int i = 0; i < pattern.nodes(); i++)
                 for (int k = pattern.start[i]; k < pattern.start[i + 1]; k++)
                     longest[d] = std::max(longest[d], along[d][pattern.column[k]] - along[d][i]);

@@ -65,7 +65,10 @@ private:
             else if (top)
                 roots.push_back(s);
         }
-        std::stable_sort(roots.begin(), roots.end(), [&](int a, int b) { return work[a] > work[b]; });
+        std::vector<std::pair<double, int>> order;
+        for (int s : roots) order.emplace_back(-work[s], -s);
+        std::sort(order.begin(), order.end());
+        for (size_t k = 0; k < roots.size(); k++) roots[k] = -order[k].second;
         return roots;
     }
 

@@ -12,6 +12,7 @@ template <class T> using FactorValues = std::vector<T, CacheAlignedAllocator<T>>
 // Where the factor of a matrix of 3x3 node blocks has entries: its columns in supernodes, each a run of nodes that are
 // eliminated as one dense front. A supernode's rows lie in its ancestors: that is what makes sparse solves cheap.
 struct Supernodes {
+    Supernodes() = default; // of no nodes
     Supernodes(const SparsityPattern& pattern, Dissection dissection);
 
     static constexpr int panel = 8; // unknowns of a front are padded to a multiple of this

@@ -13,7 +13,8 @@ enum class CommandKind : uint8_t {
     hold,   // it holds the tissue at a point of the surface at rest and displaces it
     needle, // it enters at a point of the surface at rest; its tip is to be `displacement` from there
     free,   // its tip is at a point in space; contact follows from that
-    blade   // it cuts along the surface towards a point there, as deep as `displacement` is long
+    blade,  // it cuts along the surface towards a point there; `displacement` is its edge, from there into the tissue
+    carry   // it holds a loose piece at a point of it, where that came free, and moves it by `displacement` from there
 };
 
 // What a user wants of one tool. Complete in itself: only the newest command counts, older ones may be lost.
@@ -36,6 +37,7 @@ struct Feedback {
     double stiffness = 0;         // N/mm, slope of the force along the displacement, in a tick; else force over way
     double anchor[3] = {0, 0, 0}; // mm, the contact on the surface at rest
     double normal[3] = {0, 0, 0}; // outward normal of a contact that can only push; zero: it may also pull
+    double out[3] = {0, 0, 0};    // outward normal of the surface there, while it touches
 };
 
 // From `tick` on, answers lack tables (ModelState::stale). Bit 0: the current model; bit 1: the one being blended in.

@@ -93,16 +93,18 @@ void Simulation::observe_energy() {
         const ToolProxy& p = proxy[t];
         PreviousTick& before = previous[t];
         const bool closed_now = p.state == ContactState::closed, cutting = p.state == ContactState::cutting;
+        const bool carrying = p.state == ContactState::carrying;
         double total[3];
         p.total_force(total);
         for (int k = 0; k < 3; k++) {
             way[t][k] = closed_now && before.closed ? p.tip[k] - before.tip[k] : 0;
             const double done = -0.5 * (total[k] + before.total[k]) * way[t][k];
             work += done, recent_work += done;
-            if (cutting && before.cutting) work -= 0.5 * (total[k] + before.total[k]) * (p.tip[k] - before.tip[k]);
+            if ((cutting && before.cutting) || (carrying && before.carrying))
+                work -= 0.5 * (total[k] + before.total[k]) * (p.tip[k] - before.tip[k]);
         }
         most[t] = allowed_change(p, before);
-        before.closed = closed_now, before.cutting = cutting;
+        before.closed = closed_now, before.cutting = cutting, before.carrying = carrying;
         std::copy_n(p.at.point, 3, before.point);
         std::copy_n(p.displacement, 3, before.displacement);
         std::copy_n(p.force, 3, before.force);

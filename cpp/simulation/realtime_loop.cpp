@@ -142,12 +142,13 @@ void RealtimeLoop::accept_change() {
 }
 
 bool RealtimeLoop::change(const TissueModel& model, int sweeps) {
-    return request({&model, model.make_state(), sweeps, nullptr, {}, {}});
+    return request({&model, model.make_state(), sweeps, nullptr, {}, {}, {}});
 }
 
 bool RealtimeLoop::change_body(const TissueModel& model, const ContactSurface& surface, int sweeps,
-                               std::vector<int> shown) {
-    return request({&model, model.make_state(), sweeps, &surface, surface.scratch(), std::move(shown)});
+                               std::vector<int> shown, LoosePieces loose) {
+    return request(
+        {&model, model.make_state(), sweeps, &surface, surface.scratch(), std::move(shown), std::move(loose)});
 }
 
 bool RealtimeLoop::change_pending() {
@@ -200,6 +201,11 @@ void RealtimeLoop::publish(double now) {
         }
     }
     frame.body = simulation.bodies;
+    frame.piece_count = 0;
+    for (const LoosePiece& p : simulation.pieces()) {
+        frame.piece_state[frame.piece_count] = p.state;
+        std::copy_n(p.offset, 3, frame.piece_offset + 3 * frame.piece_count++);
+    }
     frame.shown_count = int(simulation.shown().size());
     simulation.displayed_displacement(simulation.shown().data(), frame.shown_count, frame.shown.data());
     frames.publish();

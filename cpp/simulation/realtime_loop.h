@@ -32,6 +32,9 @@ struct Frame {
     double axis[3 * most_tools] = {};                   // of a needle
     std::vector<float> shown;                           // (shown nodes, 3) mm, displacement; then unused room
     int shown_count = 0;                                // of these nodes
+    int piece_count = 0;                                // loose pieces beside the body
+    PieceState piece_state[most_pieces] = {};           // of each of these
+    double piece_offset[3 * most_pieces] = {};          // mm, from where each came free
 };
 
 struct CommandEvent { // a command and the tick that first obeyed it
@@ -72,9 +75,10 @@ public:
     // Another model of the same tissue, blended in from the next tick on. False: one is on its way already. Both models
     // must outlive the loop.
     bool change(const TissueModel& model, int sweeps);
-    // A body that was cut, at once: its model, its surface and the nodes to show, at most `shown_room`. All must
-    // outlive its run.
-    bool change_body(const TissueModel& model, const ContactSurface& surface, int sweeps, std::vector<int> shown);
+    // A body that was cut, at once: its model, its surface, the nodes to show, at most `shown_room`, and the pieces
+    // beside it. All must outlive its run.
+    bool change_body(const TissueModel& model, const ContactSurface& surface, int sweeps, std::vector<int> shown,
+                     LoosePieces loose);
     const size_t shown_room;
     bool change_pending(); // whether another one would be refused; from the thread that changes
     void free_retired();   // frees the model that a change has replaced; from the thread that changes

@@ -15,11 +15,12 @@ constexpr double taken_away = 0.1;      // mm from a contact to the surface afte
 Simulation::Simulation(const TissueModel& model, const ContactSurface& surface, const SimulationSettings& settings,
                        std::vector<int> shown)
     : settings(settings),
-      now{&model, model.make_state(), settings.sweeps, &surface, surface.scratch(), std::move(shown)} {}
+      now{&model, model.make_state(), settings.sweeps, &surface, surface.scratch(), std::move(shown), {}} {}
 
 void Simulation::tick(const Commands& commands) {
     const bool known = !now.state->stale;
     for (int t = 0; t < most_tools; t++) {
+        if (now.loose.update(proxy, t, commands.tool[t], settings.tools.motion)) continue;
         bool others = !at_rest;
         for (int o = 0; o < most_tools; o++) others = others || (o != t && proxy[o].state == ContactState::closed);
         const bool was_closed = proxy[t].state == ContactState::closed;
@@ -28,6 +29,7 @@ void Simulation::tick(const Commands& commands) {
         if (!was_closed && proxy[t].state == ContactState::closed) proxy[t].contact_tick = ticks;
     }
     gather_contacts();
+    now.loose.advance(proxy, ticks);
     if (closed > 0 || !at_rest) {
         while (!solve_contacts()) { // the contact that came last cannot be held with the others
             proxy[tool_of[closed - 1]].state = ContactState::refused;
@@ -97,7 +99,7 @@ bool Simulation::solve_contacts() {
     missing_tables = now.state->stale | now.state->events << 2;
     if (next.model) blend_models();
     for (ToolProxy& p : proxy)
-        if (p.state != ContactState::cutting) std::fill_n(p.force, 3, 0.0);
+        if (p.state != ContactState::cutting && p.state != ContactState::carrying) std::fill_n(p.force, 3, 0.0);
     for (int c = 0; c < closed + open; c++) {
         ToolProxy& p = proxy[tool_of[c]];
         std::copy_n(force + 3 * c, 3, p.force);
@@ -134,6 +136,7 @@ void Simulation::blend_models() {
     next.surface = now.surface;
     std::swap(next.scratch, now.scratch);
     std::swap(next.shown, now.shown);
+    std::swap(next.loose, now.loose);
     old = std::move(now);
     now = std::move(next);
     next = ActiveModel();
@@ -145,22 +148,36 @@ void Simulation::change(ActiveModel to) {
 }
 
 // Tools that touch the body before stay where they are on its surface, and go on from the force that they felt. What
-// held a piece that is there no more has nothing in its hand.
+// held a piece that has come free carries it; what pressed there has nothing under it any more.
 void Simulation::change_body() {
     old = std::move(now);
     now = std::move(next);
     next = ActiveModel();
     bodies++;
     now.model->continue_from(*now.state, *old.state);
-    for (ToolProxy& p : proxy) {
-        if (p.state == ContactState::idle || p.state == ContactState::refused) continue;
-        p.at = now.surface->closest(p.at.point);
+    now.loose.go_on_from(old.loose, proxy, ticks);
+    for (int t = 0; t < most_tools; t++) {
+        ToolProxy& p = proxy[t];
+        const bool elsewhere = p.state == ContactState::idle || p.state == ContactState::refused;
+        if (elsewhere || p.state == ContactState::carrying) continue;
+        const SurfacePoint at = now.surface->closest(p.at.point);
+        const bool holds = p.state == ContactState::closed && p.kind == CommandKind::hold;
+        if (at.distance > taken_away && holds && !presses(p, *old.surface) && now.loose.take_over(proxy, t, taken_away))
+            continue;
+        p.at = at;
         if (p.at.distance > taken_away) {
             p.clear_forces();
             p.state = ContactState::refused; // until the tool is taken away
         } else if (p.state != ContactState::cutting)
             find_patch(p, *now.surface, settings.tools, now.scratch);
     }
+}
+
+// Whether a tool pushes the tissue in, and not along the surface or out: within 60 degrees of its inward normal.
+bool Simulation::presses(const ToolProxy& p, const ContactSurface& on) const {
+    double out[3];
+    on.normal(p.at, out);
+    return dot(p.displacement, out) < -0.5 * length(p.displacement);
 }
 
 void Simulation::check_answers() {
@@ -196,14 +213,16 @@ void Simulation::write_feedback() {
         p.total_force(wanted);
         const double size = length(wanted), way = length(p.displacement);
         const double allowed = std::min({size, settings.limit, length(f.force) + settings.ramp});
-        f.touching = p.state == ContactState::closed || p.state == ContactState::cutting;
+        const bool carries = p.state == ContactState::carrying;
+        f.touching = p.state == ContactState::closed || p.state == ContactState::cutting || carries;
         for (int k = 0; k < 3; k++) f.force[k] = f.touching && size > 0 ? wanted[k] * (allowed / size) : 0;
         std::copy_n(p.tip, 3, f.at);
         std::copy_n(p.at.point, 3, f.anchor);
-        std::fill_n(f.normal, 3, 0.0);
-        if (f.touching && p.kind == CommandKind::free) now.surface->normal(p.at, f.normal);
-        f.stiffness = f.touching && way > 1e-3 ? length(p.force) / way : 0;
-        if (p.state == ContactState::cutting && way > 0.999 * settings.tools.blade.give)
+        std::fill_n(f.out, 3, 0.0), std::fill_n(f.normal, 3, 0.0);
+        if (f.touching && !carries) now.surface->normal(p.at, f.out);
+        if (f.touching && p.kind == CommandKind::free) std::copy_n(f.out, 3, f.normal);
+        f.stiffness = f.touching && !carries && way > 1e-3 ? length(p.force) / way : 0;
+        if (p.state == ContactState::cutting && length(p.force) > 0.999 * p.resistance)
             f.stiffness = 0; // the cut gives way
     }
     for (int c = 0; c < closed; c++) {
@@ -243,6 +262,10 @@ uint64_t Simulation::digest() const {
     for (double x : now.state->state_vector()) mix(x);
     for (const Feedback& f : feedback)
         for (double x : f.force) mix(x);
+    for (const LoosePiece& p : pieces()) {
+        for (double x : p.offset) mix(x);
+        mix(double(p.state));
+    }
     return hash;
 }
 

@@ -1,7 +1,7 @@
 #pragma once
 // A tissue and its tools, one tick at a time. Owned by RealtimeLoop and called on its thread: by the clock, or in
 // lockstep. Equal commands give equal bits on any machine with the same instruction set.
-#include "simulation/tool_proxy.h"
+#include "simulation/loose_pieces.h"
 #include <memory>
 
 namespace palpate {
@@ -15,7 +15,7 @@ struct SimulationSettings {
 };
 
 // A model, its state and its iterations a tick; of a body with another surface than before also that, with room for
-// queries, and the nodes that a display asks for.
+// queries, the nodes that a display asks for, and the pieces that its cuts have freed.
 struct ActiveModel {
     const TissueModel* model = nullptr;
     std::unique_ptr<ModelState> state;
@@ -23,6 +23,7 @@ struct ActiveModel {
     const ContactSurface* surface = nullptr;
     SurfaceScratch scratch;
     std::vector<int> shown;
+    LoosePieces loose = {};
 };
 
 class Simulation {
@@ -61,6 +62,7 @@ public:
     void displacement(double* out) const { now.model->displacement(*now.state, out); } // of every node; not in a tick
     int nodes() const { return now.model->nodes(); }
     const std::vector<int>& shown() const { return now.shown; }
+    const std::vector<LoosePiece>& pieces() const { return now.loose.piece; }
     const TissueModel* model() const { return displayed().model; }
     const ModelState& state() const { return *displayed().state; }
     void follow_clock(bool on);
@@ -77,7 +79,7 @@ private:
     ContactPatch patch[most_tools];
     double displaced[3 * most_tools] = {}, force[3 * most_tools] = {}, next_force[3 * most_tools] = {};
     struct PreviousTick { // of a tool
-        bool closed = false, cutting = false;
+        bool closed = false, cutting = false, carrying = false;
         double point[3] = {}, displacement[3] = {}, force[3] = {}, tip[3] = {}, total[3] = {};
     } previous[most_tools];
     ToolProxy predicted[most_tools]; // look_ahead's
@@ -90,6 +92,7 @@ private:
     bool solve_contacts();
     void blend_models();
     void change_body();
+    bool presses(const ToolProxy& proxy, const ContactSurface& on) const;
     void separate_if_pulled(ToolProxy& proxy) const;
     void check_answers();
     void write_feedback();

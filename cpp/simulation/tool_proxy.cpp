@@ -10,19 +10,6 @@ namespace {
 constexpr double slope_filter = 0.05;
 constexpr int first_ticks = 20; // of a contact, in which the compliance under a tool in space is estimated
 
-bool is_finite(const Command& command) {
-    double sum = 0;
-    for (int k = 0; k < 3; k++) sum += command.point[k] + command.displacement[k];
-    return std::isfinite(sum);
-}
-
-void approach(double from[3], const double to[3], const ToolMotion& motion) {
-    double way = distance(from, to);
-    double part = way * motion.approach > motion.reach ? motion.reach / way : motion.approach;
-    if (way < 1e-6) part = 1; // mm: arrives, so that a still command gives a still contact
-    for (int k = 0; k < 3; k++) from[k] += part * (to[k] - from[k]);
-}
-
 // One tick of one tool.
 struct ProxyUpdate {
     ToolProxy& proxy;
@@ -153,19 +140,19 @@ struct ProxyUpdate {
     // The blade draws the end of the cut behind it. What a hand puts in is stored in the spring, or has been cut and
     // rubbed: no loop gives it energy.
     void cut() {
-        const BladeForces& blade = settings.blade;
-        const double most = length(command.displacement) * (1e-3 * blade.toughness + blade.friction); // N
         approach(proxy.tip, command.point, settings.motion);
         std::copy_n(surface.closest(proxy.tip).point, 3, proxy.tip); // a hand that is off the surface cuts no less
+        const double most = settings.blade.resistance(proxy.at.point, command.displacement);
         double ahead = distance(proxy.tip, proxy.at.point);
-        if (most == 0 || ahead > blade.give) {
-            const double part = most == 0 ? 1 : 1 - blade.give / ahead;
+        if (most == 0 || proxy.stiffness * ahead > most) {
+            const double part = most == 0 ? 1 : 1 - most / (proxy.stiffness * ahead);
             double point[3];
             for (int k = 0; k < 3; k++) point[k] = proxy.at.point[k] + part * (proxy.tip[k] - proxy.at.point[k]);
             proxy.at = surface.closest(point);
             ahead = distance(proxy.tip, proxy.at.point);
         }
-        const double stiffness = most / std::max(ahead, blade.give);
+        const double stiffness = proxy.stiffness * ahead > most ? most / ahead : proxy.stiffness;
+        proxy.resistance = most;
         for (int k = 0; k < 3; k++) {
             proxy.displacement[k] = proxy.tip[k] - proxy.at.point[k];
             proxy.force[k] = -stiffness * proxy.displacement[k];
@@ -180,6 +167,7 @@ struct ProxyUpdate {
         std::copy_n(command.point, 3, proxy.tip);
         if (command.kind == CommandKind::blade) {
             proxy.state = ContactState::cutting;
+            proxy.stiffness = settings.blade.most(length(command.displacement)) / settings.blade.give;
             return;
         }
         proxy.state = others || command.kind != CommandKind::hold ? ContactState::open : ContactState::closed;
@@ -188,6 +176,25 @@ struct ProxyUpdate {
 };
 
 } // namespace
+
+double BladeForces::resistance(const double at[3], const double edge[3]) const {
+    if (!tissue) return friction * length(edge);
+    const CutResistance::Edge met = tissue->along(at, edge);
+    return 1e-3 * met.toughness + friction * met.inside;
+}
+
+bool is_finite(const Command& command) {
+    double sum = 0;
+    for (int k = 0; k < 3; k++) sum += command.point[k] + command.displacement[k];
+    return std::isfinite(sum);
+}
+
+void approach(double from[3], const double to[3], const ToolMotion& motion) {
+    double way = distance(from, to);
+    double part = way * motion.approach > motion.reach ? motion.reach / way : motion.approach;
+    if (way < 1e-6) part = 1; // mm: arrives, so that a still command gives a still contact
+    for (int k = 0; k < 3; k++) from[k] += part * (to[k] - from[k]);
+}
 
 bool find_patch(ToolProxy& proxy, const ContactSurface& surface, const ToolSettings& settings,
                 SurfaceScratch& scratch) {

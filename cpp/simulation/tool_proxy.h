@@ -2,8 +2,10 @@
 // The proxy of a tool: where its contact really is, while the device may ask for more (the god-object of C. B. Zilles &
 // J. K. Salisbury, Proc. IROS 1995). Updated by Simulation once a tick, on the loop's thread.
 #include "base/vec3.h"
+#include "simulation/cut_resistance.h"
 #include "simulation/device.h"
 #include "tissue/contact_surface.h"
+#include <memory>
 #include <type_traits>
 
 namespace palpate {
@@ -25,11 +27,14 @@ struct NeedleForces {
 };
 
 // A blade and the end of its cut, as a bristle and its foot in P. R. Dahl's model of friction (AIAA J. 14 (1976) 1675):
-// the tissue holds the blade back by a spring until the force makes new surface, then the cut follows.
+// the tissue holds the blade back by a spring until the force makes new surface, then the cut follows. The spring stays
+// the same throughout a stroke: a stiffer one where the tissue is tougher would give the hand energy.
 struct BladeForces {
-    double toughness = 0; // J/m^2, energy of new surface
-    double friction = 0;  // N for each mm of the edge in the tissue
-    double give = 0.5;    // mm that the blade is ahead of the end of its cut where the force is greatest
+    std::shared_ptr<const CutResistance> tissue; // what new surface takes; none: nothing
+    double friction = 0;                         // N for each mm of the edge in the tissue
+    double give = 0.5; // mm that a blade, as deep as it went in, is ahead of its cut where the tissue is toughest
+    double most(double depth) const { return depth * (1e-3 * (tissue ? tissue->toughest : 0) + friction); } // N
+    double resistance(const double at[3], const double edge[3]) const;                                      // N
 };
 
 struct ToolSettings {           // of all tools
@@ -46,7 +51,8 @@ enum class ContactState : uint8_t {
     closed,  // in contact: the tissue under the tool is displaced with it
     refused, // cannot be held here (fixed nodes, a command that is no number); until the tool is taken away
     open,    // follows the tissue without a force: a tool in space, or one about to close
-    cutting  // a blade in the tissue: its force is that of the cut, and the model knows nothing of it
+    cutting, // a blade in the tissue: its force is that of the cut, and the model knows nothing of it
+    carrying // holds a loose piece: its force is that piece's weight
 };
 
 struct ToolProxy {
@@ -80,6 +86,14 @@ struct ToolProxy {
     double axis[3] = {0, 0, 0}; // once it has pierced the surface
     double insertion = 0;       // mm of it inside the tissue
 
+    // Of a blade.
+    double stiffness = 0;  // N/mm, of its spring
+    double resistance = 0; // N, at which its cut goes on
+
+    // Of a tool that carries a piece.
+    int piece = -1;             // its number
+    double grip[3] = {0, 0, 0}; // mm, from the tip to the piece's offset
+
     void total_force(double out[3]) const { // N, on the tool
         const double size = length(force);
         for (int k = 0; k < 3; k++) out[k] = force[k] + size * (drag[k] + damping[k]);
@@ -96,6 +110,11 @@ struct ToolProxy {
 
 // The loop copies proxies to look ahead: nothing in them may allocate.
 static_assert(std::is_trivially_copyable_v<ToolProxy>);
+
+bool is_finite(const Command& command);
+
+// One tick of the way from a point to another, mm.
+void approach(double from[3], const double to[3], const ToolMotion& motion);
 
 // The patch of the contact where it is; if there is none, the contact is refused.
 bool find_patch(ToolProxy& proxy, const ContactSurface& surface, const ToolSettings& settings, SurfaceScratch& scratch);

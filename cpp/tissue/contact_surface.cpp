@@ -1,11 +1,17 @@
 #include "tissue/contact_surface.h"
 #include "tissue/closest_point.h"
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
-#include <tuple>
 
 namespace palpate {
+namespace {
+
+constexpr double cancelled = 1e-9; // of a vertex's area, what is left of normals that cancel
+
+} // namespace
+
 ContactSurface::ContactSurface(const double* nodes, int count, const int32_t* triangles, int faces,
                                const uint8_t* fixed) {
     std::vector<int> vertex(count, -1);
@@ -32,16 +38,13 @@ ContactSurface::ContactSurface(const double* nodes, int count, const int32_t* tr
             for (int k = 0; k < 3; k++) normals[3 * v[c] + k] += n[k];
         }
     }
-    for (size_t i = 0; i < node.size(); i++) {
-        double length = std::sqrt(dot(&normals[3 * i], &normals[3 * i]));
-        for (int k = 0; k < 3; k++) normals[3 * i + k] /= length > 0 ? length : 1;
+    for (size_t i = 0; i < node.size(); i++) { // where the lips of a cut end, they cancel: a normal would be rounding
+        const double length = palpate::length(&normals[3 * i]);
+        for (int k = 0; k < 3; k++) normals[3 * i + k] *= length > cancelled * area[i] ? 1 / length : 0;
     }
     build_adjacency();
     link_triangles();
-    leaf_order.resize(faces);
-    for (int t = 0; t < faces; t++) leaf_order[t] = t;
-    tree.reserve(2 * size_t(faces) + 1);
-    if (faces > 0) build_tree(0, faces);
+    build_tree();
 }
 
 void ContactSurface::carry(const int32_t* nodes_of, const double* share, int count, const uint8_t* held, int nodes) {
@@ -70,57 +73,30 @@ void ContactSurface::build_adjacency() {
 
 // Where more than two triangles meet at an edge, they are linked in a circle, so that a walk across it meets them all.
 void ContactSurface::link_triangles() {
-    struct Half {
-        int low, high, place; // vertices; 3 triangle + corner
-    };
-    std::vector<Half> half;
+    std::vector<std::array<int, 3>> half; // the lower vertex, the higher, 3 triangle + corner
     for (int k = 0; k < int(corner.size()); k++) {
         const int a = corner[k], b = corner[k % 3 == 2 ? k - 2 : k + 1];
         half.push_back({std::min(a, b), std::max(a, b), k});
     }
-    std::sort(half.begin(), half.end(), [](const Half& a, const Half& b) {
-        return std::tie(a.low, a.high, a.place) < std::tie(b.low, b.high, b.place);
-    });
+    std::sort(half.begin(), half.end());
     across.resize(corner.size());
     for (size_t first = 0, last; first < half.size(); first = last) {
-        for (last = first;
-             last < half.size() && half[last].low == half[first].low && half[last].high == half[first].high;)
+        for (last = first; last < half.size() && half[last][0] == half[first][0] && half[last][1] == half[first][1];)
             last++;
-        for (size_t k = first; k < last; k++) across[half[k].place] = half[k + 1 < last ? k + 1 : first].place / 3;
+        for (size_t k = first; k < last; k++) across[half[k][2]] = half[k + 1 < last ? k + 1 : first][2] / 3;
     }
 }
 
-// A tree of boxes over the triangles: split at the median of the longest side, at most four triangles per leaf.
-int ContactSurface::build_tree(int first, int count) {
-    const int index = int(tree.size());
-    tree.push_back({});
-    Box box{{1e300, 1e300, 1e300}, {-1e300, -1e300, -1e300}, first, count};
-    for (int i = first; i < first + count; i++)
-        for (int c = 0; c < 3; c++)
-            for (int k = 0; k < 3; k++) {
-                double x = position[3 * corner[3 * leaf_order[i] + c] + k];
-                box.low[k] = std::min(box.low[k], x);
-                box.high[k] = std::max(box.high[k], x);
-            }
-    if (count > 4) {
-        int axis = 0;
-        for (int k = 1; k < 3; k++)
-            if (box.high[k] - box.low[k] > box.high[axis] - box.low[axis]) axis = k;
-        auto centre = [&](int t) {
-            return position[3 * corner[3 * t] + axis] + position[3 * corner[3 * t + 1] + axis] +
-                   position[3 * corner[3 * t + 2] + axis];
-        };
-        auto begin = leaf_order.begin() + first;
-        std::nth_element(begin, begin + count / 2, begin + count, [&](int a, int b) {
-            double x = centre(a), y = centre(b);
-            return x < y || (x == y && a < b);
-        });
-        build_tree(first, count / 2);
-        box.first = build_tree(first + count / 2, count - count / 2);
-        box.count = 0;
-    }
-    tree[index] = box;
-    return index;
+void ContactSurface::build_tree() {
+    std::vector<Bounds> bounds(triangles());
+    std::vector<double> centre(3 * bounds.size(), 0.0);
+    for (size_t t = 0; t < bounds.size(); t++)
+        for (int c = 0; c < 3; c++) {
+            const double* x = &position[3 * size_t(corner[3 * t + c])];
+            bounds[t].add(x);
+            for (int k = 0; k < 3; k++) centre[3 * t + k] += x[k];
+        }
+    tree.build(bounds, centre);
 }
 
 SurfaceScratch ContactSurface::scratch() const {
@@ -139,7 +115,7 @@ SurfaceScratch ContactSurface::scratch() const {
 SurfacePoint ContactSurface::closest(const double point[3]) const {
     SurfacePoint best;
     double best_distance2 = std::numeric_limits<double>::infinity();
-    auto distance2 = [&](const Box& box) {
+    auto distance2 = [&](const Bounds& box) {
         double sum = 0;
         for (int k = 0; k < 3; k++) {
             double d = std::max({box.low[k] - point[k], point[k] - box.high[k], 0.0});
@@ -147,28 +123,28 @@ SurfacePoint ContactSurface::closest(const double point[3]) const {
         }
         return sum;
     };
-    int stack[128], depth = 0;
-    if (!tree.empty()) stack[depth++] = 0;
+    int stack[BoxTree::deepest], depth = 0;
+    if (!tree.box.empty()) stack[depth++] = 0;
     while (depth > 0) {
         int at = stack[--depth];
-        const Box& box = tree[at];
+        const BoxTree::Box& box = tree.box[at];
         if (best.triangle >= 0 && distance2(box) >= best_distance2) continue; // squares overflow for a point far off
         if (box.count == 0) {
             int left = at + 1, right = box.first;
-            bool left_first = distance2(tree[left]) <= distance2(tree[right]);
+            bool left_first = distance2(tree.box[left]) <= distance2(tree.box[right]);
             stack[depth++] = left_first ? right : left;
             stack[depth++] = left_first ? left : right;
             continue;
         }
         for (int i = box.first; i < box.first + box.count; i++) {
-            const int* v = &corner[3 * leaf_order[i]];
+            const int* v = &corner[3 * tree.order[i]];
             double w[3], q[3];
             closest_weights(point, &position[3 * v[0]], &position[3 * v[1]], &position[3 * v[2]], w);
             for (int k = 0; k < 3; k++)
                 q[k] = w[0] * position[3 * v[0] + k] + w[1] * position[3 * v[1] + k] + w[2] * position[3 * v[2] + k];
             if (double square = square_of_distance(point, q); best.triangle < 0 || square < best_distance2) {
                 best_distance2 = square;
-                best.triangle = leaf_order[i];
+                best.triangle = tree.order[i];
                 for (int k = 0; k < 3; k++) best.weight[k] = w[k], best.point[k] = q[k];
             }
         }
@@ -183,7 +159,7 @@ void ContactSurface::normal(const SurfacePoint& at, double out[3]) const {
         out[k] = 0;
         for (int c = 0; c < 3; c++) out[k] += at.weight[c] * normals[3 * v[c] + k];
     }
-    double length = std::sqrt(dot(out, out));
+    const double length = palpate::length(out);
     for (int k = 0; k < 3; k++) out[k] /= length > 0 ? length : 1;
 }
 

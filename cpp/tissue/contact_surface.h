@@ -1,6 +1,7 @@
 #pragma once
 // The surface of a mesh at rest: closest points (contact_surface.cpp) and contact patches (contact_weights.cpp). Made
 // once per mesh; the loop's thread queries it.
+#include "tissue/box_tree.h"
 #include "tissue/contact_patch.h"
 #include <cstdint>
 #include <vector>
@@ -81,7 +82,7 @@ public:
     PatchStatus nodal_patch(const SurfacePoint& at, double radius, SurfaceScratch& scratch, ContactPatch& patch) const;
 
     std::vector<double> position;      // (vertices, 3) mm, at rest
-    std::vector<double> normals;       // (vertices, 3) outward unit normals
+    std::vector<double> normals;       // (vertices, 3) outward unit normals; 0 where the lips of a cut end
     std::vector<double> area;          // (vertices) mm^2, a third of the adjacent triangles
     std::vector<int> node;             // (vertices) number in the mesh
     std::vector<uint8_t> fixed;        // (vertices) 1: cannot move
@@ -89,20 +90,13 @@ public:
     std::vector<int> start, neighbour; // edge neighbours of vertex i: neighbour[start[i] .. start[i + 1]]
     std::vector<int> across; // (triangles, 3) the triangle beyond the edge from corner c to the next; itself if none
 
-    // Boxes over the triangles: of an inner one the left child comes next.
-    struct Box {
-        double low[3], high[3];
-        int first,
-            count; // leaf: triangles leaf_order[first .. first + count]; else count = 0 and first = the right child
-    };
-    std::vector<Box> tree;
-    std::vector<int> leaf_order;
+    BoxTree tree;                      // over the triangles
     std::vector<int> carrier;          // (count, 4) as given to carry(), or empty
     std::vector<double> carrier_share; // (count, 4)
     std::vector<uint8_t> held_node;    // (nodes)
 
 private:
-    int build_tree(int first, int count);
+    void build_tree();
     void build_adjacency();
     void link_triangles();
     template <class Patch>

@@ -50,8 +50,8 @@ inline double angle_at(const ContactSurface& surface, const double* position, in
 
 // Boxes around the triangles where these are now: (boxes, 6).
 inline void fit_boxes(const ContactSurface& surface, const double* position, double* box) {
-    for (int at = int(surface.tree.size()) - 1; at >= 0; at--) {
-        const ContactSurface::Box& node = surface.tree[at];
+    for (int at = int(surface.tree.box.size()) - 1; at >= 0; at--) {
+        const BoxTree::Box& node = surface.tree.box[at];
         double* low = box + 6 * size_t(at);
         std::fill_n(low, 3, std::numeric_limits<double>::infinity()),
             std::fill_n(low + 3, 3, -std::numeric_limits<double>::infinity());
@@ -63,7 +63,7 @@ inline void fit_boxes(const ContactSurface& surface, const double* position, dou
             continue;
         }
         for (int i = 3 * node.first; i < 3 * (node.first + node.count); i++) {
-            const double* x = position + 3 * size_t(surface.corner[3 * size_t(surface.leaf_order[i / 3]) + i % 3]);
+            const double* x = position + 3 * size_t(surface.corner[3 * size_t(surface.tree.order[i / 3]) + i % 3]);
             add(x, x);
         }
     }
@@ -72,8 +72,8 @@ inline void fit_boxes(const ContactSurface& surface, const double* position, dou
 // Every triangle whose box is within `reach` mm of a point.
 template <class Visit>
 void visit_near(const ContactSurface& surface, const double* box, const double* point, double reach, Visit&& visit) {
-    int stack[128], depth = 0;
-    if (!surface.tree.empty()) stack[depth++] = 0;
+    int stack[BoxTree::deepest], depth = 0;
+    if (!surface.tree.box.empty()) stack[depth++] = 0;
     while (depth > 0) {
         const int at = stack[--depth];
         const double* low = box + 6 * size_t(at);
@@ -83,13 +83,13 @@ void visit_near(const ContactSurface& surface, const double* box, const double* 
             square += d * d;
         }
         if (square > reach * reach) continue;
-        const ContactSurface::Box& node = surface.tree[at];
+        const BoxTree::Box& node = surface.tree.box[at];
         if (node.count == 0) {
             stack[depth++] = node.first;
             stack[depth++] = at + 1;
             continue;
         }
-        for (int i = node.first; i < node.first + node.count; i++) visit(surface.leaf_order[i]);
+        for (int i = node.first; i < node.first + node.count; i++) visit(surface.tree.order[i]);
     }
 }
 

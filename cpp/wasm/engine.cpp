@@ -1,6 +1,7 @@
 // The touch engine in a browser: a C interface for web/src/engine. One organ, one thread: who calls step() by the clock
-// calls prepare() between.
-// Memory is the caller's: it asks for it by allocate() and fills it before make() or cut().
+// calls prepare() between. In a worker of its own the same module makes cut bodies: take_organ(), then build() for
+// each; their arrays go to the module that runs the session, which adopts them. Memory is the caller's: it asks for it
+// by allocate() and fills it.
 #include "cutting/incision.h"
 #include "simulation/simulation.h"
 #include "wasm/organ_body.h"
@@ -13,13 +14,17 @@ namespace {
 
 constexpr double no_area = 1e-9; // of all cuts: less is rounding
 
-enum Cut : int { nothing_met = 4 }; // beside what `Made` says
+enum Refused : int { nothing_met = 4 };                  // beside what `Made` says
+enum Change : int { cut_once, cut_further, cut_undone }; // further: the blade takes the place of the last one
 
 struct Organ {
     OrganSolid solid;
-    std::vector<std::vector<BladeTriangle>> cuts;
-    std::vector<BladeTriangle> blade;         // of the next cut
-    std::unique_ptr<OrganBody> whole, opened; // before all cuts, if it came so, and with them
+    SimulationSettings settings;
+    Cuts cuts;
+    std::vector<BladeTriangle> blade;             // of the next cut
+    BodyArrays arrays;                            // of the next body
+    std::unique_ptr<OrganBody> whole, opened;     // before all cuts, if it came so, and with them
+    std::shared_ptr<const ContactSurface> stroke; // that the blade has entered
     std::unique_ptr<Simulation> simulation;
     Commands commands;
     bool by_clock = true;
@@ -35,13 +40,19 @@ std::vector<BladeTriangle> triangles_at(int count, const double* corners) {
     return out;
 }
 
+Cuts cuts_at(int count, const int32_t* size, const double* corners) {
+    Cuts out;
+    for (int k = 0; k < count; corners += 9 * size_t(size[k++])) out.push_back(triangles_at(size[k], corners));
+    return out;
+}
+
 // A body takes over; none: the one before all cuts.
 void change_body(std::unique_ptr<OrganBody> to) {
     const OrganBody& next = to ? *to : *organ.whole;
     auto state = next.model->make_state();
     if (organ.by_clock) next.model->begin_realtime(*state);
     organ.simulation->change(
-        {next.model.get(), std::move(state), 1, next.surface.get(), next.surface->scratch(), next.shown});
+        {next.model.get(), std::move(state), 1, next.surface.get(), next.surface->scratch(), next.arrays.shown});
     {
         ActiveModel before = organ.simulation->retired();
         if (organ.by_clock) before.model->end_realtime(*before.state);
@@ -49,13 +60,19 @@ void change_body(std::unique_ptr<OrganBody> to) {
     organ.opened = std::move(to);
 }
 
-// The body with these cuts, if it can be made.
-int change_cuts(std::vector<std::vector<BladeTriangle>> cuts) {
-    std::unique_ptr<OrganBody> to;
-    Made answer = made;
-    if (!cuts.empty()) to = std::make_unique<OrganBody>(cut_body_of(organ.solid, cuts, answer));
-    if (answer != made) return answer;
-    if (cuts.size() > organ.cuts.size() && to->area - organ.body().area <= no_area * to->area) return nothing_met;
+// The cuts that there are once they have changed.
+Cuts changed(Change how, int triangles, const double* corners) {
+    Cuts out = organ.cuts;
+    if (how != cut_once) out.pop_back();
+    if (how != cut_undone) out.push_back(triangles_at(triangles, corners));
+    return out;
+}
+
+// The body of `arrays` takes over, which has these cuts.
+int adopt(Change how, Cuts cuts) {
+    auto to = std::make_unique<OrganBody>(std::move(organ.arrays));
+    organ.arrays = {};
+    if (how == cut_once && to->area - organ.body().area <= no_area * to->area) return nothing_met;
     change_body(std::move(to));
     organ.cuts = std::move(cuts);
     return made;
@@ -70,11 +87,12 @@ EXPORTED void release(void* memory) { ::operator delete(memory); }
 
 // node: (nodes, 3) mm; tet: (tets, 4); region, lam, mu: (tets); fixed: (nodes); triangle: (triangles, 3) of the outer
 // surface; shown: (count) ascending; labels: the largest region first; blade: (.., 3, 3), the triangles of
-// the cuts that the organ comes with, cut_size of each. Lengths in mm, forces in N, toughness in J/m^2.
-EXPORTED int make(int nodes, const double* node, int tets, const int32_t* tet, const int32_t* region, const double* lam,
-                  const double* mu, const uint8_t* fixed, int triangles, const int32_t* triangle, int count,
-                  const int32_t* shown, int regions, const int32_t* labels, int cut_count, const int32_t* cut_size,
-                  const double* blade, double edge, double radius, double limit, double friction, double toughness) {
+// the cuts that the organ comes with, cut_size of each; toughness: (regions) J/m^2. Lengths in mm, forces in N.
+EXPORTED void take_organ(int nodes, const double* node, int tets, const int32_t* tet, const int32_t* region,
+                         const double* lam, const double* mu, const uint8_t* fixed, int triangles,
+                         const int32_t* triangle, int count, const int32_t* shown, int regions, const int32_t* labels,
+                         int cut_count, const int32_t* cut_size, const double* blade, double edge, double radius,
+                         double limit, double friction, const double* toughness) {
     OrganSolid& solid = organ.solid;
     take(solid.node, node, 3 * size_t(nodes)), take(solid.fixed, fixed, nodes);
     take(solid.tet, tet, 4 * size_t(tets)), take(solid.region, region, tets);
@@ -82,39 +100,63 @@ EXPORTED int make(int nodes, const double* node, int tets, const int32_t* tet, c
     take(solid.triangle, triangle, 3 * size_t(triangles)), take(solid.regions, labels, regions);
     solid.shown.assign(shown, shown + count);
     solid.edge = edge;
-    organ.whole.reset(), organ.opened.reset();
-    organ.cuts = {};
-    for (int k = 0; k < cut_count; blade += 9 * size_t(cut_size[k++]))
-        organ.cuts.push_back(triangles_at(cut_size[k], blade));
-    if (cut_count > 0) {
-        Made answer = made;
-        organ.opened = std::make_unique<OrganBody>(cut_body_of(solid, organ.cuts, answer));
-        if (answer != made) return answer;
-    } else {
-        organ.whole = std::make_unique<OrganBody>(whole_body(solid));
-        if (!organ.whole->model) return not_positive_definite;
-    }
-    SimulationSettings settings;
+    organ.cuts = cuts_at(cut_count, cut_size, blade);
+    SimulationSettings& settings = organ.settings;
     settings.sweeps = 1;
     settings.limit = limit;
     settings.tools.radius = radius;
     settings.tools.friction = friction;
-    settings.tools.blade.toughness = toughness;
-    organ.simulation = std::make_unique<Simulation>(*organ.body().model, *organ.body().surface, settings);
+    settings.tools.blade.tissue = std::make_shared<CutResistance>(node, tet, region, tets, labels, toughness, regions);
+}
+
+// Makes the body of the organ with these cuts, beside those that it comes with, as arrays. blade: as in take_organ().
+EXPORTED int build(int cut_count, const int32_t* cut_size, const double* blade) {
+    Cuts cuts = organ.cuts;
+    for (auto& more : cuts_at(cut_count, cut_size, blade)) cuts.push_back(std::move(more));
+    return make_body(organ.solid, cuts, organ.arrays);
+}
+
+// Where these arrays are, and how many bytes each has. Returns how many there are.
+EXPORTED int arrays_at(double* out) {
+    const std::vector<AnyArray> arrays = arrays_of(organ.arrays);
+    for (const AnyArray& one : arrays) *out++ = double(reinterpret_cast<size_t>(one.data)), *out++ = double(one.bytes);
+    return int(arrays.size());
+}
+
+// Room for one of them, which another memory has made.
+EXPORTED void* room_for(int which, double bytes) {
+    const AnyArray one = arrays_of(organ.arrays)[which];
+    return one.resized(one.vector, size_t(bytes));
+}
+
+// Makes the organ that was taken, with the cuts that it comes with, and begins its session.
+EXPORTED int begin() {
+    organ.whole.reset(), organ.opened.reset();
+    const Made answer = make_body(organ.solid, organ.cuts, organ.arrays);
+    if (answer != made) return answer;
+    auto body = std::make_unique<OrganBody>(std::move(organ.arrays));
+    organ.arrays = {};
+    organ.simulation = std::make_unique<Simulation>(*body->model, *body->surface, organ.settings);
     organ.simulation->follow_clock(true);
+    (organ.cuts.empty() ? organ.whole : organ.opened) = std::move(body);
     return made;
 }
 
-// The blade of a cut along a way on the surface at rest, (points, 3) mm, `depth` mm deep in the direction (x, y, z), or
-// against the surface if that is 0. Returns how many triangles it has, 0 if the surface's normals give it no way;
-// blade_corners() gives those, (.., 3, 3) mm.
-EXPORTED int incise(int points, const double* point, double depth, double x, double y, double z) {
+// A blade enters: all of its way follows the surface as it is now.
+EXPORTED void enter() { organ.stroke = organ.body().surface; }
+
+// The blade of a cut along a way on that surface at rest, (points, 3) mm, `depth` mm deep in the direction (x, y, z),
+// or against the surface if that is 0. way: (3) unit, from there into the tissue. Returns how many triangles it has, 0
+// if the surface's normals give it no way; blade_corners() gives those, (.., 3, 3) mm.
+EXPORTED int incise(int points, const double* point, double depth, double x, double y, double z, double* way) {
     std::vector<Point3> path(points);
     for (int k = 0; k < points; k++) std::copy_n(point + 3 * size_t(k), 3, path[k].begin());
     const double edge = organ.solid.edge;
     const double given[3] = {x, y, z};
     const double* direction = x == 0 && y == 0 && z == 0 ? nullptr : given;
-    organ.blade = incision(*organ.body().surface, path, incision_step * edge, edge, direction).swept(depth + edge);
+    const Incision made = incision(*organ.stroke, path, incision_step * edge, edge, direction);
+    std::copy_n(made.way.begin(), 3, way);
+    organ.blade = made.swept(depth + edge);
     return int(organ.blade.size());
 }
 
@@ -123,18 +165,22 @@ EXPORTED void blade_corners(double* out) {
         for (const Point3& x : triangle.corner) out = std::copy(x.begin(), x.end(), out);
 }
 
-// Cuts by the triangles of a blade, (triangles, 3, 3) mm.
-EXPORTED int cut(int triangles, const double* corners) {
-    auto cuts = organ.cuts;
-    cuts.push_back(triangles_at(triangles, corners));
-    return change_cuts(std::move(cuts));
+// The body whose arrays have come takes over. how: cuts once more by the triangles of a blade, (triangles, 3, 3) mm, or
+// further than the last time, or takes the last cut back.
+EXPORTED int adopt_body(int how, int triangles, const double* corners) {
+    return adopt(Change(how), changed(Change(how), triangles, corners));
 }
 
-// Takes the last cut back. The organ has one.
-EXPORTED int undo() {
-    auto cuts = organ.cuts;
-    cuts.pop_back();
-    return change_cuts(std::move(cuts));
+// Changes the body in the same way, making it here.
+EXPORTED int change(int how, int triangles, const double* corners) {
+    Cuts cuts = changed(Change(how), triangles, corners);
+    if (cuts.empty() && organ.whole) {
+        change_body(nullptr);
+        organ.cuts = {};
+        return made;
+    }
+    const Made answer = make_body(organ.solid, cuts, organ.arrays);
+    return answer == made ? adopt(Change(how), std::move(cuts)) : answer;
 }
 
 // What is drawn of a body that was cut. out: numbers of vertices, triangles and regions, mm^2 of all cuts; then where
@@ -142,10 +188,11 @@ EXPORTED int undo() {
 // each that came free, mm^3.
 EXPORTED void opened(double* out) {
     const OrganBody& body = *organ.opened;
-    *out++ = double(body.drawn.vertex.size()), *out++ = double(body.drawn.triangle.size());
-    *out++ = double(body.drawn.lips.size()), *out++ = body.area;
-    for (const void* at : {(const void*)body.rest.data(), (const void*)body.drawn.triangle.data(),
-                           (const void*)body.drawn.lips.data(), (const void*)body.taken.data()})
+    const DrawnSkin& drawn = body.arrays.drawn;
+    *out++ = double(drawn.vertex.size()), *out++ = double(drawn.triangle.size());
+    *out++ = double(drawn.lips.size()), *out++ = body.area;
+    for (const void* at : {(const void*)body.arrays.rest.data(), (const void*)drawn.triangle.data(),
+                           (const void*)drawn.lips.data(), (const void*)body.arrays.taken.data()})
         *out++ = double(reinterpret_cast<size_t>(at));
 }
 
@@ -186,10 +233,10 @@ EXPORTED const float* frame(double* out) {
     for (const ToolProxy& tool : now.proxy) out = std::copy_n(tool.displacement, 3, out);
     for (const ToolProxy& tool : now.proxy) tool.total_force(out), out += 3;
     for (const ToolProxy& tool : now.proxy) *out++ = tool.insertion;
-    const std::vector<int>& shown = organ.body().shown;
+    const std::vector<int>& shown = organ.body().arrays.shown;
     organ.moved.resize(3 * shown.size());
     now.displayed_displacement(shown.data(), int(shown.size()), organ.moved.data());
-    return organ.body().carried(organ.moved, organ.drawn);
+    return organ.body().drawn(organ.moved, organ.drawn);
 }
 
 // Of the last tick, as a recording keeps it: TableEvent::missing_tables.

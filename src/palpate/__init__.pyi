@@ -15,6 +15,8 @@ from .meshes.cutting.blade import Blade as Blade
 from .meshes.hollow_organ import hollow_mesh as hollow_mesh
 from .meshes.io import read_mesh as read_mesh
 from .meshes.io import write_mesh as write_mesh
+from .meshes.mesh_labels import LabelMesh as LabelMesh
+from .meshes.mesh_labels import mesh_labels as mesh_labels
 from .meshes.mesh_quality import mesh_quality as mesh_quality
 from .meshes.surface_labels import read_surfaces as read_surfaces
 from .meshes.tet_mesh import TetMesh as TetMesh
@@ -38,6 +40,7 @@ from .reconstruction.models.beam_hardening import Hardened as Hardened
 from .reconstruction.models.beam_hardening import Polynomial as Polynomial
 from .reconstruction.models.beam_hardening import Spectrum as Spectrum
 from .reconstruction.models.beam_hardening import precorrected as precorrected
+from .reconstruction.models.blurred import Blurred as Blurred
 from .reconstruction.models.likelihood import Gaussian as Gaussian
 from .reconstruction.models.likelihood import Transmission as Transmission
 from .reconstruction.models.likelihood import WeightedLeastSquares as WeightedLeastSquares
@@ -82,6 +85,7 @@ from .report.session_store import add_session as add_session
 from .report.session_store import delete_person as delete_person
 from .report.session_store import export_sessions as export_sessions
 from .report.session_store import read_sessions as read_sessions
+from .rooms.join import join as join
 from .rooms.rooms_file import RoomFile as RoomFile
 from .rooms.rooms_file import read_rooms as read_rooms
 from .rooms.serve import invite as invite
@@ -97,6 +101,7 @@ from .scans.ball_calibration import BallCalibration as BallCalibration
 from .scans.ball_calibration import calibrate_from_balls as calibrate_from_balls
 from .scans.ball_calibration_plot import plot_ball_calibration as plot_ball_calibration
 from .scans.ball_file import read_balls as read_balls
+from .scans.blur import Blur as Blur
 from .scans.calibration_gauge import Gauge as Gauge
 from .scans.calibration_gauge import calibration_gauge as calibration_gauge
 from .scans.correction_plot import plot_correction as plot_correction

@@ -14,13 +14,12 @@ import numpy as np
 import psutil
 import pytest
 from distributed import Client, LocalCluster
-from support.small_archive import small_archive
+from support.small_archive import left_over, small_archive
 from typer.testing import CliRunner
 
 import palpate as pp
-from palpate.cluster import archive, command_run, connection
-from palpate.cluster.command_process import locked, run_command
-from palpate.cluster.command_run import absolute_run, run_key
+from palpate.cluster import archive, connection
+from palpate.cluster.command_process import run_command
 from palpate.commands import app
 from palpate.errors import ClusterError, DataError, FileError
 
@@ -67,12 +66,6 @@ def runs_of(study, folder, options=OPTIONS):
 def bits(folder):
     """Every volume of a folder, by name."""
     return {path.name: path.read_bytes() for path in sorted(folder.glob("*.nii.gz"))}
-
-
-def left_over(folder):
-    """Files that nobody asked for."""
-    asked = ("*.nii.gz", "*.nii.gz.run.json", "results.*")
-    return {path.name for path in folder.iterdir()} - {path.name for pattern in asked for path in folder.glob(pattern)}
 
 
 def rows(table):
@@ -163,81 +156,6 @@ def test_a_failure_ends_its_own_run_only_and_says_why(study, serial, workers, tm
     assert reconstruct(damaged, volumes, workers.scheduler_address, *OPTIONS).exit_code == 0
     assert states(volumes / "results.csv") == ["kept", "done", "kept"]
     assert not left_over(volumes)
-
-
-def test_a_run_is_made_again_when_what_it_depends_on_has_changed_and_only_then(study, tmp_path, monkeypatch):
-    scans = small_archive(tmp_path / "study", 1)
-    output = tmp_path / "v.nii.gz"
-
-    def state(*options):
-        run = pp.CommandRun("reconstruct", scans / "scan-000.h5", output, (*OPTIONS, *options))
-        return run_command(absolute_run(run)).state
-
-    assert state() == "done"
-    assert state() == "kept"
-    os.utime(scans / "scan-000.h5")  # the same contents
-    assert state() == "kept"
-    assert state("--levels", "1") == "done"
-    (scans / "scan-000.h5").write_bytes((sorted(study.glob("*.h5"))[1]).read_bytes())
-    assert state("--levels", "1") == "done"
-    output.write_bytes(b"something else")
-    assert state("--levels", "1") == "done"
-    output.unlink()
-    assert state("--levels", "1") == "done"
-    monkeypatch.setattr(command_run, "__version__", "9.9")
-    assert state("--levels", "1") == "done"
-    record = command_run.record_path(output)
-    record.write_text(record.read_text()[:-20])  # a disk that was full once
-    assert state("--levels", "1") == "done"
-
-
-def test_a_file_that_an_option_names_counts_by_its_contents(tmp_path):
-    (tmp_path / "scan.h5").write_bytes(b"1")
-    (tmp_path / "labels.nii.gz").write_bytes(b"2")
-    run = pp.CommandRun(
-        "segment", tmp_path / "scan.h5", tmp_path / "out.nii.gz", ("--onto", str(tmp_path / "labels.nii.gz"))
-    )
-    before = run_key(run)
-    moved = tmp_path / "elsewhere"
-    moved.mkdir()
-    for name in ("scan.h5", "labels.nii.gz"):
-        (moved / name).write_bytes((tmp_path / name).read_bytes())
-    options = ("--onto", str(moved / "labels.nii.gz"))
-    assert run_key(pp.CommandRun("segment", moved / "scan.h5", moved / "out.nii.gz", options)) == before
-    (tmp_path / "labels.nii.gz").write_bytes(b"3")
-    assert run_key(run) != before
-
-
-def test_two_that_want_the_same_output_make_it_once(study, tmp_path):
-    run = absolute_run(runs_of(study, tmp_path)[0])
-    found = []
-    threads = [threading.Thread(target=lambda: found.append(run_command(run).state)) for _ in range(3)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert sorted(found) == ["done", "kept", "kept"]
-    assert not left_over(tmp_path)
-
-
-def test_one_at_a_time_holds_a_lock_and_no_lock_is_left(tmp_path):
-    inside, most = [0], [0]
-
-    def work():
-        for _ in range(30):
-            with locked(tmp_path / "out"):
-                inside[0] += 1
-                most[0] = max(most[0], inside[0])
-                time.sleep(0.0005)
-                inside[0] -= 1
-
-    threads = [threading.Thread(target=work) for _ in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert most == [1]
-    assert not list(tmp_path.iterdir())
 
 
 def test_threads_of_runs_and_workers_do_not_exceed_the_processors(study, tmp_path, monkeypatch):

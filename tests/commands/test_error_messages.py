@@ -230,6 +230,10 @@ REFUSED = {
     "touch: truncated vtu": ("touch cut-tissue.vtu", ["cut-tissue.vtu", "truncated", "again"]),
     "touch: a mesh, no tissue": ("touch mesh.vtu", ["mesh.vtu", "without young, poisson", "palpate fit mesh.vtu"]),
     "touch: unknown model": ("touch tissue.vtu --model jelly", ["model", "'jelly'", "springs"]),
+    "touch: toughness of no region": (
+        "touch tissue.vtu --region-toughness lump=900",
+        ["--region-toughness", "lump=900", "regions 1"],
+    ),
     "touch: radius of nothing": (
         "touch tissue.vtu --radius -2",
         ["radius", "-2", "expected more than 0", "leave it out"],

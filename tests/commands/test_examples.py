@@ -198,6 +198,7 @@ def test_doctor_names_what_is_missing_and_fails(monkeypatch, capsys, tmp_path):
     assert result.exit_code == 1
     assert "meshio missing; install it: pip install meshio" in result.output
     assert "page: missing" in result.output
+    assert "plugins: none" in result.output
     assert "browser: none found here" in result.output
 
 

@@ -141,6 +141,28 @@ def test_scatter_is_estimated_or_read_and_told(folder):
     assert "--kv: the table has 22 to 50 kV" in done.stderr
 
 
+def test_a_blur_is_the_scans_or_given_and_told(folder):
+    """The file's blur is taken unless another is given; the volume says which."""
+    few = ["--iterations", "20", "--levels", "1", "--strength", "0.1", "--prior", "quadratic"]
+    assert run(folder, *few, output="plain.nii.gz").returncode == 0
+    plain = pp.read_volume(folder / "plain.nii.gz")
+    scan = pp.read_scan(folder / "scan.h5")
+    own = folder / "own"
+    own.mkdir()
+    pp.write_scan(own / "scan.h5", pp.Scan(scan.counts, scan.incident, scan.views, blur=pp.Blur(2.0, 1.0, at=15)))
+    told = {}
+    for where, words in ((folder, ["--blur", "2,1,15"]), (own, []), (own, ["--blur", "none"])):
+        done = run(where, *few, *words, output="out.nii.gz")
+        assert done.returncode == 0, done.stderr
+        told[where, *words] = pp.read_volume(where / "out.nii.gz")
+    given, kept, none = told.values()
+    assert given.notes == kept.notes == {"blur": "panel 2 mm, focal spot 1 mm at (0, 0, 15) mm"}
+    assert (given.values == kept.values).all()
+    assert (none.values == plain.values).all()
+    assert none.notes == {}
+    assert np.linalg.norm(given.values - plain.values) > 0.02 * np.linalg.norm(plain.values)
+
+
 def test_a_spectrum_file_hardens_by_one_material_or_two(folder):
     """Where all is soft tissue the bones change nothing; where all is bone it is bone's curve that counts."""
     spectrum = folder / "tube.csv"
@@ -234,6 +256,13 @@ def test_ctrl_c_keeps_the_last_iterate_and_says_how_to_go_on(folder, whole):
         ({"--tolerance": "--likelihood gaussian --tolerance"}, ("gaussian likelihood", "--electronic")),
         ({"--tolerance": "--hardening 1,x --tolerance"}, ("hardening", "1,x")),
         ({"--tolerance": "--hardening 1,-0.1 --tolerance"}, ("hardening", "falls")),
+        ({"--tolerance": "--blur wide --tolerance"}, ("--blur", "wide", "0.2,0.3")),
+        ({"--tolerance": "--blur=0.2,-1 --tolerance"}, ("--blur", "focal_spot", "-1")),
+        ({"--tolerance": "--blur 400 --tolerance"}, ("--blur", "wider than the panel", "units")),
+        ({"--tolerance": "--blur 0.5 --likelihood least-squares --tolerance"}, ("--blur", "WeightedLeastSquares")),
+        ({"--tolerance": "--blur 0.5 --resolution 2mm --tolerance"}, ("--resolution", "blur")),
+        ({"--tolerance": "--blur 0.5 --samples 3 --tolerance"}, ("--samples", "blur")),
+        ({"--tolerance": "--blur 0.5 --region=-6,6,-5,5,0,30 --tolerance"}, ("--blur", "region")),
         ({"--tolerance": "--bones first.nii.gz --tolerance"}, ("bones", "weight,soft,bone")),
         ({"--tolerance": "--hardening 1 --bones first.nii.gz --tolerance"}, ("first.nii.gz",)),
         ({"--tolerance": "--region=-6,6,-5,5,0,30 --halvings -1 --tolerance"}, ("halvings", "at least 0", "-1")),

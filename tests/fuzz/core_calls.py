@@ -198,6 +198,7 @@ class World:
             "source": np.array([[0, 0, 400.0]] * 3),
             "origin": np.array([[-5.5, -4.5, 0]] * 3), "row_axis": np.array([[0, 1.0, 0]] * 3),
             "column_axis": np.array([[1.0, 0, 0]] * 3), "pitch": np.ones((3, 2)), "first": np.array([0, 1, 2]),
+            "taps": np.full((3, 2, 3), 0.2, np.float32),
             "attenuation": np.full(2, 0.02), "ranges": np.array([[0, 9, 0, 11]] * 2), "solid": rng.normal(size=(2, 12)),
             "rays": np.array([[0, 0, 400.0], [-5, -4, 0], [0, 1, 0], [1, 0, 0]]), "out": np.zeros(PANEL),
             "held": (np.arange(nodes) % 5 == 0).astype(np.uint8), "points": np.array([[0, 0, 25.0]] * 3),

@@ -79,7 +79,7 @@ def good(data, reach):
         return data[1] < 4 and math.isfinite(value) and low <= value <= high
     tool, kind = data[1], data[2]
     numbers = struct.unpack_from("<6f", data, 7)
-    if tool > 3 or kind > 3 or not all(map(math.isfinite, numbers)):
+    if tool > 3 or kind not in (0, 1, 2, 3, 5) or not all(map(math.isfinite, numbers)):
         return False
     return kind == 0 or math.dist(numbers[3:], (0, 0, 0)) <= reach
 

@@ -89,6 +89,23 @@ def test_tissue_that_is_only_touched_does_not_pull_but_one_that_is_held_does():
     assert pulls[1] == pytest.approx(-0.3 * 0.5 / 0.8, rel=1e-3)
 
 
+def test_force_that_is_withdrawn_goes_in_its_time_and_never_grows():
+    K = [0, 0, 0, 0, 0, 0, 0, 0, 0.3]
+    rig = Rig(settled(withdrawal=5e-3, ramp=0.1))
+    rig.rest((0, 0, 1), 5)
+    forces = []
+    for i in range(400):  # the hand presses on; from 200 to 240 the solver withdraws the force
+        rig.servo.answer(True, ORIGIN, ORIGIN, K, UP, 10_000 + i, 200 <= i < 240)
+        forces.append(rig.tick((0, 0, -0.01 * i), solve=False)[2])
+    before, gone, back = forces[199], np.array(forces[200:206]), np.array(forces[240:])
+    assert before == pytest.approx(2.0 * 0.3 * 0.5 / 0.8, rel=0.05)
+    assert np.all(np.diff([before, *gone]) <= 0)
+    assert gone[1] > 0.5 * before  # a ramp, not a step
+    assert not any(forces[206:240])
+    assert back.max() > before
+    assert np.diff(back).max() < 0.05 * back.max()  # it returns by the ramp
+
+
 def random_path(seed, ticks=3000):
     """mm; a hand that dips in and out of the wall, some 10 Hz, up to 0.3 m/s."""
     noise = np.random.default_rng(seed).standard_normal((ticks, 3))

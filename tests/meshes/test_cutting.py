@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from fuzz import random_cuts
 from support.brick_meshes import brick
+from support.example_organs import organ
 
 import palpate as pp
 from palpate.meshes.cutting.cut_mesh import cut_mesh, touched_surface
@@ -67,6 +68,40 @@ def test_a_cut_all_the_way_leaves_two_bodies():
     assert np.abs(normals[:, 1:]).max() < 1e-9
     assert normals[normals[:, 0] > 0].sum() == pytest.approx(2 * 50 * 50)
     assert set(cut.side[first & (cut.side != 0)]) == {-cut.side[~first & (cut.side != 0)][0]}
+
+
+def as_given(upper, lower):
+    """A blade between two lines, in which parts that nearly lie in one plane are left so."""
+    k, n = np.arange(len(upper) - 1), len(upper)
+    return pp.Blade(np.concatenate([upper, lower]), np.r_[np.c_[k, k + 1, k + 1 + n], np.c_[k, k + 1 + n, k + n]])
+
+
+def test_parts_of_a_blade_that_nearly_lie_in_one_plane_are_made_to():
+    random = np.random.default_rng(3)
+    path = np.linspace(0, 100, 30)[:, None] * (1, 0, 0) + random.normal(size=(30, 1)) * (0, 0, 1)
+    path[15:] += np.linspace(0, 10, 15)[:, None] * (0, 1, 0)
+    crooked = path + 1e-5 * random.uniform(-1, 1, (30, 1)) * (0, 1, 0)
+    upper = pp.Blade.swept(crooked, (0, 0, -1), 5).points[:30]
+    assert np.abs(upper - crooked).max() < 1e-6 * np.linalg.norm(np.diff(crooked, axis=0), axis=1).sum()
+    slope = np.diff(upper[:, 1]) / np.diff(upper[:, 0])
+    assert 1 <= np.count_nonzero(np.abs(np.diff(slope)) > 1e-9) <= 3
+
+
+@pytest.mark.parametrize("kink", [0, 1e-12, 1e-9, 1e-8, 1e-7, 1e-6, 1e-3, 1])
+def test_a_crooked_cut_all_the_way_leaves_two_bodies(kink):
+    """As a hand draws it on a screen: nearly straight, so that parts of the blade lie nearly in one plane. kink: mm."""
+    mesh = organ(9).mesh
+    random = np.random.default_rng(5)
+    for _ in range(20):
+        down, along, across = np.linalg.qr(random.normal(size=(3, 3)))[0]
+        way = np.r_[-80, np.sort(random.uniform(-40, 40, 9)), 80]
+        path = np.outer(way, along) - 80 * down + random.uniform(-10, 10) * across
+        path += random.normal(size=(11, 1)) * down
+        crooked = path + kink * random.normal(size=(11, 1)) * across
+        cut, flat = (cut_mesh(mesh, [as_given(x, x + 160 * down)]) for x in (crooked, path))
+        assert cut.body.max() == flat.body.max() == 1
+        volumes = [sorted(np.bincount(one.body, one.volumes)) for one in (cut, flat)]
+        assert np.allclose(*volumes, rtol=0, atol=1e-3 + 12_000 * kink)  # mm³: 3 kinks over 4,000 mm²
 
 
 @pytest.mark.parametrize("ends", [(-5.0, 55.0), (55.0, -5.0)])

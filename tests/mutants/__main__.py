@@ -1,6 +1,7 @@
 """Puts faults into a copy of the last commit, one at a time, and runs the tests of the folder that the fault is in.
 
     cd tests && python -m mutants --seed 1 -n 100
+    cd tests && python -m mutants --seed 1 -n 50 --first 50   # the second half of them
 
 Places are drawn by the seed, each line of code as likely as another, half of them in cpp/ and half in src/. Of a C++
 fault the object is compiled again; if that fails, the next fault is drawn. What was done is kept in build/mutants/, so that
@@ -36,14 +37,21 @@ TESTS = {  # of a folder of cpp/ or a package of src/palpate; other packages hav
     "phantom": ["tests/scans"],
     **dict.fromkeys(("projection", "statistics", "icd", "subspace"), IMAGES),
     **dict.fromkeys(
-        ("linalg", "relaxation", "multigrid", "compliance", "hyperelastic", "multirate", "cutting", "elements"), ELASTIC
+        ("linalg", "relaxation", "multigrid", "compliance", "hyperelastic", "multirate", "elements"), ELASTIC
     ),
+    "cutting": ["tests/meshes/test_cutting.py", *ELASTIC],
     "scatter": ["tests/scans", "tests/reconstruction"],
     "standalone": ["tests/page/test_exported_page.py"],
     **{folder: ["tests/simulation", "tests/haptics", "tests/tissue"] for folder in ("realtime", "net", "bindings")},
     "server": ["tests/server", "tests/page"],
     **{package: ["tests/studies", "tests/commands"] for package in ("report", "studies", "demos", "samples")},
-    "palpate": ["tests/commands", "tests/test_plugins.py", "tests/volumes"],
+    "palpate": [
+        "tests/commands",
+        "tests/test_plugins.py",
+        "tests/test_arrays.py",
+        "tests/test_dlpack.py",
+        "tests/volumes",
+    ],
 }
 
 
@@ -51,16 +59,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m mutants", description=__doc__.splitlines()[0])
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("-n", type=int, default=100, help="how many faults")
+    parser.add_argument(
+        "--first", type=int, default=0, help="the number of the first: each is drawn by seed and number"
+    )
     options = parser.parse_args()
     for name in said(["git", "ls-files", "cpp", "src/palpate/*.py", f":!{NOT_IN_THE_CORE}"], ROOT).split():
         if absent := [tests for tests in tests_of(name) if not (ROOT / tests).exists()]:
             parser.error(f"{name}: its tests are said to be in {absent[0]}, which is not there")
     commit = said(["git", "rev-parse", "--short", "HEAD"], ROOT).strip()
-    kept = HOME / f"{commit}-seed-{options.seed}.jsonl"
+    kept = HOME / f"{commit}-seed-{options.seed}-from-{options.first}.jsonl"
     prepare(commit)
     done = [json.loads(line) for line in kept.read_text().splitlines()] if kept.exists() else []
     for number in range(len(done), options.n):
-        done.append(judge(options.seed, number))
+        done.append(judge(options.seed, options.first + number))
         with kept.open("a") as file:
             print(json.dumps(done[-1]), file=file)
         print(f"{number + 1} of {options.n}: {described(done[-1])}", flush=True)
@@ -221,7 +232,8 @@ def tests_of(name: str) -> tuple[str, ...]:
     """Folders or files of tests that ought to notice a fault in a file."""
     parts = Path(name).parts
     package = parts[1] if parts[0] == "cpp" else parts[2] if len(parts) > 3 else "palpate"
-    return tuple(TESTS.get(package, [f"tests/{package}"]))
+    of_all = ["tests/test_core_calls.py"] if parts[0] == "cpp" else []
+    return (*TESTS.get(package, [f"tests/{package}"]), *of_all)
 
 
 def install() -> None:

@@ -11,6 +11,7 @@ SUM = re.compile(r"(?<=[\w\])] )([+-])(?= [\w(])")
 CLAMP = re.compile(r"std::(?:max|min)(?:<\w+>)?\(([^(),]+), [^(),]+\)")
 BRANCH = re.compile(r"\bif \((?!constexpr)(.+?)\)(?= |$)")
 INDEX = re.compile(r"(?<=\[)(\w+)(?=\])")
+ELSEWHERE = re.compile(r"__wasm__|_WIN32|__APPLE__|__clang__|SO_NOSIGPIPE")  # not of GCC on Linux
 STATEMENT = re.compile(r"^\s+((?:[\w.\[\]>-]+ [-+*/]?= |[\w.:>-]+\().*;)$")
 
 
@@ -46,6 +47,19 @@ def mutants(source: str) -> list[Mutant]:
 
 
 def _blanked(source: str) -> str:
-    """The source with comments, strings and preprocessor lines as spaces, so that columns stay."""
+    """The source with spaces for what is no code of this machine, so that columns stay: comments, strings, preprocessor
+    lines, and what stands between those for another machine."""
+    kept, conditions = [], []
+    for line in source.splitlines(keepends=True):
+        if m := re.match(r"[ \t]*#[ \t]*(if\w*|el\w+|endif)\b(.*)", line):
+            if m[1].startswith("el"):
+                conditions[-1] = False
+            elif m[1] == "endif":
+                conditions.pop()
+            else:
+                conditions.append(
+                    m[1] != "ifndef" and ELSEWHERE.search(re.sub(r"!\s*defined\(\w+\)", "", m[2])) is not None
+                )
+        kept.append(re.sub(r"[^\n]", " ", line) if any(conditions) else line)
     dull = re.compile(r'//[^\n]*|/\*.*?\*/|"(?:\\.|[^"\\\n])*"|^[ \t]*#[^\n]*', re.S | re.M)
-    return dull.sub(lambda m: re.sub(r"[^\n]", " ", m[0]), source)
+    return dull.sub(lambda m: re.sub(r"[^\n]", " ", m[0]), "".join(kept))

@@ -20,9 +20,9 @@ AWAY = (0, 0, 0, 0, 0, 0, 0)
 
 
 def across(tissue, offset=0.0):
-    """A way over the top, at right angles to x."""
+    """A way over the top, at right angles to x, that no node lies on."""
     top = tissue.mesh.nodes[np.argmax(tissue.mesh.nodes[:, 2])] + (offset, 0, 0)
-    return [tissue.surface.closest(top + (0, y, 0)).point for y in (-16.0, 0.0, 16.0)]
+    return [tissue.surface.closest(top + (0, y, 0)).point for y in (-15.7, 0.23, 16.4)]
 
 
 def hold(point, displacement, ticks):
@@ -73,6 +73,44 @@ def test_forces_of_a_cut_body_are_those_of_the_native_engine(size, push, tmp_pat
     shown = native.displayed.carried(native.loop.frame().shown)
     moved = in_order(rest, triangles, np.reshape(found["shown"], (-1, 3)))
     np.testing.assert_allclose(moved, in_order(*there, shown), atol=1e-4)
+
+
+def test_a_blade_through_a_lump_is_felt_as_by_the_native_engine(tmp_path):
+    tissue = organ(8)
+    session, tough = session_of(tissue, toughness={"organ": 100, "lump": 900}), []
+    for x in np.linspace(-15, 12, 200):
+        tough.append((4, *tissue.surface.closest(np.array((x, 2.0, 25.0))).point, 1.0, 0.0, -18.0))
+    found = run_in_node(tmp_path, session, tough)["forces"]
+    expected = session.step([pp.Command(True, one[1:4], one[4:], "blade") for one in tough])
+    size = np.linalg.norm(expected, axis=1)
+    assert size.max() > 3 * np.median(size[20:60]), "it meets the lump"
+    np.testing.assert_allclose(found, expected, atol=1e-9)
+
+
+def test_bodies_made_by_another_engine_give_the_same_bits(tmp_path):
+    """As the page's second worker makes them: a cut, the same one further, another one, and one taken back."""
+    tissue = organ(6)
+    way, beside = across(tissue, 0.37), tissue.surface.closest(np.array(across(tissue)[1]) - (5, 0, 0)).point
+    whole, half = pp.incision(tissue, way, DEPTH), pp.incision(tissue, way[:2], DEPTH)
+    other = pp.incision(tissue, across(tissue, -6.0), DEPTH / 2)
+    cut, further, second = ({"blade": one.points[one.triangles].ravel().tolist()} for one in (half, whole, other))
+    given = [*hold(beside, (-2.0, 0.3, 1.5), 100)]
+    for change in (cut, further | {"further": True}, second, None):
+        given += [change, *hold(beside, (-2.0, 0.3, 1.5), 150)]
+    here, apart = (run_in_node(tmp_path, session_of(tissue), given, apart) for apart in (False, True))
+    assert here["digest"] == apart["digest"]
+    assert here["opened"] == apart["opened"]
+    assert [len(one["rest"]) for one in here["opened"]] == sorted(len(one["rest"]) for one in here["opened"])
+
+    native = session_of(tissue)
+    command = pp.Command(True, tuple(beside), (-2.0, 0.3, 1.5), "hold")
+    expected = [native.step([command] * 100)]
+    for blade, extend in ((half, False), (whole, True), (other, False)):
+        native.cut(blade, extend=extend)
+        expected.append(native.step([command] * 150))
+    native.undo()
+    forces = np.concatenate([*expected, native.step([command] * 150)])
+    np.testing.assert_allclose(apart["forces"], forces, atol=2e-5 * np.abs(forces).max())
 
 
 def test_lips_pressed_together_press_on_each_other(tmp_path):
@@ -189,13 +227,16 @@ def opened(browser, page_file, request):
         yield page
 
 
-def draw(touched, start, way, steps=20):
+def draw(touched, start, way, steps=20, half_way=None):
+    """half_way: waits for this, while the hand holds the blade."""
     page = touched.page
     page.mouse.move(*start)
     page.mouse.down()
     for i in range(1, steps + 1):
         page.mouse.move(*(start + way * i / steps))
         page.wait_for_timeout(20)
+        if half_way and i == steps // 2:
+            touched.wait(half_way)
     page.mouse.up()
 
 
@@ -205,9 +246,9 @@ def test_a_stroke_cuts_offline_and_the_lips_part_where_one_pulls(opened, album, 
     (page.tap if opened.device == "phone" else page.click)("#cut-tool")
     assert opened.see("document.getElementById('undo-cut').disabled")
     start, way = opened.place(0.36, 0.42), np.array((110, 0)) if opened.device == "phone" else np.array((220, 0))
-    draw(opened, start, way)
-    opened.wait("palpate.scene.made === 1 && palpate.frame.body === 1")
+    draw(opened, start, way, half_way="palpate.scene.made === 1 && palpate.frame.contact[0] === 4")
     opened.until_told("Cut of")
+    opened.wait("palpate.scene.made === 1 && palpate.frame.body === palpate.scene.body")
     assert opened.see("palpate.scene.lips[0] < palpate.scene.nodes")
     opened.wait("document.getElementById('about').textContent.includes('1 cut')")
     found = Axe().run(page)
@@ -226,12 +267,15 @@ def test_a_stroke_cuts_offline_and_the_lips_part_where_one_pulls(opened, album, 
     page.mouse.up()
     opened.until_home()
     page.keyboard.press("z")
-    opened.wait("palpate.scene.made === 0 && palpate.frame.body === 2")
+    opened.wait("palpate.scene.made === 0 && palpate.frame.body === palpate.scene.body")
     with page.expect_download() as saved:
         page.locator("#save-session").click()
     saved.value.save_as(tmp_path / "session.json")
     text = json.loads((tmp_path / "session.json").read_text())
-    assert [one[1] for one in text["cuts"]] == ["cut", "undo"]
+    kinds = [one[1] for one in text["cuts"]]
+    assert (kinds[0], kinds[-1]) == ("cut", "undo")
+    assert set(kinds[1:-1]) == {"extend"}
+    assert np.diff([one[0] for one in text["cuts"]]).min() > 0  # ticks ran while the next body was made
     record = pp.read_record(tmp_path / "session.json")
     assert run_in_node(tmp_path, session_of(organ(9)), text) == text["digests"]
     session = pp.Session(pp.model(organ(9), "compliance"), **recorded_settings(record))
@@ -253,10 +297,34 @@ def test_a_stroke_from_edge_to_edge_frees_a_piece(opened, album):
     start, end = (np.array(opened.see(f"palpate.pixel({point})")) for point in ([34, 2, 12.5], [34, -5, -11.5]))
     draw(opened, start, 1.9 * (end - start), 60)
     opened.until_told("came free")
-    opened.wait("palpate.scene.made === 1 && palpate.frame.body === 1")
+    opened.wait("palpate.scene.made === 1 && palpate.frame.body === palpate.scene.body")
     page.screenshot(path=album / "exported-piece-taken.png")
     page.keyboard.press("z")
     opened.wait("palpate.scene.made === 0")
+
+
+@pytest.mark.browser
+def test_a_fast_hand_cuts_up_to_the_edge_as_a_slow_one(opened):
+    """The page may see no point of a stroke between the organ's middle and one far outside."""
+    page = opened.page
+    if opened.device == "phone":
+        return
+    page.click("#cut-tool")
+    start, way = opened.place(0.36, 0.42), np.array((700, 0))
+    areas = []
+    for points in (np.linspace(0, 1, 61)[1:], [0.1, 1.0]):
+        page.mouse.move(*start)
+        page.mouse.down()
+        for part in points:
+            page.mouse.move(*(start + part * way))
+            page.wait_for_timeout(20)
+        page.mouse.up()
+        opened.until_told("Cut of")
+        areas.append(float(opened.see("hints.find((hint) => hint.startsWith('Cut of'))").split()[2]))
+        page.keyboard.press("z")
+        opened.wait("palpate.scene.made === 0")
+        opened.see("hints.length = 0")
+    assert areas[1] == pytest.approx(areas[0], rel=0.1)
 
 
 @pytest.mark.parametrize(

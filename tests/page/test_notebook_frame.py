@@ -118,6 +118,24 @@ def test_what_is_set_is_obeyed_and_what_is_possible_is_told(touched):
     assert np.abs(np.array(touched.see(f"palpate.nodePixel({shown})")) - center).max() < 25
 
 
+def test_a_report_on_its_way_does_not_undo_what_is_set(touched):
+    """The page reports 5 mm while the 2 mm that were set here are still on their way to it."""
+    touched.until("v.depth > 0")
+    touched.page.evaluate("""() => {
+      const post = MessagePort.prototype.postMessage;
+      MessagePort.prototype.postMessage = function (message) { setTimeout(() => post.call(this, message), 2000); };
+      window.depths = [];
+      const { model } = mounted[0];
+      model.on("change:depth", () => depths.push(model.get("depth")));
+    }""")
+    touched.give("depth", 2)
+    touched.frame.locator("#amount").fill("5")
+    touched.wait("document.getElementById('amount-set').textContent === '5.0 mm'")
+    touched.wait("document.getElementById('amount-set').textContent === '2.0 mm'")
+    touched.page.wait_for_timeout(300)
+    assert touched.page.evaluate("depths") == [2]
+
+
 def test_the_hand_in_the_page_is_reported_too(touched):
     touched.until("v.depth > 0")
     touched.frame.locator("#tool >> text=Pull").click()

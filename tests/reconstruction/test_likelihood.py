@@ -5,7 +5,8 @@ from hypothesis import strategies as st
 
 import palpate as pp
 from palpate.errors import DataError
-from palpate.reconstruction.models.likelihood import Gaussian, Transmission, WeightedLeastSquares, value_and_slope
+from palpate.reconstruction.models.likelihood import Gaussian, Transmission, WeightedLeastSquares
+from palpate.reconstruction.optimizers.problem import value_and_slope
 
 counts = st.one_of(st.just(0.0), st.floats(0.1, 3e5))
 incidents = st.floats(1, 3e5)

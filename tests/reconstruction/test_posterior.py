@@ -12,7 +12,7 @@ from support.reference_projector import pixel_means
 import palpate as pp
 from palpate import _core
 from palpate.reconstruction.checkpoint import read_checkpoint, write_checkpoint
-from palpate.reconstruction.laplace_approximation import LaplaceApproximation
+from palpate.reconstruction.laplace_approximation import LaplaceApproximation, restricted
 from palpate.reconstruction.models.likelihood import Transmission
 from palpate.reconstruction.optimizers.coordinate_descent import data_curvature
 from palpate.reconstruction.optimizers.problem import Problem
@@ -264,3 +264,23 @@ def test_the_command_writes_the_standard_deviation_beside_the_volume(tmp_path):
     refused = run("--prior", "huber")
     assert refused.returncode == 2
     assert "quadratic" in refused.stderr
+
+
+@pytest.mark.parametrize("size", [2, 5, 8])
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_restriction_is_the_transpose_of_linear_interpolation(axis, size):
+    """Between the middles of voxels twice as long, whose ends go on; NumPy's own interpolation, column by column."""
+    coarse = -(-size // 2)
+    middles = (np.arange(size) + 0.5) / 2 - 0.5
+    interpolation = np.stack([np.interp(middles, np.arange(coarse), unit) for unit in np.eye(coarse)], axis=1)
+    shapes = [[3, 3, 3], [3, 3, 3]]
+    shapes[0][axis], shapes[1][axis] = size, coarse
+    spacing = [1.0, 1.0, 1.0]
+    spacing[axis] = 2.0
+    fine, wide = pp.Grid(tuple(shapes[0]), (1.0, 1.0, 1.0)), pp.Grid(tuple(shapes[1]), tuple(spacing))
+    values = np.random.default_rng(size).normal(size=fine.shape).astype(np.float32)
+    expected = np.moveaxis(np.tensordot(interpolation.T, np.moveaxis(values, axis, 0), 1), 0, axis)
+    inner = [slice(None)] * 3
+    if size % 2:  # the last coarse voxel reaches beyond the fine ones, and takes the end's share from there
+        inner[axis] = slice(None, -1)
+    np.testing.assert_allclose(restricted(values, fine, wide)[tuple(inner)], expected[tuple(inner)], atol=1e-6)

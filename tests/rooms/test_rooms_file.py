@@ -40,6 +40,8 @@ def test_rooms_are_read_with_files_beside_the_list(tmp_path):
         ("rooms: {a: {organs: [k.vtu], radius: -1}}", "radius: '-1'; expected a number"),
         ("rooms: {a: {organs: [k.vtu], tension: true}}", "tension"),
         ("rooms: {a: {organs: [k.vtu], toughness: -164}}", "toughness: '-164'; expected a number"),
+        ("rooms: {a: {organs: [k.vtu], toughness: {lump: -9}}}", "toughness: lump: '-9'; expected a number"),
+        ("rooms: {a: {organs: [k.vtu], toughness: {1: 9}}}", "toughness: expected names of regions"),
         ("rooms: {a: {organs: [k.vtu], title: 7}}", "title: expected a text"),
         ("rooms: {'a b': {organs: [k.vtu]}}", "expected a name of letters"),
         ("rooms: {a: {organs: [k.vtu], replay: 3}}", "replay: expected recorded sessions"),

@@ -26,6 +26,7 @@ SHAPE = (96, 120)
 GEOMETRY = """
 incident: estimate
 panel: {shape: [96, 120], pitch: [2, 2], centre: [0, 0, -100]}
+blur: {panel: 2.5, at: 20}
 views: {motion: rotating, angles: {first: -20, last: 20, count: 9}, source: [0, 0, 900], pivot: [0, 0, 0]}
 """
 HERE = {**os.environ, "PYTHONPATH": str(Path(pp.__file__).parents[1])}
@@ -71,6 +72,7 @@ def test_from_files_to_a_scan_and_a_picture(folder, case):
     assert done.exit_code == 0, done.output
     scan = pp.read_scan("scan.h5")
     assert error_of(scan, case) < 0.005
+    assert scan.blur == pp.Blur(panel=2.5, at=20)
     assert np.array_equal(~scan.mask.all(axis=0), case.detector.dead)
     assert f"bad pixels: {case.detector.dead.sum()} of {case.detector.dead.size}" in done.output
     assert "3 rows, 2 columns" in done.output

@@ -86,6 +86,23 @@ def test_every_length_follows_the_units_and_no_angle_does(tmp_path, motion, unit
     assert same(there, pp.read_geometry(written(tmp_path / "b.yaml", template(motion))).views)
 
 
+def test_blur_is_in_the_units_of_the_file(tmp_path):
+    """And stays with the scan that is imported, and with the file that is written anew."""
+    text = template("arc").replace("units: mm", "units: cm").replace("radius: 650", "radius: 65")
+    path = written(tmp_path / "g.yaml", text + "blur: {panel: 0.02, focal_spot: 0.03, at: 4}\n")
+    meant = pp.Blur(panel=0.2, focal_spot=0.3, at=(0, 0, 40))
+    assert pp.read_geometry(path).blur == meant
+    views = pp.read_geometry(path).views
+    pp.write_geometry(tmp_path / "mm.yaml", views, like=path)
+    assert pp.read_geometry(tmp_path / "mm.yaml").blur == meant
+    assert pp.read_geometry(written(path, text + "blur: {panel: 0.02, at: [1, 2, 3]}\n")).blur == pp.Blur(
+        0.2, at=(10, 20, 30)
+    )
+    np.save(tmp_path / "s.npy", np.full(views.shape, 900.0, np.float32))
+    assert pp.import_scan(tmp_path / "s.npy", path).blur == pp.Blur(0.2, at=(10, 20, 30))
+    assert pp.read_geometry(written(path, text)).blur is None
+
+
 def test_a_parallel_beam_of_one_view_is_given_by_its_direction(tmp_path):
     text = template("free").replace("source: [0, 0, 1000]", "direction: [0, 0, -2]")
     views = pp.read_geometry(written(tmp_path / "g.yaml", text)).views
@@ -142,6 +159,9 @@ REFUSED = {
     "free without source": (FREE.replace("- source: [0", "- sauce: [0"), ["'sauce'", "views[1]", "'source'"]),
     "free panel key": (FREE.replace("      centre:", "      pitch: [1, 1]\n      centre:"), ["'pitch'", "views[2]"]),
     "beam": (ARC + "beam: {kv: 30, anode: W}\n", ["'anode'", "beam", "known keys"]),
+    "blur": (ARC + "blur: {width: 0.2}\n", ["'width'", "blur", "known keys"]),
+    "blur width": (ARC + "blur: {panel: wide}\n", ["blur.panel", "number", "'wide'"]),
+    "blur units": (ARC + "blur: {panel: 400}\n", ["blur: panel", "400 mm", "wider than the panel"]),
     "beam voltage": (ARC + "beam: {kv: high}\n", ["beam.kv", "number", "'high'"]),
     "no views": (FREE.split("views:")[0] + "views: []\n", ["views", "empty"]),
 }  # fmt: skip

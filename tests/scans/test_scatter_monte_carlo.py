@@ -89,6 +89,12 @@ def test_energy_is_kept_and_goes_to_body_or_space():
     assert found.emitted == pytest.approx(25 * 50_000, rel=0.01)
 
 
+def test_energy_is_kept_where_photons_leave_the_table_of_cross_sections():
+    """Just above its lowest energy a Compton recoil takes a photon below: what it still has stays in the body."""
+    found = scatter_image([SLAB], (0, 0, 600), (-20, 0, 20, 40), (4, 4), 10.0, (-20, 0), 5.02, 1.0, 200_000, 4)
+    assert found.deposited + found.escaped == pytest.approx(found.emitted, rel=1e-6)
+
+
 def test_a_seed_gives_one_answer_for_any_number_of_threads():
     def run(seed):
         return scatter_image([SLAB], (0, 0, 600), (-20, 0, 20, 40), (8, 8), 5.0, (-20, 0), 20.0, 1.0, 20_000, seed)

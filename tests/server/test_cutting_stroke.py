@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.brick_meshes import block
 from support.example_organs import organ
 from support.fake_devices.servo_rig import settled
 
@@ -17,6 +18,7 @@ from palpate.server.held_tools import HeldTools
 from palpate.server.message_checks import decode
 from palpate.server.message_kinds import CutStep
 from palpate.server.messages import Scalpel, ToolCommand, encode
+from palpate.simulation.pointer import ContactState
 
 
 def distance(point, way):
@@ -102,9 +104,8 @@ def test_a_stroke_is_one_cut_of_its_depth():
     assert np.ptp(blade.points[:, 0]) == pytest.approx(30, abs=1.5)
 
 
-def test_a_hand_feels_its_blade_while_it_cuts_and_nothing_after_it():
-    """N that the tissue's toughness asks for at this depth, whatever the cut behind it does meanwhile."""
-    session = pp.Session(pp.model(organ(9), "compliance"), radius=9.0, sweeps=4, toughness=164)
+def felt(session, steps):
+    """N on the hand of a page that makes these strokes, (samples, 3)."""
     pointer, forces = pp.Pointer(), []
 
     async def go():
@@ -112,7 +113,7 @@ def test_a_hand_feels_its_blade_while_it_cuts_and_nothing_after_it():
             asyncio.Lock(), lambda: session, lambda: None, lambda *_: asyncio.sleep(0), HeldTools(pointer)
         )
         tasks = []
-        for page, message in stroke("page", over_the_top(), 12.0):
+        for page, message in steps:
             tasks.append(cutting.obey(page, session, message))
             for _ in range(4):
                 forces.append(session._advance(pointer.core, 5)[-1, 0])
@@ -123,11 +124,28 @@ def test_a_hand_feels_its_blade_while_it_cuts_and_nothing_after_it():
         await asyncio.gather(*(task for task in tasks if task))
 
     asyncio.run(go())
+    return np.array(forces)
+
+
+def test_a_hand_feels_its_blade_while_it_cuts_and_nothing_after_it():
+    """N that the tissue's toughness asks for at this depth, whatever the cut behind it does meanwhile."""
+    session = pp.Session(pp.model(organ(9), "compliance"), radius=9.0, sweeps=4, toughness=164)
+    forces = felt(session, stroke("page", over_the_top(), 12.0))
     size = np.linalg.norm(forces, axis=1)
     assert session.cuts == 1
     assert np.allclose(size[12:-4], 0.164 * 12, rtol=0.02)
-    assert np.array(forces)[12:-4, 0].max() < 0, "against its way"
+    assert forces[12:-4, 0].max() < 0, "against its way"
     assert size[-1] == 0
+
+
+def test_a_blade_along_the_line_of_sight_is_felt_as_deep_as_the_organ_is():
+    """Through all of it, from beyond one edge to beyond the other: by the chords of the ellipsoid."""
+    x, z = 26.0, np.linspace(-22, 22, 40)
+    half = 30 * np.sqrt(np.maximum(1 - (x / 40) ** 2 - (z / 25) ** 2, 0))
+    way = [(x, float(b), float(c)) for b, c in zip(-half, z, strict=True)][::-1]
+    session = pp.Session(pp.model(organ(13), "compliance"), radius=9.0, sweeps=4, toughness=164)
+    forces = np.linalg.norm(felt(session, stroke("page", way, 100.0, (0.0, 1.0, 0.0))), axis=1)
+    assert forces.max() == pytest.approx(0.164 * 2 * half.max(), rel=0.05)
 
 
 def test_who_presses_while_the_cut_still_follows_holds_on():
@@ -215,6 +233,28 @@ def test_a_device_with_motors_cuts_with_its_second_button_and_feels_that():
     assert np.linalg.norm(felt[-1]) < 1e-9
 
 
+def test_the_edge_of_a_devices_blade_goes_into_the_surface_that_it_met():
+    """On the side of a brick near its bottom: an edge that hung down would come out there."""
+    session = pp.Session(pp.model(block(7), "compliance"), radius=9.0, sweeps=4, toughness=164)
+    servo = _core.haptics.Servo(settled(stiffness=2.0))
+    device = _core.haptics.ServoDevice(servo)
+    ticks = itertools.count(1000)
+
+    def hand(y, buttons):
+        servo.tick((50.0 + 2.0 - 2.5 * min(1.0, len(seen) / 200), y, 6.0), buttons, 1_000_000 * next(ticks))
+        session.loop.step(device, 1)
+        seen.append(np.linalg.norm(session.frame().force[0]))
+
+    seen = []
+    for _ in range(240):
+        hand(12.0, 0)
+    device.edge = 20.0
+    for y in np.linspace(12, 30, 500):
+        hand(float(y), 2)
+    assert session.frame().contact[0] == ContactState.cutting
+    assert seen[-1] == pytest.approx(0.164 * 20, rel=0.01)
+
+
 def test_no_page_commands_a_blade_by_itself():
     with pytest.raises(pp.errors.DataError, match="kind 4"):
         decode(encode(ToolCommand(0, 4, 1, (0.0, 0.0, 25.0), (0.0, 0.0, -9.0))))
@@ -224,7 +264,7 @@ def test_a_page_that_goes_ends_its_stroke_and_another_one_cannot_disturb_it():
     way = over_the_top()
     others = [("other", Scalpel(CutStep.move, 9.0, (0.0, 25.0, 8.0))), ("other", Scalpel(CutStep.begin, 9.0, way[3]))]
     session, told, _ = run([*stroke("page", way)[:-1], *others, ("other", None), ("page", None)])
-    assert told == []
+    assert told == ["Another cut goes on: wait until it has ended."]
     assert session.cuts == 1
     assert np.abs(session.mesh.blades[0].points[:, 1]).max() < 1.0
 
@@ -240,7 +280,7 @@ def test_a_stroke_through_the_organ_frees_a_piece_which_is_told():
     assert session.mesh.places[:, 0].max() == pytest.approx(x)
     beyond = session.first.tissue.mesh.volumes.sum() - session.mesh.volumes.sum()
     assert beyond == pytest.approx(np.pi * 30 * 25 * 40 * (2 / 3 - 0.825 + 0.825**3 / 3), rel=0.1)
-    assert session.told[-1].endswith(f"{beyond / 1000:.2g} ml came free and were taken away.")
+    assert session.told[-1].endswith(f"{beyond / 1000:.2g} ml came free. Pull or Grasp takes it out.")
 
 
 def test_what_lies_far_off_or_is_no_way_is_told_or_nothing():
@@ -254,6 +294,16 @@ def test_what_lies_far_off_or_is_no_way_is_told_or_nothing():
     session, told, _ = run([("page", Scalpel(CutStep.undo, 0.0, (0.0, 0.0, 0.0)))])
     assert session.bodies == 0
     assert "nothing has been cut" in told[0]
+
+
+def test_a_point_far_off_costs_the_hand_that_feels_no_more_than_another():
+    session = pp.Session(pp.model(organ(6), "compliance"), radius=12.0, sweeps=4, toughness=164)
+    begin = Scalpel(CutStep.begin, 9.0, (0.0, 0.0, 25.0))
+    forces = felt(
+        session, [("page", begin), *(("page", Scalpel(k, 9.0, (1e38, 0.0, 0.0))) for k in (CutStep.move, CutStep.end))]
+    )
+    assert np.isfinite(forces).all()
+    assert session.cuts == 0
 
 
 def test_a_stroke_ends_with_its_session():

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from support.brick_meshes import block
 from support.example_organs import organ
 from support.scored_session import LUMP_TOP, RADIUS, TOP, hold, in_which_region, needle, press, session_of, stepped
 
@@ -164,6 +165,16 @@ def test_record_is_judged_with_its_own_settings(models, tissue):
     record = session.record()
     with pytest.raises(DataError, match="puncture"):
         pp.score(dataclasses.replace(record, settings={**record.settings, "puncture": 9.0}), tissue)
+
+
+def test_a_mark_on_an_organ_without_lumps_is_a_claim_that_is_wrong():
+    whole = block(4)
+    session = pp.Session(pp.model(whole, "compliance"), radius=20.0, sweeps=4)
+    session.step([pp.Command(True, (25.0, 25.0, 50.0), (0.0, 0.0, -2.0))] * 100)
+    session.mark(LUMP)
+    session.mark(SAMPLE)
+    found = pp.score(session.record(), whole, pp.Task())
+    assert [claim.right for claim in found.claims] == [False, False]
 
 
 def test_a_mark_may_lie_as_far_beside_a_lump_as_the_task_says(models, tissue):

@@ -4,7 +4,8 @@ import numpy as np
 
 import palpate as pp
 
-KINDS = ("straight", "curved", "crossing", "through", "grazing")
+THROUGH = ("through", "nearly flat")
+KINDS = ("straight", "curved", "crossing", *THROUGH, "grazing")
 
 
 def area_within(blade, mesh):
@@ -62,7 +63,8 @@ def distance(points, blade):
 
 
 def random_blades(mesh, rng):
-    """(kind, blades) straight, curved, crossing, through; or grazing, which passes three nodes by very little."""
+    """(kind, blades) straight, curved, crossing, through; nearly flat, which is through, of parts that lie in one plane but
+    for very little; or grazing, which passes three nodes by very little."""
     low, high = mesh.nodes.min(axis=0), mesh.nodes.max(axis=0)
     size = float(np.linalg.norm(high - low))
     kind = str(rng.choice(KINDS))
@@ -75,8 +77,10 @@ def random_blades(mesh, rng):
 def _sweep(rng, low, high, size, kind):
     at = rng.uniform(low, high)
     way, along = np.linalg.qr(rng.standard_normal((3, 2)))[0].T
-    if kind == "through":
-        path = at + np.outer([-1, 1], along) * size
+    if kind in THROUGH:
+        places = np.sort(rng.uniform(-0.5, 0.5, 0 if kind == "through" else int(rng.integers(3, 12))))
+        path = at + size * np.outer([-1, *places, 1], along)
+        path += 10.0 ** rng.uniform(-12, -1) * np.outer(rng.standard_normal(len(path)), np.cross(way, along))
         return pp.Blade.swept(path - size * way, way, 2 * size)
     length, depth = rng.uniform(0.1, 0.7, 2) * size
     line = np.linspace(-0.5, 0.5, 2 if kind != "curved" else int(rng.integers(3, 16)))

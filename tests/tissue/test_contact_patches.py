@@ -5,9 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.brick_meshes import block, brick
+from support.example_organs import organ
 
 import palpate as pp
 from palpate import _core
+from palpate.meshes.cutting.cut_mesh import touched_surface
 from palpate.tissue.contact_patches import patch
 
 TISSUE = block(11)
@@ -233,3 +235,27 @@ def test_nor_does_it_on_a_mesh_by_stuffing(name):
     smooth = np.polyval(np.polyfit(s, stiffness, 2), s)
     assert stiffness.min() > 0.05
     assert np.ptp(stiffness - smooth) / stiffness.mean() < 0.10
+
+
+@pytest.mark.parametrize("offset", [2.0, 5.0, 9.0])
+def test_weights_beside_a_cut_do_not_hang_on_rounding(offset):
+    """Where the lips end, they share vertices, and the normals of their faces cancel but for rounding."""
+    tissue = organ(6)
+    top = tissue.mesh.nodes[np.argmax(tissue.mesh.nodes[:, 2])] + (0.37, 0, 0)
+    way = [tissue.surface.closest(top + (0, y, 0)).point for y in (-15.7, 0.23, 16.4)]
+    cut = pp.cut(tissue, pp.incision(tissue, way, 16.0))
+    places, triangles, held = touched_surface(cut.mesh, cut.held)
+    point = tissue.surface.closest(np.array(way[1]) - (offset, 0, 0)).point
+
+    def weights(moved):
+        surface = _core.tissue.ContactSurface(moved, np.ascontiguousarray(triangles), held.view(np.uint8))
+        found = surface.patch(surface.closest(point), 20.0)
+        out = np.zeros(len(places))
+        out[found.nodes] = found.weights
+        return out
+
+    expected = weights(places)
+    random = np.random.default_rng(3)
+    for _ in range(5):
+        moved = places + 1e-12 * random.normal(size=places.shape)
+        np.testing.assert_allclose(weights(moved), expected, atol=1e-9)

@@ -78,6 +78,9 @@ def test_each_region_has_its_toughness():
     liver = pp.tissue_properties("liver").fracture_energy.value
     assert named.fracture == pytest.approx(1e-3 * liver * named.area / 2, rel=0.02)
     assert named.unknown == ("hard",)
+    some = pp.cutting_work(tissue, after, {"hard": 300})  # and the liver as it is by default
+    assert some.fracture == pytest.approx(1e-3 * (liver + 300) * some.area / 2, rel=0.02)
+    assert some.unknown == ()
 
 
 def test_the_tissue_can_give_no_more_than_the_cut_takes():

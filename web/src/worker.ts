@@ -1,20 +1,22 @@
 // The worker of the page: it owns the WebSocket or, in an exported file, the session; keeps only the newest frame, and
 // decodes it when the page asks for one.
-import { openness } from "./organ/ambient-occlusion";
 import { ColorMap, FIRST_ENDS } from "./organ/color-map";
+import { BodyBuilder } from "./engine/body-builder";
+import { makeBodies } from "./engine/body-worker";
 import { withBody } from "./engine/local-cuts";
 import { LocalSession } from "./engine/local-session";
 import { Prediction } from "./engine/prediction";
 import { TouchEngine } from "./engine/touch-engine";
-import { borderEdges, normalize, normals, packNormals, uniqueEdges } from "./organ/mesh-geometry";
+import { allocate, described, looseOrgan, outerSurface } from "./organ/described-organ";
+import { normals, packNormals } from "./organ/mesh-geometry";
 import { noteMessage, readNotes, readTimeline } from "./protocol/text-messages";
 import { readScene, type SceneArrays } from "./protocol/scene-arrays";
-import { readHands, readPeople, type OtherHand, type RoomState } from "./protocol/room-messages";
+import { readHands, readPeople, readPieces, type OtherHand, type PiecePose, type RoomState } from "./protocol/room-messages";
 import { RoomLiveness, type Liveness } from "./protocol/room-liveness";
 import { buffersOf, type ColorMode, type FromWorker, type NodeArrays, type Organ, type Scale, type ToWorker } from "./protocol/worker-messages";
 import {
   CloseCode, ComparisonState, DIFFERENCE_BYTES, DIFFERENCE_KIND, DISTANCE_STEPS, FRAME_BYTES, decodeDifference, decodeFrame,
-  GUIDANCE_KIND, HANDS_KIND, NOTES_KIND, PEOPLE_KIND, POSITION_KIND, TIMELINE_KIND, TRIALSTATUS_KIND, Role, decodeGuidance, decodePosition, decodeTrialStatus, encodeChoice, encodePlay, encodeCompare, encodeMark,
+  GUIDANCE_KIND, HANDS_KIND, NOTES_KIND, PEOPLE_KIND, PIECES_KIND, POSITION_KIND, TIMELINE_KIND, TRIALSTATUS_KIND, Role, decodeGuidance, decodePosition, decodeTrialStatus, encodeChoice, encodePlay, encodeCompare, encodeMark,
   encodeGuided, encodeLead, encodeScalpel, encodeSeen, encodeSelection, encodeToolCommand, type Frame,
 } from "./protocol/server-messages";
 
@@ -44,6 +46,7 @@ const ends = { ...FIRST_ENDS }; // of the scales
 let waiting = false; // the page has asked for a frame
 let told: OtherHand[] = []; // in a room, of the frame that comes next
 let hands: OtherHand[] = []; // of the newest frame
+let loose: { body: number; poses: PiecePose[] } = { body: 0, poses: [] }; // the pieces that cuts have freed
 let prediction: Prediction | null = null; // in a room
 let predictionWanted: boolean | null = null; // by the person
 let frozen = false; // the room has stopped this hand
@@ -79,15 +82,9 @@ function followCut(): void {
 }
 
 /** Shows an organ, of a `Scene` message or one that was cut in the page. */
-function show({ scene, rest, open, triangles, beside }: SceneArrays, cut = false): void {
-  const outer = scene.parts.find((p) => !p.inside) ?? scene.parts[0];
-  const surface = triangles.subarray(3 * outer.first, 3 * (outer.first + outer.count));
-  const unitNormals = new Float32Array(rest.length);
-  // Of the outer surface only: nodes of the inner regions that are not on it keep a zero normal.
-  normals(rest, surface, unitNormals);
-  normalize(unitNormals);
-  const edges = uniqueEdges(triangles, outer.first, outer.count);
-  organ = { scene, rest, open, triangles, beside, normals: unitNormals, edges, rims: borderEdges(surface, scene.lips[0]), openness: openness(rest, surface) };
+function show({ scene, rest, open, triangles, beside, pieces = [] }: SceneArrays, cut = false): void {
+  const made = described({ scene, rest, open, triangles, beside }), surface = outerSurface(scene, triangles);
+  organ = { ...made, pieces: pieces.map((piece) => looseOrgan(scene, piece)) };
   colorMap = new ColorMap(organ, surface, ends);
   colorMap.mode = mode;
   normalSums = new Float32Array(rest.length);
@@ -152,6 +149,7 @@ function takeMessage(data: ArrayBuffer): void {
   if (kind === DIFFERENCE_KIND) takeDifference(data);
   else if (kind === TRIALSTATUS_KIND) page.postMessage({ kind: "trial", status: decodeTrialStatus(new DataView(data)) });
   else if (kind === HANDS_KIND) told = readHands(data);
+  else if (kind === PIECES_KIND) loose = readPieces(data);
   else if (kind === GUIDANCE_KIND) page.postMessage({ kind: "guidance", told: decodeGuidance(new DataView(data)) });
   else if (kind === PEOPLE_KIND) takePeople(readPeople(data));
   else if (kind === NOTES_KIND) page.postMessage({ kind: "notes", notes: readNotes(data) });
@@ -200,7 +198,7 @@ async function openFile(data: ArrayBuffer, module: ArrayBuffer): Promise<void> {
   show(first);
   engine.make(solid);
   if (engine.first) show((first = withBody(first, engine.first)));
-  local = new LocalSession(engine, first, takeMessage, (opened) => show(opened, true), rules ? JSON.parse(new TextDecoder().decode(rules)) : null, (text) => page.postMessage({ kind: "notice", text }));
+  local = new LocalSession(engine, new BodyBuilder((port) => page.postMessage({ kind: "bodies", port }, [port]), module, solid), first, takeMessage, (opened) => show(opened, true), rules ? JSON.parse(new TextDecoder().decode(rules)) : null, (text) => page.postMessage({ kind: "notice", text }));
   local.start();
   page.postMessage({ kind: "status", good: true, text: "" });
 }
@@ -275,7 +273,7 @@ function sendFrame(): void {
   waiting = false;
   lastSerial = frame.serial;
   decodeTime = performance.now() - began;
-  page.postMessage({ kind: "frame", frame, arrays, hands, scale, work: decodeTime }, arrays ? buffersOf(arrays) : []);
+  page.postMessage({ kind: "frame", frame, arrays, hands, pieces: loose.body === frame.body ? loose.poses : [], scale, work: decodeTime }, arrays ? buffersOf(arrays) : []);
 }
 
 function computeArrays(data: ArrayBuffer, { count, step, model }: Frame): NodeArrays {
@@ -291,12 +289,6 @@ function computeArrays(data: ArrayBuffer, { count, step, model }: Frame): NodeAr
   scale = colorMap!.apply(positions, scene.models[model] ?? scene.model, arrays.colors);
   return arrays;
 }
-
-const allocate = (nodes: number): NodeArrays => ({
-  positions: new Float32Array(3 * nodes),
-  normals: new Int16Array(4 * nodes),
-  colors: new Uint8Array(4 * nodes),
-});
 
 function recycle(arrays: NodeArrays | null): void {
   if (arrays && arrays.positions.length === organ?.rest.length) pool.push(arrays);
@@ -318,7 +310,8 @@ function colorAgain(): void {
 }
 
 page.onmessage = ({ data }) => {
-  if (data.kind === "open") void stayConnected(data.scene, data.socket);
+  if (data.kind === "bodies") makeBodies(data.port, () => self.close());
+  else if (data.kind === "open") void stayConnected(data.scene, data.socket);
   else if (data.kind === "return") recycle(data.arrays);
   else if (data.kind === "next") {
     recycle(data.arrays);

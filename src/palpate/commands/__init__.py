@@ -28,6 +28,7 @@ COMMANDS = (
     "indent",
     "touch",
     "serve",
+    "join",
     "export",
     "score",
     "lesson",

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 import palpate as pp
+from palpate.commands.by_region import by_region
 
 
 def add(app: typer.Typer) -> None:
@@ -24,6 +25,9 @@ def export_command(
     radius: Annotated[float | None, typer.Option(help="Of the contact, mm. Default: two edge lengths.")] = None,
     toughness: Annotated[
         float | None, typer.Option(help="Energy of a cut, J/m². Default: of the tissues that were fitted by name.")
+    ] = None,
+    region_toughness: Annotated[
+        list[str] | None, typer.Option(help="Another one for a region, by name or number: lump=900")
     ] = None,
     task: Annotated[
         str, typer.Option(help="Set a trainee a task: lump or biopsy; the page saves the session.")
@@ -44,7 +48,8 @@ def export_command(
     """
     asked = pp.Task(task)
     solid = pp.read_tissue(tissue)
-    written = pp.export(solid, output, title=title, radius=radius, toughness=toughness, task=asked, folder=folder)
+    tough = by_region(solid.mesh, "--region-toughness", float, toughness, region_toughness) or None
+    written = pp.export(solid, output, title=title, radius=radius, toughness=tough, task=asked, folder=folder)
     if folder:
         typer.echo(f"{written.parent}: put it on a web host; a browser does not open these files from a disk")
     else:

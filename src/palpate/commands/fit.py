@@ -1,22 +1,19 @@
 """`palpate fit`."""
 
 import shlex
-from collections.abc import Callable
 from math import exp
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeVar
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 import palpate as pp
+from palpate.commands.by_region import by_region
 from palpate.commands.progress import doing, progress
 
 if TYPE_CHECKING:
     from palpate.tissue.force_error_map import ForceErrorMap
     from palpate.tissue.tissue import Constant
-
-T = TypeVar("T", float, str)
-
 
 P1_NOTE = "{}: this tissue has P1 elements, which are too stiff; run palpate fit again for smoothed ones"
 
@@ -145,14 +142,14 @@ def fit_command(
     relaxing: dict[int | str, pp.Relaxation] = {}
     swinging = _inertia(inertia, density)
     solid = pp.read_mesh(mesh)
-    for region, text in _by_region(solid, "--region-relaxation", str, relaxation, region_relaxation).items():
+    for region, text in by_region(solid, "--region-relaxation", str, relaxation, region_relaxation).items():
         relaxing[region] = pp.Relaxation.parse(text, bulk)
     if not bulk and not relaxing:
         raise typer.BadParameter("says what does not relax; give --relaxation, too", param_hint="--no-bulk")
-    kinds = _by_region(solid, "--region-tissue", str, tissue, region_tissue)
-    nu = _by_region(solid, "--region-poisson", float, poisson, region_poisson)
-    E: Constant = _by_region(solid, "--region-young", float, young, region_young, region_tissue)
-    b = _by_region(solid, "--region-stiffening", float, stiffening, region_stiffening)
+    kinds = by_region(solid, "--region-tissue", str, tissue, region_tissue)
+    nu = by_region(solid, "--region-poisson", float, poisson, region_poisson)
+    E: Constant = by_region(solid, "--region-young", float, young, region_young, region_tissue)
+    b = by_region(solid, "--region-stiffening", float, stiffening, region_stiffening)
     if stiffness is not None or quantity is not None:
         E = _from_map(solid, stiffness, quantity, E, nu, kinds)
     resting = pp.resting_on(solid, numbers("--rest-on", rest_on), depth)
@@ -277,31 +274,6 @@ def numbers(option: str, text: str) -> list[float]:
     if len(found) != 3:
         raise typer.BadParameter(f"{text!r}: give three numbers, such as 0,0,-1", param_hint=option)
     return found
-
-
-def _by_region(
-    mesh: "pp.TetMesh",
-    option: str,
-    kind: Callable[[str], T],
-    value: T | None,
-    others: list[str] | None,
-    named: list[str] | None = None,
-) -> dict[int | str, T]:
-    """`value` for each region, save those that `named` gives a tissue of their own; then those of `others`: "name=value"."""
-    regions = sorted(set(mesh.region.tolist()))
-    own = _by_region(mesh, "--region-tissue", str, None, named) if named else {}
-    values: dict[int | str, T] = {} if value is None else {r: value for r in regions if r not in own}
-    numbers = {name: number for number, name in mesh.names.items()}
-    for text in others or []:
-        name, _, word = text.rpartition("=")
-        try:
-            region = numbers[name] if name in numbers else int(name)
-            values[region] = kind(word)
-        except ValueError:
-            known = ", ".join(f"{r} ({mesh.names[r]})" if r in mesh.names else str(r) for r in regions)
-            hint = f"give region=value; the mesh has regions {known}"
-            raise typer.BadParameter(f"{text!r}: {hint}", param_hint=option) from None
-    return values
 
 
 def _from_map(

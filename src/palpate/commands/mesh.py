@@ -30,10 +30,16 @@ def mesh_command(
     output: Annotated[
         Path,
         typer.Option(
-            "-o", "--output", help="Mesh: .vtu, .msh; its surface: .stl, .ply, .obj, .glb.", show_default=False
+            "-o",
+            "--output",
+            help="Mesh: .vtu, .msh; its surface: .stl, .ply, .obj, .glb. With --all a folder.",
+            show_default=False,
         ),
     ],
     label: Annotated[str | None, typer.Option(help="The organ, by name or number.", show_default=False)] = None,
+    every: Annotated[
+        bool, typer.Option("--all", help="Each label, by itself: -o is a folder then, and gets a scene.yaml too.")
+    ] = False,
     edge: Annotated[
         float | None, typer.Option(help="Mean edge of the tetrahedra, mm. Default: 4; of a wall its thickness.")
     ] = None,
@@ -107,6 +113,9 @@ def mesh_command(
     One of two kidneys that have one label:
     palpate mesh labels.nii.gz --label kidney --keep left -o kidney.vtu
 
+    Every organ of a label map, and a scene of them to complete:
+    palpate mesh labels.nii.gz --all -o abdomen/
+
     Fine enough for 3 % of the force of a contact of 8 mm radius:
     palpate mesh labels.nii.gz --label kidney --within 3 --radius 8 -o kidney.vtu
     """
@@ -117,6 +126,15 @@ def mesh_command(
     from palpate.meshes.surface_files import is_surface
     from palpate.volumes.label_names import with_names
 
+    if every:
+        one = [label, wall, inclusion, fine, within, radius, stiffer, error_map]
+        if any(option is not None for option in one):
+            raise typer.BadParameter(
+                "takes --edge, --names and how to mesh, which hold for each label", param_hint="--all"
+            )
+        alike: dict[str, Any] = {"interior": interior, "keep": "all" if keep_all else _part(keep), "smooth": smooth}
+        alike |= {"fill_holes": not keep_voids, "most_lost": most_lost, "mesher": mesher}
+        return mesh_every(labels, output, edge, names, alike | {"finer_where_thin": finer_where_thin})
     writable(output)
     if error_map is not None:
         writable(error_map)
@@ -179,6 +197,36 @@ def mesh_command(
         if error_map is not None:
             write_error_map(error_map, made.error, 100 * made.within)
     typer.echo(f"wrote {output}")
+
+
+def mesh_every(labels: Path, folder: Path, edge: float | None, names: Path | None, options: dict[str, Any]) -> None:
+    """Meshes each label of a map into a folder, and writes a scene to complete. options: of `pp.tetrahedralize`."""
+    import os
+
+    from palpate.atomic_write import replacing
+    from palpate.meshes.io import READ
+    from palpate.meshes.surface_files import is_surface
+    from palpate.tissue.scene_file import scene_text
+    from palpate.volumes.label_names import with_names
+
+    if labels.suffix.lower() in READ or is_surface(labels):
+        raise typer.BadParameter(f"{labels} has no labels; give a label map", param_hint="--all")
+    stored = with_names(pp.read_labels(labels), labels, names)
+    with progress() as say:
+        made = pp.mesh_labels(stored, folder, edge, progress=say, **options)
+    if not any(one.file for one in made):
+        raise pp.errors.MeshError(f"{labels}: none of {len(made)} labels could be meshed; the first: {made[0].problem}")
+    for one in made:
+        told = f"{one.nodes:,} nodes, edge {one.edge:.2g} mm, {one.volume / 1000:.3g} ml" if one.file else one.problem
+        typer.echo(f"{one.name}: {told}")
+    scene = folder / "scene.yaml"
+    if scene.exists():
+        typer.echo(f"kept {scene}, which was there")
+    else:
+        with replacing(scene) as temporary:
+            temporary.write_text(scene_text(Path(os.path.relpath(labels, folder)).as_posix(), made))
+        typer.echo(f"wrote {scene}: complete it, then palpate scene {scene} -o scene.vtu")
+    typer.echo(f"wrote {sum(1 for one in made if one.file)} of {len(made)} labels to {folder}")
 
 
 def _part(text: str) -> str | int | list[float]:

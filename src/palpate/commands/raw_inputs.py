@@ -33,7 +33,7 @@ def raw_inputs(
         )
     values, measured, views, g = read_raw(raw, geometry)
     shape = values.shape[1:]
-    given: dict[str, Any] = {"mask": measured}
+    given: dict[str, Any] = {"mask": measured, "blur": None if g is None else g.blur}
     given["dark"], given["flat"] = (number_or_frames(name, w, g) for name, w in (("dark", dark), ("flat", flat)))
     if gain is not None:
         image = number_or_frames("gain", gain, g)

@@ -104,6 +104,12 @@ def reconstruct_command(
         float | None, typer.Option(help="Thickness of the breast, mm, for --scatter estimate.")
     ] = None,
     antiscatter_grid: Annotated[str, typer.Option(help="none, or linear (ratio 5, 31 lines a cm).")] = "none",
+    blur: Annotated[
+        str,
+        typer.Option(
+            help="scan (what its file says), none, or widths of panel and focal spot in mm and a height: 0.2,0.3,40."
+        ),
+    ] = "scan",
     prior: Annotated[
         PriorName | None,
         typer.Option(
@@ -182,6 +188,7 @@ def reconstruct_command(
     from palpate.reconstruction.posterior import (
         approximate_posterior,
         check_sampling,
+        check_sharp,
         mean_and_std,
         quadratic_prior,
         sample_steps,
@@ -214,9 +221,10 @@ def reconstruct_command(
             m.counts, m.incident, m.views, m.background, m.mask, gain=gain, electronic=electronic
         )
         measured = pp.Scan(
-            measured.counts, measured.incident, m.views, measured.background, measured.mask, notes=m.notes
+            measured.counts, measured.incident, m.views, measured.background, measured.mask, m.notes, m.blur
         )
     measured = add_scatter(measured, scatter, kv, beam, air_gap, antiscatter_grid, compressed)
+    measured = replace(measured, blur=_blur(blur, measured.blur))
     grid = pp.read_volume(like).grid if like else pp.covering_grid(measured.views, thickness, spacing)
     here = ("prior", "resolution", "optimizer", "optimiser", "iterations", "support", "resume")
     options: dict[str, Any] = {name: ctx.params[name] for name in OPTIONS if name in ctx.params and name not in here}
@@ -224,6 +232,7 @@ def reconstruct_command(
     kind = prior or (PriorName.lange if width is None and not samples else PriorName.quadratic)
     chosen = pp.Prior(kind.value, strength, edge, neighbours, exponent, width)
     if samples:
+        check_sharp(measured)
         quadratic_prior(chosen, width, method.value)
     options["prior"], options["optimizer"] = chosen, optimizer
     found = pp.check_scan(measured, grid) if check and not resume else []
@@ -315,6 +324,18 @@ def _millimetres(option: str, words: str) -> float:
         return float(words.strip().removesuffix("mm"))
     except ValueError:
         raise DataError(f"{option}: {words!r}; give a width in mm, such as 0.6mm") from None
+
+
+def _blur(words: str, held: "pp.Blur | None") -> "pp.Blur | None":
+    """The blur that is meant; held: the scan's own."""
+    if words in ("scan", "none"):
+        return held if words == "scan" else None
+    numbers = numbers_in(words)
+    if len(numbers) not in (1, 2, 3):
+        raise DataError(
+            f"--blur: {words!r}; give scan, none, or PANEL,FOCAL_SPOT[,HEIGHT] in mm, such as 0.2,0.3 or 0.2,0.3,40"
+        )
+    return pp.Blur(*numbers)
 
 
 def _hardened(name: str, words: str, first: "pp.Volume | None", between: str) -> "Callable[[pp.Scan], Likelihood]":

@@ -42,6 +42,9 @@ def touch_command(
     toughness: Annotated[
         float | None, typer.Option(help="Energy of a cut, J/m². Default: of the tissues that were fitted by name.")
     ] = None,
+    region_toughness: Annotated[
+        list[str] | None, typer.Option(help="Another one for a region, by name or number: lump=900")
+    ] = None,
     save: Annotated[
         Path | None, typer.Option(help="Write the tissue with its cuts here when the session ends (.vtu).")
     ] = None,
@@ -59,6 +62,7 @@ def touch_command(
     Two recorded sessions beside each other, on one timeline:
     palpate touch tissue.vtu --replay mine.h5 --replay hers.h5
     """
+    from palpate.commands.by_region import by_region
     from palpate.commands.fit import P1_NOTE
     from palpate.commands.score import scored
     from palpate.simulation.training_task import target_of
@@ -83,7 +87,7 @@ def touch_command(
         device=device,
         task=asked.text,
         tension=tension,
-        toughness=toughness,
+        toughness=by_region(solid.mesh, "--region-toughness", float, toughness, region_toughness) or None,
         save=save,
     )
     if record is not None and task != "touch":

@@ -39,7 +39,7 @@ class MapEstimate:
     Raises
     ------
     DataError
-        If the strength is not above 0, or the scan is not of the projector's views.
+        If the strength is not above 0, or the scan is not of the projector's views or has blur.
 
     References
     ----------
@@ -58,6 +58,8 @@ class MapEstimate:
     def __init__(self, A: Projector, scan: Scan, strength: float) -> None:
         if not (np.isfinite(strength) and strength > 0):
             raise DataError(f"strength: {strength!r}; give a number above 0, such as 1")
+        if scan.blur is not None:
+            raise DataError("blur: not in this estimate, whose derivative takes pixels one by one; leave the blur out")
         if scan.shape != A.range_shape:
             raise DataError(
                 f"scan: shape {scan.shape}, but the projector gives {A.range_shape}; take the scan's own views"

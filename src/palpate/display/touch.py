@@ -43,7 +43,7 @@ def touch(
     task: str = "",
     device: str | None = None,
     tension: float = 0.0,
-    toughness: float | None = None,
+    toughness: float | Mapping[int | str, float] | None = None,
     save: str | Path | None = None,
 ) -> "TouchWidget | None":
     """Open the simulator: in a notebook as a widget, elsewhere in a browser.
@@ -81,8 +81,9 @@ def touch(
         "open-haptics", "force-dimension" or "haply"; it then moves the tool, and the page only shows it.
     tension : float, optional
         Of the tissue at rest, kPa: cuts gape by it in the picture.
-    toughness : float, optional
-        Energy that a cut takes for each area, J/m². The default is that of the tissues that `fit` was given by name.
+    toughness : float or dict, optional
+        Energy that a cut takes for each area, J/m², as `cutting_work` takes it. The default is that of the tissues that
+        `fit` was given by name.
     save : str or Path, optional
         File (.vtu) for the tissue with its cuts, written at the end.
 

@@ -54,11 +54,11 @@ def find_devices() -> list[Found]:
     return [sighting.found for sighting in look_for_devices() if sighting.found]
 
 
-def open_device(name: str, mesh: TetMesh) -> Haptic:
+def open_device(name: str, mesh: TetMesh, **settings: Any) -> Haptic:
     """The device called `name`, its origin in the middle of `mesh`, a mm of the hand a mm of the organ.
 
     A name may carry what the maker's class takes first, after a colon: "haply:localhost:10001", or the path of a library.
-    Raises `DeviceError` if it does not answer, `DataError` for a name that is none.
+    settings: of `Haptic`. Raises `DeviceError` if it does not answer, `DataError` for a name that is none.
     """
     which, _, where = name.partition(":")
     if which not in names("device"):
@@ -66,8 +66,8 @@ def open_device(name: str, mesh: TetMesh) -> Haptic:
     middle = (mesh.nodes.min(axis=0) + mesh.nodes.max(axis=0)) / 2
     # The user's right, away and up are the mesh's x, y and z.
     if own := part("device", which):
-        return PythonDevice(which, own(where or None), offset=middle)
-    return DEVICES[which](where or None, offset=middle)
+        return PythonDevice(which, own(where or None), offset=middle, **settings)
+    return DEVICES[which](where or None, offset=middle, **settings)
 
 
 def _look(name: str, make: Callable[[], Any]) -> Sighting:

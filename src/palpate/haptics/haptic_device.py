@@ -13,6 +13,7 @@ from palpate.arrays import Float64, float64
 from palpate.errors import DataError, DeviceError
 
 Vector = tuple[float, float, float]
+NO_DAMPING = 1e-9  # N s/mm
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,9 @@ class Haptic:
 
     scale: mm in the world for a mm of the hand. rotation: (3, 3), from the user's frame (x right, y away, z up) to the
     world. offset: mm, where the device's origin lies in the world. force: N, and stiffness: N/mm, the most it shall
-    give, by default and at most what the device bears. Raises `DeviceError` (its `fault` says which) if the device does
+    give, by default and at most what the device bears. energy: mJ given to the hand in a contact from which on the force
+    fades; at twice that it is zero; then no damper takes energy back, which would answer at once to whoever else moves the
+    tissue. Raises `DeviceError` (its `fault` says which) if the device does
     not answer, `DataError` on settings that cannot be. The servo answers to a solver loop: a session.
     """
 
@@ -71,11 +74,14 @@ class Haptic:
         offset: Any = (0.0, 0.0, 0.0),
         force: float | None = None,
         stiffness: float | None = None,
+        energy: float | None = None,
     ) -> None:
         self.driver = driver
         self.found = _found(calling(driver.open))
         try:
             settings = self._settings(driver.limits(), scale, rotation, offset, force, stiffness)
+            if energy is not None:
+                settings.energy_limit, settings.max_damping = float(energy), NO_DAMPING
             try:
                 self.servo = _core.haptics.Servo(settings)
             except ValueError as problem:
@@ -83,7 +89,7 @@ class Haptic:
         except DataError:
             driver.stop()
             raise
-        self.core = _core.haptics.ServoDevice(self.servo)  # what a session asks of a device
+        self.core: Any = _core.haptics.ServoDevice(self.servo)  # what a session asks of a device
 
     def _settings(
         self, bounds: Any, scale: float, rotation: Any, offset: Any, force: float | None, stiffness: float | None

@@ -28,7 +28,7 @@ class OpenHaptics(Haptic):
         Name of the device in the maker's set-up.
     **settings
         scale (world mm for a mm of the hand), rotation (3, 3), offset (3,) mm, force N and stiffness N/mm: the most that
-        the device gives.
+        the device gives. energy mJ: given to the hand in a contact, from which on the force fades, without a damper then.
 
     Raises
     ------

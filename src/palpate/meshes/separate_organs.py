@@ -11,7 +11,9 @@ from palpate.meshes.tet_mesh import TetMesh
 
 def organs(mesh: TetMesh) -> Int32:
     """(N,) the number of the organ that each node belongs to: what hangs together, before all cuts."""
-    origin = mesh.origin.astype(np.int64) if isinstance(mesh, CutMesh) else np.arange(len(mesh.nodes))
+    origin = np.arange(len(mesh.nodes))
+    if isinstance(mesh, CutMesh):
+        origin = np.unique(mesh.origin, return_inverse=True)[1].astype(np.int64)  # not all of them need be there
     tets = origin[mesh.tets]
     pairs = (tets[:, :3].ravel(), tets[:, 1:].ravel())
     size = (int(origin.max()) + 1,) * 2

@@ -41,7 +41,7 @@ def without_sheet(scan: Scan) -> Scan:
     if np.abs(levels).max() < SHEET:
         return scan
     incident = np.stack([expected_in_air(scan, k, level) - scan.background[k] for k, level in enumerate(levels)])
-    return Scan(scan.counts, incident, scan.views, scan.background, scan.mask, scan.notes)
+    return Scan(scan.counts, incident, scan.views, scan.background, scan.mask, scan.notes, scan.blur)
 
 
 def expected_in_air(scan: Scan, view: int, level: float) -> Float32:

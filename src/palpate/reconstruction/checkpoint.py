@@ -36,8 +36,9 @@ def fingerprint(scan: Scan, settings: Mapping[str, Any]) -> dict[str, str]:
     for panel in scan.views.panels:
         pose = (*panel.pitch, *panel.origin, *panel.row_axis, *panel.column_axis)
         digest.update(np.array(pose, dtype=np.float64).tobytes())
+    blur = {} if scan.blur is None else {"blur": str(scan.blur)}
     texts = {SPELLED.get(name, name): _words(value) for name, value in settings.items()}
-    return {"scan": digest.hexdigest()[:16], **texts}
+    return {"scan": digest.hexdigest()[:16], **blur, **texts}
 
 
 def write_checkpoint(path: str | Path, step: Step, run: Mapping[str, str]) -> None:

@@ -1,11 +1,12 @@
 """Held-out photons: whether a reconstruction predicts counts that it has not seen."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from palpate.errors import DataError
-from palpate.reconstruction.models.likelihood import Transmission
+from palpate.reconstruction.models.blurred import poisson
 from palpate.reconstruction.projector import Projector
 from palpate.reconstruction.reconstruct import reconstruct
 from palpate.scans.scan import Scan
@@ -61,7 +62,9 @@ def held_out_deviance(scan: Scan, grid: Grid, *, share: float = 0.5, seed: int =
     kept, held = split_photons(scan, share, seed)
     volume = reconstruct(kept, grid, **options)
     l = Projector(scan.views, grid)(volume.values)
-    return 2 * Transmission.of(held).value(l) / max(int(np.count_nonzero(scan.mask)), 1)
+    if held.blur is not None:
+        held = replace(held, blur=held.blur.through(grid))
+    return 2 * poisson(held).value(l) / max(int(np.count_nonzero(scan.mask)), 1)
 
 
 def split_photons(scan: Scan, share: float, seed: int) -> tuple[Scan, Scan]:
@@ -72,6 +75,6 @@ def split_photons(scan: Scan, share: float, seed: int) -> tuple[Scan, Scan]:
     held = np.random.default_rng(seed).binomial(counts.astype(np.int64), share)
     kept = 1 - share
     return (
-        Scan(counts - held, kept * scan.incident, scan.views, kept * scan.background, scan.mask),
-        Scan(held, share * scan.incident, scan.views, share * scan.background, scan.mask),
+        Scan(counts - held, kept * scan.incident, scan.views, kept * scan.background, scan.mask, blur=scan.blur),
+        Scan(held, share * scan.incident, scan.views, share * scan.background, scan.mask, blur=scan.blur),
     )

@@ -94,7 +94,7 @@ def coarser_scan(scan: Scan, downsample: Downsample = "sum") -> Scan:
     arrays = scan.counts, scan.incident, scan.background
     y, b, r = (_merged(a, scan.mask, count, downsample) for a in arrays)
     panels = [coarser_panel(p, downsample) for p in scan.views.panels]
-    return Scan(y, b, Views(scan.views.source, panels, scan.views.direction), r, measured)
+    return Scan(y, b, Views(scan.views.source, panels, scan.views.direction), r, measured, blur=scan.blur)
 
 
 def _even(a: AnyArray) -> AnyArray:

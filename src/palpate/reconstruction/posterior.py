@@ -193,6 +193,7 @@ def posterior(
     True
     """
     check_sampling(samples, seed, sample_iterations)
+    check_sharp(scan)
     options["prior"] = quadratic_prior(options.get("prior"), options.get("resolution"), options.get("method", "map"))
     grid = covering_grid(scan.views, thickness, spacing) if grid is None else grid
     last = deque(iterates(scan, grid, **options), maxlen=1)[0]
@@ -225,6 +226,12 @@ def check_sampling(samples: int, seed: int, iterations: int = ITERATIONS) -> Non
     for name, value, least in (("samples", samples, 2), ("seed", seed, 0), ("sample_iterations", iterations, 1)):
         if value != int(value) or value < least:
             raise DataError(f"{name}: expected a whole number of at least {least}, got {value!r}")
+
+
+def check_sharp(scan: Scan) -> None:
+    """Raises `DataError` for a scan with blur, which couples pixels that the samples' noise takes for independent."""
+    if scan.blur is not None:
+        raise DataError("samples: not with blur in the model; leave the blur out")
 
 
 def approximate_posterior(scan: Scan, grid: Grid, last: Step, options: Mapping[str, Any]) -> LaplaceApproximation:

@@ -21,6 +21,7 @@ from palpate.reconstruction.baselines.total_variation import tv
 from palpate.reconstruction.default_grid import covering_grid
 from palpate.reconstruction.iterate import Step
 from palpate.reconstruction.local_response import strength_for_resolution
+from palpate.reconstruction.models.blurred import poisson
 from palpate.reconstruction.models.likelihood import (
     CURVATURES,
     Curvature,
@@ -53,7 +54,7 @@ Baseline = Callable[
     [Projector, Likelihood, Float32], Iterator[tuple[Float32, float]]
 ]  # a method without a prior of ours
 LIKELIHOODS: dict[str, Callable[[Scan], Likelihood]] = {
-    "poisson": Transmission.of,
+    "poisson": poisson,
     "gaussian": Gaussian.of,
     "least-squares": WeightedLeastSquares.of,
 }
@@ -104,7 +105,7 @@ def iterates(
         Of "map", mm: short for `prior=Prior("quadratic", resolution=...)`, which keeps what is small and faint.
     likelihood : str or callable, optional
         "poisson" for counts, "gaussian" for counts with a variance that follows the mean, "least-squares" for intensities,
-        or a function from a scan to a likelihood.
+        or a function from a scan to a likelihood. Only "poisson", or one that models it, takes a scan with blur.
     start : str or Volume, optional
         "backprojection", "uniform" or a volume, on the coarsest level. "auto" is uniform within a support,
         unless rays bring attenuation from beyond the grid's sides, and else backprojection.
@@ -173,6 +174,9 @@ def iterates(
         name = support if isinstance(support, str) else "mask"
         sheet = ", behind a sheet over all of the field" if scan is not measured else ""
         notes["support"] = f"{name}, {(inside > 0).mean():.0%} of the voxels{sheet}"
+    if scan.blur is not None:
+        scan = _with_blur_plane(scan, grid, method, prior, resolution)
+        notes |= {} if scan.blur is None else {"blur": str(scan.blur)}
     scans = pyramid(scan, grid, levels if method in ("map", "ml") else 1, downsample)
     A = Projector(scan.views, grid)  # raises GeometryError before any work
     if method == "fbp" or (method in ("map", "ml") and "descent" in optimizers):
@@ -290,7 +294,7 @@ def _run(
     notes: Mapping[str, str],
 ) -> Iterator[Step]:
     began = time.perf_counter() - (resume.seconds if resume else 0)
-    A, data = finest = A, likelihood(scans[0][0])
+    A, data = finest = A, _models_blur(likelihood(scans[0][0]), scans[0][0])
     prior = Prior("quadratic", 0.0) if method == "ml" else prior
     prior, beta = _prior_with_weight(prior, A, data, local) if method == "map" else (prior, 0.0)
     supports = [inside]
@@ -369,6 +373,29 @@ def _within_support(
         if inside is not None and f[inside == 0].any():
             raise DataError(f"optimizer {name!r} leaves the support; it must hold f = 0 where problem.support is 0")
         yield f, objective
+
+
+def _with_blur_plane(scan: Scan, grid: Grid, method: str, prior: Prior | None, resolution: float | None) -> Scan:
+    """The scan whose blur has a plane; without blur for the methods that have no model of it. Raises `DataError`."""
+    if method not in ("map", "ml"):
+        return replace(scan, blur=None)
+    if resolution is not None or (prior is not None and prior.resolution is not None):
+        raise DataError(
+            "resolution: not with blur in the model, which a point's width depends on; give the prior's strength, or "
+            "leave the blur out"
+        )
+    assert scan.blur is not None
+    return replace(scan, blur=scan.blur.through(grid))
+
+
+def _models_blur(data: Likelihood, scan: Scan) -> Likelihood:
+    """The likelihood. Raises `DataError` for one of ours without the scan's blur."""
+    pixels = getattr(data, "likelihood", data)  # of `Hardened`
+    if scan.blur is not None and isinstance(pixels, Transmission | WeightedLeastSquares):
+        raise DataError(
+            f"blur: the likelihood {type(pixels).__name__} has none in its model; take poisson, Blurred, or leave blur out"
+        )
+    return data
 
 
 def _likelihood_of_views(scan: Scan, likelihood: Callable[[Scan], Likelihood]) -> Callable[[list[int]], Likelihood]:

@@ -144,8 +144,13 @@ def reconstruct_full_field(
 def crop_to_region(scan: Scan, region: Grid) -> Scan:
     """The pixels that the region's shadow meets: one window a view, all of one size. Nothing is said of what lies around.
 
-    Raises `GeometryError` if the shadow misses every panel.
+    Raises `GeometryError` if the shadow misses every panel, `DataError` for a scan with blur.
     """
+    if scan.blur is not None:
+        raise DataError(
+            "blur: not with a region, whose incident beam has the sharp shadow of what lies outside; reconstruct the whole, "
+            "or leave the blur out"
+        )
     views = scan.views
     low, high = region.bounds
     corners = [(x, y, z) for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]

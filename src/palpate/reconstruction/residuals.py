@@ -1,12 +1,13 @@
 """What a volume leaves unexplained of the views that it was reconstructed from."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from palpate.arrays import Float32, Float64
 from palpate.errors import DataError
 from palpate.reconstruction.coarse_fit import OFFSET, smooth_line_integrals, unexplained, without_offset
+from palpate.reconstruction.models.blurred import Blurred
 from palpate.reconstruction.models.likelihood import Transmission
 from palpate.reconstruction.multiresolution import coarser_scan
 from palpate.reconstruction.projector import Projector
@@ -76,6 +77,8 @@ def residuals(scan: Scan, volume: Volume) -> Residuals:
     if volume.unit != "1/mm":
         raise DataError(f"volume: expected attenuation in 1/mm, got {volume.unit}")
     l = Projector(scan.views, volume.grid)(volume.values)
+    if scan.blur is not None:
+        l = Blurred.of(replace(scan, blur=scan.blur.through(volume.grid))).seen(l)
     deviance = np.array([2 * Transmission.of(scan[k]).value(l[k : k + 1]) for k in range(len(l))])
     deviance /= np.maximum(scan.mask.sum(axis=(1, 2)), 1)
     expected = scan.incident * np.exp(-l) + scan.background

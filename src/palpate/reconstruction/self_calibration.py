@@ -182,11 +182,11 @@ def apply_calibration(scan: Scan, refinement: Calibration) -> Scan:
         raise DataError(f"gains: expected numbers above 0, got {gains.tolist()}")
     views = shift_panels(scan.views, refinement.shifts)
     if (gains == 1).all():
-        return Scan(scan.counts, scan.incident, views, scan.background, scan.mask, scan.notes)
+        return Scan(scan.counts, scan.incident, views, scan.background, scan.mask, scan.notes, scan.blur)
     net = np.maximum(scan.counts - scan.background, 0) / np.maximum(scan.incident, 1e-30)
     true = net ** (1 / gains)[:, None, None]
     counts = np.where(scan.mask, scan.incident * true + scan.background, 0)
-    return Scan(counts, scan.incident, views, scan.background, scan.mask, scan.notes)
+    return Scan(counts, scan.incident, views, scan.background, scan.mask, scan.notes, scan.blur)
 
 
 def shift_panels(views: Views, shifts: ArrayLike) -> Views:

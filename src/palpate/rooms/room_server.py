@@ -20,12 +20,12 @@ import numpy as np
 
 from palpate.errors import DataError, PalpateError
 from palpate.meshes.cutting.blade import Blade
-from palpate.meshes.cutting.cut_mesh import CutMesh
 from palpate.server.exam import Exam
 from palpate.server.lesson_server import exam_session
 from palpate.server.live_session import LiveSession
 from palpate.server.loopback_server import loopback_socket
 from palpate.server.touch import replayed, running_session, write_records
+from palpate.simulation.cut_bodies import blades_of
 from palpate.simulation.lesson import read_lesson
 from palpate.simulation.pointer import Pointer
 from palpate.simulation.recording import read_record, recovered
@@ -120,11 +120,6 @@ def state_of(live: LiveSession, own: int) -> dict[str, Any]:
         return described([], ()) | ({"claims": live.exam.claims} if isinstance(live.exam, Exam) else {})
     first = (*live.finished, live.session)[0]
     return described(blades_of(first.tissue)[own:], live.notes)
-
-
-def blades_of(tissue: Tissue) -> tuple[Blade, ...]:
-    """What has cut a tissue."""
-    return tissue.mesh.blades if isinstance(tissue.mesh, CutMesh) else ()
 
 
 def state_before(record: Path | None) -> dict[str, Any]:

@@ -1,5 +1,6 @@
 """Rooms: what each holds, and the YAML file that lists several."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -32,8 +33,9 @@ class RoomFile:
         Of the contact, mm. The default is two edge lengths.
     tension : float, optional
         Of the tissue at rest, kPa.
-    toughness : float, optional
-        Energy that a cut takes for each area, J/m². The default is that of the named tissues.
+    toughness : float or dict, optional
+        Energy that a cut takes for each area, J/m²: of the first organ, or by the names of its regions. The default is that
+        of the named tissues.
     record : Path, optional
         File for the session (.h5).
     replay : tuple of Path, optional
@@ -63,7 +65,7 @@ class RoomFile:
     tension: float = 0.0
     record: Path | None = None
     replay: tuple[Path, ...] = ()
-    toughness: float | None = None
+    toughness: float | Mapping[str, float] | None = None
     lesson: Path | None = None
     seed: int = 0
 
@@ -156,8 +158,13 @@ def _room(folder: Path, name: str, given: Any) -> RoomFile:
     for key in ("title", "model", "record", "lesson"):
         if not isinstance(given.get(key, ""), str):
             raise DataError(f"room {name}: {key}: expected a text, got {str(given[key])[:40]!r}")
-    for key in ("radius", "tension", "toughness"):
-        value = given.get(key, 0.0)
+    tough = given.get("toughness", 0.0)
+    by_region = tough if isinstance(tough, dict) else {}
+    if not all(isinstance(region, str) for region in by_region):
+        raise DataError(f"room {name}: toughness: expected names of regions, such as lump: 900")
+    single = {} if by_region else {"toughness": tough}
+    numbers = {"radius": given.get("radius", 0.0), "tension": given.get("tension", 0.0), **single}
+    for key, value in (*numbers.items(), *((f"toughness: {region}", tough) for region, tough in by_region.items())):
         if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < 1e4:
             raise DataError(f"room {name}: {key}: {str(value)[:40]!r}; expected a number from 0 on")
     seed = given.get("seed", 0)

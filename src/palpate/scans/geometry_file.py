@@ -12,6 +12,7 @@ from palpate.arrays import Float64
 from palpate.bounded_read import read_text
 from palpate.errors import GeometryError
 from palpate.scans import orbits, trajectories
+from palpate.scans.blur import Blur
 from palpate.scans.bounded_yaml import yaml_in
 from palpate.scans.views import Panel, Views
 
@@ -30,6 +31,7 @@ TOP = (
     "views",
     "scatter",
     "beam",
+    "blur",
 )
 ORBIT = ("count", "arc", "start", "elevation", "axis", "centre")
 # Of each motion: its function, the keys it cannot do without, those it can; LENGTHS are scaled by the file's units.
@@ -93,7 +95,8 @@ class Geometry:
     """What a geometry file says. incident: photons a pixel: one number, (views,), or "estimate"; background likewise.
 
     values: "photons", "intensity" or "line integrals". contrast: "as stored" or "equal" (intensities only). unmeasured:
-    value that marks pixels that saw nothing. dead: list of dead pixels. scatter: none, estimate, or a file.
+    value that marks pixels that saw nothing. dead: list of dead pixels. scatter: none, estimate, or a file. blur: of panel
+    and focal spot.
     """
 
     path: Path
@@ -107,6 +110,7 @@ class Geometry:
     dead: Path | None = None
     scatter: str = "none"
     beam: Beam = Beam()
+    blur: Blur | None = None
 
 
 def read_geometry(path: str | Path) -> Geometry:
@@ -167,7 +171,19 @@ def _geometry(path: Path, content: Any) -> Geometry:
         None if dead is None else path.parent / str(dead),
         _scatter(path, str(top.get("scatter", "none"))),
         _beam(top.get("beam") or {}, UNITS[units]),
+        _blur(top.get("blur"), views, UNITS[units]),
     )
+
+
+def _blur(given: Any, views: Views, length: float) -> Blur | None:
+    if given is None:
+        return None
+    b = _mapping("blur", given, (), ("panel", "focal_spot", "at"))
+    widths = {k: _number(f"blur.{k}", b[k]) * length for k in ("panel", "focal_spot") if k in b}
+    at = b.get("at")
+    blur = Blur(**widths, at=None if at is None else np.asarray(_value("blur.at", at)) * length)
+    blur.check(views)
+    return blur
 
 
 def _scatter(path: Path, given: str) -> str:

@@ -26,6 +26,7 @@ background: 0            # what a pixel reads behind a perfect absorber: scatter
 # unmeasured: 0          # a value that marks pixels that measured nothing (outside the field); they are masked.
 # scatter: none          # estimate: from the table, for the beam below; or a file (.npy) of photons a pixel, as the views
 # beam: {kv: 30, target: W/Rh, gap: 15, grid: none}   # for estimate: anode/filter, object to panel, anti-scatter grid
+# blur: {panel: 0.2, focal_spot: 0.3}   # full widths at half maximum; at: height of the plane whose magnification counts
 # dead: dead.txt         # a text file beside this one, one "row column" a line: pixels to mask in every view.
 
 stack:

@@ -49,6 +49,8 @@ def write_geometry(path: str | Path, views: Views, like: str | Path | None = Non
         for key in ("gap", "thickness"):
             if key in (top.get("beam") or {}):
                 top["beam"][key] = float(top["beam"][key]) * length
+        for key, value in (top.get("blur") or {}).items():
+            top["blur"][key] = (np.array(value, np.float64) * length).tolist()
     first = views.panels[0]
     top["units"] = "mm"
     top["panel"] = {"shape": list(first.shape), "pitch": list(first.pitch)}

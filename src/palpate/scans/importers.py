@@ -111,7 +111,7 @@ def _scan(values: AnyArray, g: Geometry, measured: Bool | None = None) -> Scan:
         counts = _counts_of(values, mask, incident, g)
     elif g.contrast == "equal":
         counts = equal_contrast(counts, incident, mask)
-    scan = Scan(counts, incident, g.views, g.background, mask)
+    scan = Scan(counts, incident, g.views, g.background, mask, blur=g.blur)
     return add_scatter(scan, g.scatter, g.beam.kv, g.beam.target, g.beam.gap, g.beam.grid, g.beam.thickness)
 
 

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from palpate.arrays import AnyArray
 from palpate.bounded_read import existing_file, parse_json
 from palpate.errors import DataError, FileError, GeometryError
 from palpate.plugins import read_by_plugin
+from palpate.scans.blur import Blur
 from palpate.scans.dicom_projections import holds_projections, is_dicom_stack
 from palpate.scans.importers import import_scan
 from palpate.scans.scan import Scan
@@ -47,6 +49,8 @@ def write_scan(path: str | Path, scan: Scan) -> None:
         file.attrs.update({"format": FORMAT, "version": VERSION})
         if scan.notes:
             file.attrs["notes"] = json.dumps(dict(scan.notes))
+        if scan.blur is not None:
+            file.attrs["blur"] = json.dumps(asdict(scan.blur))
         _dataset(file, "counts", scan.counts, "photons")
         _dataset(file, "incident", drop_constant_axes(scan.incident), "photons")
         _dataset(file, "background", drop_constant_axes(scan.background), "photons")
@@ -173,7 +177,18 @@ def _scan(path: Path, file: Any) -> Scan:
     views = Views(source, panels[0] if moving == 1 else panels, direction)
     said = parse_json(str(file.attrs.get("notes", "{}")))
     notes = {str(k): str(v) for k, v in said.items()} if isinstance(said, dict) else {}
-    return Scan(counts, read("incident"), views, read("background"), read("mask").astype(bool), notes)
+    mask = read("mask").astype(bool)
+    return Scan(counts, read("incident"), views, read("background"), mask, notes, _blur(file.attrs.get("blur")))
+
+
+def _blur(words: Any) -> Blur | None:
+    """What `write_scan` keeps of a blur. Raises `DataError`."""
+    if words is None:
+        return None
+    said = parse_json(str(words))
+    if not isinstance(said, dict) or not {*said} <= {"panel", "focal_spot", "at"}:
+        raise DataError(f"attribute 'blur': expected panel, focal_spot and at, got {said!r}; {WAY_OUT}")
+    return Blur(**said)
 
 
 def _dataset(file: Any, name: str, values: AnyArray, unit: str, meaning: str = "") -> None:

@@ -1,7 +1,7 @@
 """From what a panel reads to counts of photons: dark, flat, bad pixels, gain, lag, dose of each view."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from palpate.errors import DataError
 from palpate.scans import flat_check
 from palpate.scans.bad_pixels import CHANGED, GOOD, changed_in_views, find_bad_pixels
 from palpate.scans.beam_profile import BeamProfile, fit_beam_profile, most_level_view
+from palpate.scans.blur import Blur
 from palpate.scans.correction_notes import correction_notes, tally
 from palpate.scans.detector_model import integrating_scan
 from palpate.scans.intensity_correction import open_beam
@@ -82,6 +83,7 @@ def correct_scan(
     flat_by_view: bool = False,
     flat_view: int | None = None,
     check: bool = True,
+    blur: Blur | None = None,
 ) -> Correction:
     """Make a scan of what a panel read: counts in photons, and the photons of the beam in every pixel and view.
 
@@ -121,6 +123,8 @@ def correct_scan(
         panel. Another place of the tube changes the beam by the inverse square law, the obliquity and the heel effect.
     check : bool, optional
         Refuse a flat that does not fit the views: an object in it, another panel, the beam of another geometry.
+    blur : Blur, optional
+        Of panel and focal spot. It stays in the counts; the scan carries it.
 
     Returns
     -------
@@ -220,7 +224,7 @@ def correct_scan(
     if not valid.any():
         raise DataError("raw: no pixel is left that measures; check dark, flat and bad_pixels")
     saturated = 0 if full is None else int(full.sum())
-    scan = integrating_scan(y, beam, views, 0, valid, electronic=sigma / units)
+    scan = replace(integrating_scan(y, beam, views, 0, valid, electronic=sigma / units), blur=blur)
     notes = [
         *correction_notes(
             scan, kinds, units, sigma, noise, saturated, np.asarray(doses), response, len(flats), flat_by_view

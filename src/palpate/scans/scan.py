@@ -7,6 +7,7 @@ import numpy as np
 
 from palpate.arrays import AnyArray, ArrayLike, Bool, Float32, as_numpy, float32
 from palpate.errors import DataError
+from palpate.scans.blur import Blur
 from palpate.scans.views import Views
 
 
@@ -31,11 +32,13 @@ class Scan:
         used and may be NaN.
     notes : mapping of str to str, optional
         What was assumed to make it, such as the beam of estimated scatter. Files keep it.
+    blur : Blur, optional
+        Of the panel and the focal spot. The methods "map" and "ml" have it in their model.
 
     Raises
     ------
     DataError
-        If shapes differ, or a count is negative or not finite.
+        If shapes differ, a count is negative or not finite, or the blur is wider than the panel.
 
     Examples
     --------
@@ -51,6 +54,7 @@ class Scan:
     background: Float32
     mask: Bool
     notes: Mapping[str, str]
+    blur: Blur | None
 
     def __init__(
         self,
@@ -60,6 +64,7 @@ class Scan:
         background: ArrayLike = 0,
         mask: ArrayLike | None = None,
         notes: Mapping[str, str] | None = None,
+        blur: Blur | None = None,
     ) -> None:
         measured = np.ones(views.shape, dtype=bool) if mask is None else as_numpy("mask", mask)
         if measured.dtype != bool:
@@ -82,12 +87,15 @@ class Scan:
             object.__setattr__(self, name, value)
         object.__setattr__(self, "views", views)
         object.__setattr__(self, "notes", dict(notes or {}))
+        if blur is not None:
+            blur.check(views)
+        object.__setattr__(self, "blur", blur)
 
     def __getitem__(self, views: int | slice | list[int]) -> "Scan":
         """The same scan with some of its views."""
         k = np.atleast_1d(np.arange(len(self.views))[views])
         some, r = self.views[list(map(int, k))], self.background[k]
-        return Scan(self.counts[k], self.incident[k], some, r, self.mask[k], self.notes)
+        return Scan(self.counts[k], self.incident[k], some, r, self.mask[k], self.notes, self.blur)
 
     @property
     def shape(self) -> tuple[int, int, int]:

@@ -1,7 +1,7 @@
 """Cuts by the hands of pages: the way of a blade, and the cuts that follow it while it moves."""
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable, Coroutine
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -16,12 +16,12 @@ from palpate.server.held_tools import HeldTools
 from palpate.server.message_kinds import CutStep
 from palpate.server.messages import Scalpel
 from palpate.server.scene_message import reach
-from palpate.simulation.cut_tissues import taken_by_name
-from palpate.simulation.pointer import Command, ContactState
-from palpate.simulation.session import Session
+from palpate.simulation.cut_bodies import taken_by_name
+from palpate.simulation.pointer import Command, ContactState, PieceState
+from palpate.simulation.session import RATE, Session
 from palpate.tissue.cutting import may_be_cut
 from palpate.tissue.cutting_work import CuttingWork
-from palpate.tissue.incision import incision
+from palpate.tissue.incision import incision, incision_way
 from palpate.tissue.tissue import Tissue
 
 SPACING = 0.5  # mean edges between the points of a way
@@ -58,6 +58,11 @@ class Stroke:
         self.ended = self.ended or last
         self.moved.set()
 
+    def edge(self) -> tuple[float, float, float]:
+        """Of the blade, from the surface into the tissue, mm, as it has entered: later points may lie anywhere."""
+        way = incision_way(self.before, self.way[:1], self.direction)
+        return tuple((self.depth * way).tolist())
+
     @property
     def due(self) -> bool:
         """Whether the cut is to follow."""
@@ -77,26 +82,32 @@ class Cutting:
         lock: asyncio.Lock,
         present: Callable[[], Session],
         changed: Callable[[], None],
-        tell: Callable[..., Awaitable[None]],
+        tell: Callable[..., Coroutine[Any, Any, None]],
         tools: HeldTools | None = None,
     ) -> None:
         self.lock, self.present, self.changed, self.tell = lock, present, changed, tell
         self.tools = tools
         self.stroke: Stroke | None = None
         self.failed = False  # the device's last stroke, which it has not ended yet
+        self.pieces: tuple[int, list[PieceState]] = (0, [])  # the body, and where its pieces were last
 
     def obey(self, page: WebSocket, session: Session, message: Scalpel) -> "asyncio.Task[None] | None":
         """Begins, goes on with or ends a stroke, or takes a cut back; returns the task that was begun for it."""
         stroke = self.stroke
         if message.step == CutStep.undo:
             return None if stroke else asyncio.create_task(self._undo(session))
-        if message.step == CutStep.begin and stroke is None:
+        if stroke is None:
+            if message.step != CutStep.begin:
+                return None
             depth = min(message.depth, 2 * reach(session))  # through all of it
             way = message.direction if any(message.direction) else None
             self.stroke = Stroke(page, session, session.tissue, depth, [message.point], way)
             self._feel(self.stroke, message.point)
             return asyncio.create_task(self._follow(self.stroke))
-        if stroke and stroke.page is page and message.step != CutStep.begin:
+        if message.step == CutStep.begin:
+            told = "Another cut goes on: wait until it has ended."
+            return None if stroke.page is page else asyncio.create_task(self.tell(told, page))
+        if stroke.page is page:
             stroke.add(message.point, message.step == CutStep.end)
             self._feel(stroke, message.point)
         return None
@@ -113,10 +124,27 @@ class Cutting:
             stroke.add(tuple(frame.point[TOOL]) if cuts else stroke.way[-1], last=not cuts)
         return None
 
+    def watch_pieces(self, session: Session, frame: Any) -> "asyncio.Task[None] | None":
+        """Tells what a hand has lifted out, once it has let go; returns the task that was begun for it."""
+        (body, before), now = self.pieces, list(frame.piece_state)
+        self.pieces = frame.body, now
+        if not (body == frame.body == session.bodies):
+            return None
+        out = [
+            piece.volume
+            for piece, was, is_now in zip(session.pieces, before, now, strict=True)
+            if was == PieceState.carried and is_now in (PieceState.falling, PieceState.gone)
+        ]
+        return (
+            asyncio.create_task(self.tell(f"{in_ml(sum(out))} lifted out at {frame.tick / RATE:.1f} s."))
+            if out
+            else None
+        )
+
     def _feel(self, stroke: Stroke, point: tuple[float, float, float]) -> None:
         """The loop's blade goes to a point, or out of the tissue once the stroke has ended."""
         if self.tools and stroke.page:
-            cutting = Command(True, point, (0.0, 0.0, -stroke.depth), "blade")
+            cutting = Command(True, point, stroke.edge(), "blade")
             self.tools.go_on(stroke.page, TOOL, Command() if stroke.ended else cutting)
 
     def leave(self, page: WebSocket) -> None:
@@ -195,7 +223,12 @@ def told_of_pieces(session: Session, before: Tissue) -> str:
     whole = np.bincount(mesh.region, mesh.volumes)
     inner = [(label, (mesh.names or {}).get(label, f"region {label}")) for label in regions_by_size(mesh)[1:]]
     out = [f"{taken[name] / whole[label]:.0%} of {name}" for label, name in inner if name in taken]
-    return f" {float(f'{new / 1000:.2g}'):g} ml came free and were taken away{': ' if out else ''}{', '.join(out)}."
+    return f" {in_ml(new)} came free{': ' if out else ''}{', '.join(out)}. Pull or Grasp takes it out."
+
+
+def in_ml(volume: float) -> str:
+    """A volume, mm³, in words."""
+    return f"{float(f'{volume / 1000:.2g}'):g} ml"
 
 
 def simplified(way: ArrayLike, tolerance: float) -> Float64:

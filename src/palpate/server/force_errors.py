@@ -15,17 +15,19 @@ from palpate.tissue.models.compliance import ComplianceModel
 UNKNOWN = float("nan")
 MIN_INTERVAL = 0.15  # s between estimates
 TIME_SHARE = 0.2  # largest fraction of the time spent on those of either kind; the loop needs the processor
+ROOM_SHARE = 0.03  # of a room, since other rooms need it too
 
 
 @dataclass
 class ForceErrors:
     """Used on the event loop's thread only. The last estimates; NaN where there is none.
 
-    mesh, linearisation: relative to the force, positive if it is too large. least_volume: of an element over its volume at
-    rest, negative if one is turned over. The model `compliance` alone has them: it answers by factors that are there
-    already.
+    time_share: largest fraction of the time spent on those of either kind. mesh, linearisation: relative to the force,
+    positive if it is too large. least_volume: of an element over its volume at rest, negative if one is turned over. The
+    model `compliance` alone has them: it answers by factors that are there already.
     """
 
+    time_share: float = TIME_SHARE
     mesh: float = UNKNOWN
     linearisation: float = UNKNOWN
     least_volume: float = UNKNOWN
@@ -62,18 +64,17 @@ class ForceErrors:
         except DataError:  # contacts that no force can tell apart
             return
         finally:
-            self._due = _next(began)
+            self._due = self._next(began)
         if model is self._model:
             self.linearisation, self.least_volume = linearisation, least
         if monotonic() < self._mesh_due:
             return
         began = monotonic()
         mesh = await asyncio.to_thread(mesh_error, model, solution)
-        self._mesh_due = _next(began)
+        self._mesh_due = self._next(began)
         if model is self._model:
             self.mesh = mesh
 
-
-def _next(began: float) -> float:
-    """When the next estimate is due after one that began then and has just ended."""
-    return monotonic() + max(MIN_INTERVAL, (monotonic() - began) * (1 / TIME_SHARE - 1))
+    def _next(self, began: float) -> float:
+        """When the next estimate is due after one that began then and has just ended."""
+        return monotonic() + max(MIN_INTERVAL, (monotonic() - began) * (1 / self.time_share - 1))

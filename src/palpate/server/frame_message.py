@@ -9,7 +9,7 @@ import numpy as np
 
 from palpate.arrays import Float32
 from palpate.server.force_errors import ForceErrors
-from palpate.server.messages import AT_REST, DISPLACEMENT_STEPS, Frame, Hands, encode, flat
+from palpate.server.messages import AT_REST, DISPLACEMENT_STEPS, Frame, Hands, Pieces, encode, flat
 from palpate.simulation.lesson import EXAM_FORCE, EXAM_LENGTH, EXAM_WORK
 from palpate.simulation.pointer import TOOLS
 from palpate.simulation.session import RATE
@@ -27,7 +27,9 @@ def _places() -> dict[str, tuple[int, int]]:
 
 
 PLACES = _places()
-OF_A_TOOL = ("contact", "point", "displacement", "force", "insertion")
+OF_A_HAND = ("point", "displacement", "force")  # three numbers each
+OF_A_TOOL = ("contact", *OF_A_HAND, "insertion")
+ONE, THREE, HAND = (struct.Struct(f"<{count}f") for count in (1, 3, 13))
 
 
 def hand_frame(frame: bytes, tools: Sequence[int | None], serial: int) -> bytes:
@@ -61,15 +63,21 @@ def serial_in(frame: bytes) -> int:
 
 def hands_bytes(frame: bytes, held: Sequence[tuple[int, int, int]]) -> bytes:
     """The tools of a frame as hands: of each the session's tool, the person's number and its number for that person."""
-    rows = np.zeros((len(held), 13), "<f4")
-    state, point, displacement, force, insertion = (
-        np.frombuffer(frame, np.uint8 if name == "contact" else "<f4", size // (1 if name == "contact" else 4), at)
-        for name, (at, size) in ((name, PLACES[name]) for name in OF_A_TOOL)
-    )
-    for row, (tool, person, number) in zip(rows, held, strict=True):
-        three = slice(3 * tool, 3 * tool + 3)
-        row[:] = [person, state[tool], *point[three], *displacement[three], *force[three], insertion[tool], number]
-    return encode(Hands(len(held)), rows)
+    rows = b""
+    for tool, person, number in held:
+        state = frame[PLACES["contact"][0] + tool]
+        vectors = (x for name in OF_A_HAND for x in THREE.unpack_from(frame, PLACES[name][0] + tool * THREE.size))
+        (insertion,) = ONE.unpack_from(frame, PLACES["insertion"][0] + tool * ONE.size)
+        rows += HAND.pack(person, state, *vectors, insertion, number)
+    return encode(Hands(len(held))) + rows
+
+
+def pieces_bytes(frame: Any) -> bytes:
+    """Where the pieces are that cuts have freed, as a message; empty if there are none."""
+    state = np.array(frame.piece_state, dtype="<f4")
+    if not len(state):
+        return b""
+    return encode(Pieces(frame.body, len(state)), np.column_stack([state, frame.piece_offset]).astype("<f4"))
 
 
 def _in_steps(values: Any, step: float) -> tuple[float, ...]:

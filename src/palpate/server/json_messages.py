@@ -44,12 +44,23 @@ class Person:
 
 
 @dataclass(frozen=True)
+class PieceShape:
+    """A piece that a cut has freed. lips: numbers of the first vertex on its cut faces, as in a `Scene`."""
+
+    nodes: int
+    triangles: int
+    lips: list[int]
+
+
+@dataclass(frozen=True)
 class Scene:
     """Server to page, once: a 32-bit length, then JSON of that length, padded with blanks to a multiple of 4 bytes.
 
     Then (nodes, 3) float32 mm at rest, then, if it gapes, (nodes, 3) float32 mm from there to where tension at rest has
     opened the cuts, then (triangles, 3) 32-bit integers, normals outwards, then, if organs lie beside each other, (nodes)
-    32-bit integers, to which of them each node belongs. beside: their names, else empty. reach: mm, the longest
+    32-bit integers, to which of them each node belongs. Then, of each piece that a cut has freed, (nodes, 3) float32 mm at
+    rest in the organ, (nodes, 3) float32 mm as it came free, and (triangles, 3) 32-bit integers; where they are now, a
+    `Pieces` message says. beside: names of the organs, else empty. reach: mm, the longest
     displacement that a tool may ask for. limit: N, the largest force on a device. front: radians about z from -y
     towards +x, the direction from which the organ is first seen. models, organs: what can be selected while the session
     runs; organ: the index of this one. task: the trainee's task, or empty. reason: why the session begins with its model,
@@ -97,6 +108,7 @@ class Scene:
     reason: str
     images: bool
     room: str
+    pieces: list[PieceShape]
 
 
 @dataclass(frozen=True)

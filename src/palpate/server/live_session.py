@@ -15,10 +15,10 @@ from palpate.errors import DataError, PalpateError
 from palpate.haptics.haptic_device import Haptic
 from palpate.server.cutting_stroke import Cutting, first_depth, may_cut
 from palpate.server.exam import Exam
-from palpate.server.force_errors import ForceErrors
+from palpate.server.force_errors import ROOM_SHARE, TIME_SHARE, ForceErrors
 from palpate.server.forced_choice_run import ForcedChoiceRun
 from palpate.server.frame_flow import FrameFlow
-from palpate.server.frame_message import frame_bytes
+from palpate.server.frame_message import frame_bytes, pieces_bytes
 from palpate.server.held_tools import HeldTools
 from palpate.server.image_payloads import ImagePayload
 from palpate.server.message_kinds import CloseCode, LeadStep, NoteStep, Role, SelectionKind
@@ -57,12 +57,12 @@ class LiveSession:
     """Used on the event loop's thread only. organs: resolutions of one organ by name; the session's is one of them.
 
     reason: why the session begins with its model. successor: the model that it changes to once that is made. newest: the
-    newest frame as a message. pages: the connected pages, each with an event that is set for every new frame. flows: how far
-    behind each is. finished: earlier sessions, on other resolutions. choice: organ and model that were chosen last, by
-    index. models: models that were built or are being built. record: where the first session will be written; later ones
-    get numbers. exam: the exam or the experiment that it is. offset: ticks that earlier sessions of an experiment have
-    shown. beside: a second replay that is shown beside this one. room: the name of the room in which several people share
-    it, or empty.
+    newest frame as a message, and pieces: where the pieces are that cuts have freed. pages: the connected pages, each with
+    an event that is set for every new frame. flows: how far behind each is. finished: earlier sessions, on other
+    resolutions. choice: organ and model that were chosen last, by index. models: models that were built or are being built.
+    record: where the first session will be written; later ones get numbers. exam: the exam or the experiment that it is.
+    offset: ticks that earlier sessions of an experiment have shown. beside: a second replay that is shown beside this one.
+    room: the name of the room in which several people share it, or empty.
     """
 
     session: Session
@@ -74,6 +74,7 @@ class LiveSession:
     reason: str = ""
     successor: str = ""
     newest: bytes = b""
+    pieces: bytes = b""
     pages: dict[WebSocket, asyncio.Event] = field(default_factory=dict)
     flows: dict[WebSocket, FrameFlow] = field(default_factory=dict)
     finished: list[Session] = field(default_factory=list)
@@ -96,7 +97,7 @@ class LiveSession:
         self.people = Room(self.tools) if self.room else None
         self.comparison = ReferenceComparison(self.build_model)
         self.cutting = Cutting(self.changing, lambda: self.session, self.describe, self.tell, self.tools)
-        self.force_errors = ForceErrors()
+        self.force_errors = ForceErrors(ROOM_SHARE if self.room else TIME_SHARE)
         self.open_journal(self.session, 0)
         self.choice = self.current
         self.describe()
@@ -213,7 +214,8 @@ class LiveSession:
         """The newest frame as a page gets it."""
         if not self.newest:
             return []
-        return self.people.messages(page, self.newest) if self.people else [self.newest]
+        pieces = [self.pieces] if self.pieces else []
+        return [*pieces, *(self.people.messages(page, self.newest) if self.people else [self.newest])]
 
     def cut(self, page: WebSocket, message: Scalpel) -> None:
         """Obeys the scalpel of a page."""
@@ -231,7 +233,8 @@ class LiveSession:
         frame = session.frame()
         shown, model = session.drawn(frame), self.current[1]
         self.estimate(frame)
-        self.publish(frame_bytes(frame, shown, model, model, self.force_errors, seconds=frame.tick / RATE))
+        message = frame_bytes(frame, shown, model, model, self.force_errors, seconds=frame.tick / RATE)
+        self.publish(message, pieces_bytes(frame))
 
     def estimate(self, frame: Any) -> None:
         """Begins to estimate the errors of a frame, if it is time to."""
@@ -239,19 +242,23 @@ class LiveSession:
             if task:
                 task.add_done_callback(report_failure)
 
-    def publish(self, frame: bytes) -> None:
+    def publish(self, frame: bytes, pieces: bytes) -> None:
         """Hands the newest frame to all pages."""
-        self.newest = frame
+        self.newest, self.pieces = frame, pieces
         for event in self.pages.values():
             event.set()
 
     def watch(self, frame: Any) -> None:
-        """Ends an exam whose time is over: all tools let go. Cuts behind a device. Notes what an experiment's hand does."""
+        """Ends an exam whose time is over: all tools let go. Cuts behind a device. Tells what is lifted out.
+
+        Notes what an experiment's hand does.
+        """
         if isinstance(self.exam, Exam) and isinstance(self.device, Pointer) and self.exam.ends(frame):
             self.let_go()
             self.keep(asyncio.create_task(self.tell("The time is over.")))
         if not self.tools and self.pages_may_cut:
             self.keep(self.cutting.follow(self.session, frame))
+        self.keep(self.cutting.watch_pieces(self.session, frame))
         if self.experiment and self.experiment.watch(frame, self.session):
             self.keep(asyncio.create_task(self.report()))
 
@@ -402,7 +409,7 @@ class LiveSession:
         self.let_go()
         await asyncio.to_thread(self.session.stop)
         self.finished.append(self.session)
-        self.session, self.newest = after, b""
+        self.session, self.newest, self.pieces = after, b"", b""
         self.describe()
         after.start(self.device)
         for page in list(self.pages):

@@ -1,13 +1,10 @@
 """What pages send, checked: length, kind and every number."""
 
-import struct
-
 import numpy as np
 
 from palpate.errors import DataError
 from palpate.server.message_kinds import ChoiceKind, CutStep, LeadStep, MarkKind, NoteStep, PlayStep, SelectionKind
 from palpate.server.messages import (
-    BINARY,
     FASTEST,
     FROM_PAGE,
     GUIDANCE_LIMIT,
@@ -24,7 +21,8 @@ from palpate.server.messages import (
     Seen,
     Selection,
     ToolCommand,
-    code,
+    kind_of,
+    layout,
 )
 from palpate.simulation.pointer import TOOLS, CommandKind
 from palpate.simulation.session_notes import LONGEST_NOTE
@@ -45,13 +43,16 @@ FromPage = (
 )
 ROUNDED = 1e-3  # of a force's limit: the page sends it as float32
 
+OF_PAGES: dict[int, type] = {kind_of(one): one for one in FROM_PAGE}
+OF_TOOLS = tuple(int(kind) for kind in CommandKind if kind != CommandKind.blade)  # a blade is a `Scalpel`'s
+
 
 def decode_note(data: bytes) -> tuple[Note, str]:
     """A page's note and its text. Raises `DataError`."""
-    size = struct.calcsize(code(Note))
+    size = layout(Note).size
     if not size < len(data) <= size + 4 * LONGEST_NOTE:
         raise DataError(f"Note: {len(data)} bytes, expected up to {size + 4 * LONGEST_NOTE}; reload the page")
-    _, step, index, *place = struct.unpack(code(Note), data[:size])
+    _, step, index, *place = layout(Note).unpack(data[:size])
     if step >= len(NoteStep) or not np.isfinite(place).all():
         raise DataError(f"Note: step {step} at {place}, expected less than {len(NoteStep)}, finite; reload the page")
     try:
@@ -62,18 +63,16 @@ def decode_note(data: bytes) -> tuple[Note, str]:
 
 def decode(data: bytes) -> FromPage:
     """The message that a page sent. Raises `DataError` if its length, kind or a number in it is wrong."""
-    sent: type = {BINARY.index(one) + 1: one for one in FROM_PAGE}.get(data[0] if data else 0, type(None))
+    sent: type = OF_PAGES.get(data[0] if data else 0, type(None))
     if sent is type(None):
         found = data[0] if data else "none"
-        raise DataError(
-            f"message: kind {found}, expected {[BINARY.index(one) + 1 for one in FROM_PAGE]}; reload the page"
-        )
+        raise DataError(f"message: kind {found}, expected {list(OF_PAGES)}; reload the page")
     if sent is Note:
         return decode_note(data)
-    name, wanted = sent.__name__, struct.calcsize(code(sent))
+    name, wanted = sent.__name__, layout(sent).size
     if len(data) != wanted:
         raise DataError(f"{name}: {len(data)} bytes, expected {wanted}; reload the page")
-    _, *values = struct.unpack(code(sent), data)
+    _, *values = layout(sent).unpack(data)
     if sent is Selection:
         if values[0] >= len(SelectionKind):
             raise DataError(f"Selection: kind {values[0]}, expected less than {len(SelectionKind)}; reload the page")
@@ -129,9 +128,9 @@ def decode(data: bytes) -> FromPage:
             )
         return Scalpel(step, depth, (x, y, z), (way[0], way[1], way[2]))
     tool, kind, serial, *numbers = values
-    if tool >= TOOLS or kind > CommandKind.free:  # a blade is a `Scalpel`'s
+    if tool >= TOOLS or kind not in OF_TOOLS:
         raise DataError(
-            f"ToolCommand: tool {tool}, kind {kind}, expected less than {TOOLS} and {CommandKind.blade}; reload the page"
+            f"ToolCommand: tool {tool}, kind {kind}, expected less than {TOOLS}, and one of {OF_TOOLS}; reload the page"
         )
     if not np.isfinite(numbers).all():
         raise DataError(f"ToolCommand: {numbers} are not all finite; reload the page")

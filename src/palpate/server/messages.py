@@ -4,10 +4,12 @@ Binary messages are little-endian: a byte for the kind of message, the fields in
 message from the server is shown to the user.
 """
 
+import hashlib
 import json
 import struct
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
+from functools import cache
 from typing import Annotated, Any, get_args, get_type_hints
 
 from palpate.arrays import AnyArray, Float64
@@ -38,7 +40,8 @@ class ToolCommand:
 
     away: the tool lets go. hold: the tissue at `point` (mm, on the surface at rest) is displaced by `displacement` mm.
     needle: it enters at `point` (mm, on the surface at rest); `displacement` leads from there to the demanded position
-    of its tip. free: the tip of the tool is at `point` in space (mm); contact follows from that.
+    of its tip. free: the tip of the tool is at `point` in space (mm); contact follows from that. carry: a piece that a cut
+    has freed is held at `point` (mm, where it came free) and moved by `displacement` from there.
     """
 
     tool: U8
@@ -183,6 +186,17 @@ class Hands:
 
 
 @dataclass(frozen=True)
+class Pieces:
+    """Server to page, before each `Frame` while there are pieces that cuts have freed. body: of the `Scene` that has them.
+
+    Then (count, 4) float32, a row a piece: a `PieceState`, and how far it is from where it came free (mm).
+    """
+
+    body: U32
+    count: U32
+
+
+@dataclass(frozen=True)
 class Detail:
     """Page to server, in a room: 0 asks for frames without displacements, since it computes them, 1 for whole ones.
 
@@ -318,24 +332,57 @@ BINARY: list[type] = [
     Seen,
     Guidance,
     Guided,
+    Pieces,
 ]
 FROM_PAGE: list[type] = [ToolCommand, Selection, Mark, Compare, Scalpel, Choice, Note, Play, Lead, Detail, Seen, Guided]
 
 
 def code(message: type) -> str:
     """Format of a binary message in Python's struct, its kind included, padded to a multiple of 4 bytes."""
+    return layout(message).format
+
+
+@cache
+def layout(message: type) -> struct.Struct:
+    """How a binary message is packed, its kind included, padded to a multiple of 4 bytes."""
     hints = get_type_hints(message, include_extras=True)
     exact = "<B" + "".join(get_args(hints[field.name])[1] for field in fields(message))
-    return exact + "x" * (-struct.calcsize(exact) % 4)
+    return struct.Struct(exact + "x" * (-struct.calcsize(exact) % 4))
+
+
+@cache
+def kind_of(message: type) -> int:
+    """The first byte of a binary message."""
+    return BINARY.index(message) + 1
+
+
+def protocol() -> str:
+    """A digest of all binary messages: two ends understand each other if theirs agree."""
+    text = "".join(f"{one.__name__} {[field.name for field in fields(one)]} {code(one)}\n" for one in BINARY)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+PROTOCOL = protocol()
 
 
 def encode(message: Any, rest: AnyArray | None = None) -> bytes:
     """A binary message, followed by the array `rest`."""
-    flat = [BINARY.index(type(message)) + 1]
-    for field in fields(message):
-        value = getattr(message, field.name)
-        flat.extend(value) if isinstance(value, tuple) else flat.append(value)
-    return struct.pack(code(type(message)), *flat) + (b"" if rest is None else rest.tobytes())
+    kind: type = type(message)
+    packed: list[Any] = [kind_of(kind)]
+    for value in vars(message).values():  # in the order of the fields
+        packed.extend(value) if isinstance(value, tuple) else packed.append(value)
+    return layout(kind).pack(*packed) + (b"" if rest is None else rest.tobytes())
+
+
+def decode_told(one: type, data: bytes) -> Any:
+    """A message that the server sent, without its array. Raises `struct.error` if it is too short."""
+    _, *values = layout(one).unpack_from(data)
+    hints, told = get_type_hints(one, include_extras=True), []
+    for field in fields(one):
+        count = int(get_args(hints[field.name])[1][:-1] or 0)
+        told.append(tuple(values[:count]) if count else values[0])
+        del values[: count or 1]
+    return one(*told)
 
 
 def flat(vectors: Any) -> tuple[float, ...]:

@@ -8,7 +8,7 @@ from dataclasses import asdict
 import numpy as np
 
 from palpate.arrays import Float64
-from palpate.server.json_messages import Scene
+from palpate.server.json_messages import PieceShape, Scene
 from palpate.simulation.lesson import TOOLS
 from palpate.simulation.session import RATE, Session
 from palpate.tissue.models.registry import name_of
@@ -96,10 +96,13 @@ def scene_bytes(
         reason=reason,
         images=images,
         room=room,
+        pieces=[PieceShape(len(one.places), len(one.drawn.triangles), list(one.drawn.lips)) for one in session.pieces],
     )
     text = json.dumps(asdict(header)).encode()
     text += b" " * (-len(text) % 4)
     places = [drawn.places] if drawn.gape is None else [drawn.places, drawn.gape]
     arrays = [*(np.asarray(one, "<f4") for one in places), drawn.triangles.astype("<u4")]
     arrays += [] if drawn.organ is None else [drawn.organ.astype("<u4")]
+    for one in session.pieces:
+        arrays += [one.drawn.places.astype("<f4"), one.places.astype("<f4"), one.drawn.triangles.astype("<u4")]
     return struct.pack("<I", len(text)) + text + b"".join(one.tobytes() for one in arrays)

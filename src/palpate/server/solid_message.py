@@ -9,6 +9,7 @@ from palpate.errors import MaterialError
 from palpate.meshes.cutting.cut_mesh import CutMesh
 from palpate.meshes.display_surfaces import displayed_nodes
 from palpate.meshes.tet_mesh import regions_by_size
+from palpate.server.messages import PROTOCOL
 from palpate.simulation.session import Session
 from palpate.tissue.cutting import before_cuts
 from palpate.tissue.models.compliance import ComplianceModel
@@ -57,8 +58,8 @@ def predicted_solid(session: Session) -> bytes:
 def solid_bytes(session: Session) -> bytes:
     """JSON, of a length that comes first (32 bits), then the arrays that web/src/engine/touch-engine.ts reads.
 
-    They are blade (of all cuts), node, lam, mu (float64; mm, N/mm²), tet, region, triangle, shown, labels of the regions by
-    size, triangles of each cut (int32), fixed (uint8).
+    They are blade (of all cuts), node, lam, mu, toughness of the regions (float64; mm, N/mm², J/m²), tet, region, triangle,
+    shown, labels of the regions by size, triangles of each cut (int32), fixed (uint8).
     """
     tissue, settings = before_cuts(session.first.tissue), session.settings
     mesh, blades = tissue.mesh, session.mesh.blades if isinstance(session.mesh, CutMesh) else ()
@@ -67,9 +68,11 @@ def solid_bytes(session: Session) -> bytes:
     sizes = [len(blade.triangles) for blade in blades]
     labels, whole = regions_by_size(mesh), np.bincount(mesh.region, mesh.volumes)
     lam, mu = lame(tissue.young, tissue.poisson)
+    tough = [settings.resistance.toughness[label] for label in labels]
     described = session.description() | {"instructions": INSTRUCTIONS}
     header = {
         "description": {name: described[name] for name in ("model", "tissue", "settings", "instructions")},
+        "protocol": PROTOCOL,
         "nodes": len(mesh.nodes),
         "tets": len(mesh.tets),
         "triangles": len(mesh.surface),
@@ -85,11 +88,10 @@ def solid_bytes(session: Session) -> bytes:
         "radius": settings.radius,
         "limit": settings.limit,
         "friction": settings.friction,
-        "toughness": settings.toughness,
     }
     text = json.dumps(header).encode()
     arrays = [
-        *(np.asarray(a, "<f8") for a in (corners, mesh.nodes, lam, mu)),
+        *(np.asarray(a, "<f8") for a in (corners, mesh.nodes, lam, mu, tough)),
         *(np.asarray(a, "<i4") for a in (mesh.tets, mesh.region, mesh.surface, shown, labels, sizes)),
         tissue.held.astype(np.uint8),
     ]

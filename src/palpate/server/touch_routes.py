@@ -12,7 +12,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from palpate.errors import DataError, PalpateError
 from palpate.server.access_control import by_token, page_application
-from palpate.server.frame_message import frame_bytes
+from palpate.server.frame_message import frame_bytes, pieces_bytes
 from palpate.server.live_session import LiveSession, report_failure
 from palpate.server.message_checks import decode
 from palpate.server.message_kinds import CloseCode, Role, SelectionKind
@@ -113,7 +113,8 @@ async def publish_frames(live: LiveSession) -> None:
         live.publish(
             frame_bytes(
                 frame, shown, live.current[1], live.choice[1], live.force_errors, live.exam is not None, live.offset
-            )
+            ),
+            pieces_bytes(frame),
         )
         await asyncio.sleep(MIN_FRAME_INTERVAL)
 

@@ -1,4 +1,4 @@
-"""The work of each cut of a session, with the elastic energy that the tissue loses by it while tools hold still."""
+"""The work of a cut in a session, with the elastic energy that the tissue loses by it while tools hold still."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,7 +9,6 @@ import numpy as np
 from palpate import _core
 from palpate.arrays import Float64
 from palpate.simulation.pointer import TOOLS
-from palpate.simulation.session_cuts import CutKind
 from palpate.tissue.contact_patches import contacts
 from palpate.tissue.cutting_work import CuttingWork, cutting_work, together
 from palpate.tissue.models.compliance import ComplianceModel
@@ -45,18 +44,17 @@ def held_points(frame: Any, radius: float) -> HeldPoints:
     return HeldPoints(np.array(frame.point)[held], np.array(frame.displacement)[held], radius)
 
 
-def works_after(
-    works: tuple[CuttingWork, ...],
-    kind: CutKind,
+def work_of_cut(
     before: TissueModel,
     after: TissueModel,
     held: HeldPoints,
     toughness: float | Mapping[int | str, float] | None,
     friction: float,
-) -> tuple[CuttingWork, ...]:
-    """The work of each cut once there is one more change. toughness, friction: of the blade, as `cutting_work` takes them."""
-    if kind == "undo":
-        return works[:-1]
+    extended: CuttingWork | None = None,
+) -> CuttingWork:
+    """The work of the cut between two models. toughness, friction: of the blade, as `cutting_work` takes them. extended: of
+    the cut that it makes longer.
+    """
     released = held.energy(before) - held.energy(after)
-    new = cutting_work(before.tissue, after.tissue, toughness, friction, released)
-    return (*works, new) if kind == "cut" else (*works[:-1], together(works[-1], new))
+    work = cutting_work(before.tissue, after.tissue, toughness, friction, released)
+    return work if extended is None else together(extended, work)

@@ -10,9 +10,10 @@ from palpate.errors import DataError
 Vector = tuple[float, float, float]
 
 
-Kind = Literal["hold", "needle", "free", "blade"]
+Kind = Literal["hold", "needle", "free", "blade", "carry"]
 CommandKind = _core.simulation.CommandKind
 ContactState = _core.simulation.ContactState
+PieceState = _core.simulation.PieceState
 KINDS = tuple(kind.name for kind in CommandKind)
 TOOLS: int = _core.simulation.MAX_TOOLS
 
@@ -27,12 +28,13 @@ class Command:
         False releases the tissue.
     point : tuple of float, (3,), optional
         "hold", "needle", "blade": the point on the surface at rest, mm. "free": where the tool's tip is in space, mm.
+        "carry": on a piece that a cut has freed, where that came free, mm.
     displacement : tuple of float, (3,), optional
-        "hold": displacement of the tissue, mm. "needle": where the tip is, from `point`, mm.
+        "hold", "carry": displacement of the tissue, or the piece, mm. "needle": where the tip is, from `point`, mm.
         "blade": into the tissue, as long as the edge is deep, mm.
-    kind : {"hold", "needle", "free", "blade"}, optional
+    kind : {"hold", "needle", "free", "blade", "carry"}, optional
         A free tool touches, sticks and slides as it meets the tissue. A blade feels what a cut along the surface takes; the
-        cut itself is made by `Session.cut`.
+        cut itself is made by `Session.cut`. What carries feels the weight.
 
     Attributes
     ----------

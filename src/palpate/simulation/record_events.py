@@ -13,7 +13,7 @@ from palpate.simulation.session_events import FREED, GUIDED
 
 MOST_EVENTS = 1000  # of a record; later ones are left out
 MOST_BINS = 2000  # of a curve of forces
-HOLDS = {"hold": "holds", "needle": "drives a needle", "free": "is in space"}
+HOLDS = {"hold": "holds", "needle": "drives a needle", "free": "is in space", "blade": "cuts", "carry": "takes a piece"}
 MARKS = {
     LUMP: ("claim", "Claim: a lump is here"),
     SAMPLE: ("claim", "Claim: a sample from the lump"),

@@ -1,6 +1,7 @@
 """A session: a tissue under tools at 1000 ticks a second, by the clock with a device, or in lockstep."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from threading import Lock
 from types import TracebackType
 from typing import Any, Protocol, Self
@@ -11,11 +12,13 @@ from palpate import _core
 from palpate.arrays import Float32, Float64, Int32
 from palpate.errors import DataError, MaterialError
 from palpate.meshes.cutting.blade import Blade
+from palpate.meshes.cutting.cut_mesh import CutMesh
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.simulation.cut_tissues import model_after, taken_by_name, tissues_after
-from palpate.simulation.cut_works import held_points, works_after
+from palpate.simulation.cut_bodies import CutBody, cut_once_more, model_after, taken_by_name
+from palpate.simulation.cut_works import held_points, work_of_cut
 from palpate.simulation.displayed_bodies import DisplayedBodies
 from palpate.simulation.event_collector import EventCollector
+from palpate.simulation.loose_pieces import LoosePiece, loop_arguments, pieces_after
 from palpate.simulation.pointer import TOOLS, Command
 from palpate.simulation.recording import Record
 from palpate.simulation.scripted_device import Given, ScriptedDevice, new_commands
@@ -68,7 +71,7 @@ class Session:
         Whether a display may draw what is inside.
     toughness : float or dict, optional
         Energy that a cut takes for each area, J/m², as `cutting_work` takes it. The default is that of the named tissues.
-        A blade feels that of the surface's largest region.
+        A blade feels the tissues that its edge is in.
     blade_friction : float, optional
         Force on each mm of a blade's edge in the tissue, N/mm.
 
@@ -102,10 +105,9 @@ class Session:
     ) -> None:
         require_time_dependence(model)
         self.first = self.model = model
-        self._tissues: tuple[Tissue, ...] = (model.tissue,)  # the first, and after each cut that there is
+        self._bodies: tuple[CutBody, ...] = (CutBody(model.tissue),)  # the first, and after each cut that there is
         self.toughness, self.blade_friction = toughness, float(blade_friction)
         cutting_work(model.tissue, model.tissue, toughness, self.blade_friction)  # refuses what cannot be
-        self.cutting_work: tuple[CuttingWork, ...] = ()  # of each cut that there is, of an extended one all of it
         self.lesson = ""  # of the record
         self.bodies = 0  # how often the body has been changed
         self._surfaces = DisplayedBodies(tension, regions)
@@ -143,17 +145,30 @@ class Session:
     @property
     def tissue(self) -> Tissue:
         """The tissue, with all cuts so far."""
-        return self._tissues[-1]
+        return self._bodies[-1].tissue
 
     @property
     def cuts(self) -> int:
         """How many cuts of this session it has."""
-        return len(self._tissues) - 1
+        return len(self._bodies) - 1
+
+    @property
+    def cutting_work(self) -> tuple[CuttingWork, ...]:
+        """The work of each cut that it has, of an extended one all of it."""
+        return tuple(body.work for body in self._bodies if body.work is not None)
 
     @property
     def taken(self) -> dict[str, float]:
-        """Volumes of the pieces that its cuts have freed and that were taken away, by name of the region, mm³."""
+        """Volumes of the pieces that its cuts have freed, by name of the region, mm³."""
         return taken_by_name(self.tissue)
+
+    @property
+    def pieces(self) -> tuple[LoosePiece, ...]:
+        """The pieces that its cuts have freed, the largest first: bodies of their own, at most 16.
+
+        A frame says where they are: `Frame.piece_state`, and `Frame.piece_offset`, (p, 3) mm from where each came free.
+        """
+        return self._bodies[-1].pieces
 
     @property
     def mesh(self) -> TetMesh:
@@ -209,7 +224,7 @@ class Session:
         Returns
         -------
         ndarray, (ticks, 3) or (ticks, 4, 3)
-            Force of the tissue on the first tool, or on all tools if several were commanded, N.
+            Force of the tissue, or the weight of a piece, on the first tool, or on all tools if several were commanded, N.
         """
         alone = all(given is None or isinstance(given, Command) for given in commands)
         given = list(new_commands(self._ticks, commands))
@@ -255,8 +270,8 @@ class Session:
 
         The tissue is cut and factored first, which takes part of a second; ticks go on meanwhile. Then the cut body takes
         over within a tick. Tools that touch it stay where they are, and their forces fade into those of the cut body. A piece
-        that comes free, which no three nodes hold, is taken away (`taken`), and a tool that held it lets go, which the others
-        feel at once.
+        that comes free, which no three nodes hold, is a body of its own from then on (`pieces`), and a tool that held it
+        carries it.
 
         Parameters
         ----------
@@ -326,23 +341,35 @@ class Session:
             raise MaterialError(
                 "cut: a tissue that relaxes or has inertia is not cut in a session; cut it before: pp.cut"
             )
-        tissues = tissues_after(self._tissues, kind, blade)
-        model = model_after(tissues[-1], self.first, self.model)
+        before, present = self.model, self._bodies[-1]
+        bodies = self._bodies if kind == "cut" else self._bodies[:-1]
+        if not bodies:
+            raise DataError(f"{kind}: nothing has been cut in this session; cut first")
+        tissue = bodies[-1].tissue
+        freed: tuple[CutMesh, ...] = ()
+        if blade is not None:
+            tissue, freed = cut_once_more(self.first.tissue, tissue, blade)
+        model = model_after(tissue, self.first, before)
         displayed = self._surfaces.add(self.bodies + 1, model)
-        before, held = self.model, held_points(self.loop.frame(), self.settings.radius)
+        held = held_points(self.loop.frame(), self.settings.radius)  # late: tools move while the model is made
+        if blade is not None:
+            bodies = (*bodies, CutBody(tissue, pieces_after(freed, present.pieces, before, tissue, held)))
+        beside = loop_arguments(bodies[-1].pieces, present.pieces, self.first.tissue)
+        body = (model.native, tissue.surface, displayed.nodes, self.settings.sweeps)
         with self._lock:
             try:
-                done = self.loop.change_body(model.native, tissues[-1].surface, displayed.nodes, self.settings.sweeps)
+                done = self.loop.change_body(*body, *beside)
             except ValueError as problem:
                 raise DataError(f"cut: {problem}; cut less, or choose a smaller radius") from None
             if not done:
                 return False
-            self._tissues, self.model, self.displayed = tissues, model, displayed
+            self._bodies, self.model, self.displayed = bodies, model, displayed
             self.bodies += 1
             self.events.cut(kind, blade)
-        self.cutting_work = works_after(  # the loop need not wait for it
-            self.cutting_work, kind, before, model, held, self.toughness, self.blade_friction
-        )
+        if blade is not None:  # the loop need not wait for it
+            extended = present.work if kind == "extend" else None
+            work = work_of_cut(before, model, held, self.toughness, self.blade_friction, extended)
+            self._bodies = (*bodies[:-1], replace(bodies[-1], work=work))
         return True
 
     @property
@@ -527,7 +554,8 @@ class Session:
         Returns
         -------
         Frame
-            tick, late, work (N mm), shown (S, 3) in mm; for each tool contact, force (N), point, displacement and tip (mm).
+            tick, late, work (N mm), shown (S, 3) in mm; for each tool contact, force (N), point, displacement and tip (mm);
+            for each loose piece piece_state and piece_offset (mm).
         """
         return self.loop.frame()
 

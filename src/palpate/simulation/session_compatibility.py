@@ -16,7 +16,8 @@ from palpate.tissue.models.tissue_model import TissueModel
 from palpate.tissue.relaxation import Relaxation
 from palpate.tissue.tissue import SpringLaw, Tissue
 
-_OF_BLADES = ("toughness", "blade_friction", "give")  # unknown to records without a blade's force
+_OF_BLADES = ("blade_friction", "give")  # unknown to records without a blade's force, as is _TOUGHNESS
+_TOUGHNESS = "toughness of region "  # and its label: J/m²
 _SETTINGS = (
     "sweeps", "radius", "limit", "ramp", "approach", "reach", "friction", "puncture", "cutting", "shaft_friction",
     "nodal_weights", *_OF_BLADES,
@@ -35,7 +36,9 @@ def description_of(model: TissueModel, settings: Any) -> dict[str, Any]:
 
 def settings_of(model: TissueModel, settings: Any) -> dict[str, float]:
     """What a tick does besides the model's equations, by name. settings: the core's."""
-    return {**{name: float(getattr(settings, name)) for name in _SETTINGS}, **model.settings}
+    numbers = {name: float(getattr(settings, name)) for name in _SETTINGS}
+    tough = {f"{_TOUGHNESS}{label}": value for label, value in settings.resistance.toughness.items()}
+    return {**numbers, **tough, **model.settings}
 
 
 def arithmetic() -> str:
@@ -58,7 +61,7 @@ def check_record(record: Record, model: TissueModel, settings: Any) -> None:
     for name, value in settings_of(model, settings).items():
         if name == "nodal_weights" or (name == "interval" and value == 0 and has_nodal_weights(record)):
             continue  # a replay takes those of its record; version 0.1 knew no other
-        if name in _OF_BLADES and name not in record.settings:
+        if (name in _OF_BLADES or name.startswith(_TOUGHNESS)) and "give" not in record.settings:
             continue
         if record.settings.get(name) != value:
             raise DataError(f"record: made with {name} = {record.settings.get(name)}, not {value:g}; use the record's")
@@ -121,7 +124,12 @@ def recorded_settings(record: Record) -> dict[str, Any]:
     """Keywords that make a `Session` like the recorded one."""
     try:
         numbers: dict[str, Any] = {name: record.settings[name] for name in ("radius", "limit", "friction")}
-        blade = {name: record.settings.get(name, 0.0) for name in ("toughness", "blade_friction")}
+        tough = {
+            int(name[len(_TOUGHNESS) :]): value
+            for name, value in record.settings.items()
+            if name.startswith(_TOUGHNESS)
+        }
+        blade = {"toughness": tough, "blade_friction": record.settings.get("blade_friction", 0.0)}
         return {**numbers, **blade, "sweeps": int(record.settings["sweeps"])}
     except KeyError as missing:
         raise FileError(f"record: it does not say {missing}; record the session again") from None
@@ -129,9 +137,12 @@ def recorded_settings(record: Record) -> dict[str, Any]:
 
 def model_settings(record: Record) -> dict[str, Any]:
     """Keywords that make the recorded model from its tissue."""
-    return {name: value for name, value in record.settings.items() if name not in _SETTINGS} | _of_0_1(
-        record, record.model
-    )
+    of_model = {
+        name: value
+        for name, value in record.settings.items()
+        if name not in _SETTINGS and not name.startswith(_TOUGHNESS)
+    }
+    return of_model | _of_0_1(record, record.model)
 
 
 def settings_after_change(record: Record, name: str) -> dict[str, Any]:

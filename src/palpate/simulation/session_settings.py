@@ -7,7 +7,7 @@ import numpy as np
 from palpate import _core
 from palpate.errors import DataError, MaterialError
 from palpate.meshes.cutting.cut_mesh import CutMesh
-from palpate.tissue.cutting_work import surface_toughness
+from palpate.tissue.cutting_work import toughness_by_region
 from palpate.tissue.models.registry import name_of
 from palpate.tissue.models.tissue_model import TissueModel
 from palpate.tissue.tissue import Tissue
@@ -33,8 +33,22 @@ def simulation_settings(
         raise DataError(f"friction: {friction:g}, expected 0 or more; leave it out for the default")
     settings = _core.simulation.SimulationSettings()
     settings.radius, settings.limit, settings.friction = radius, float(limit), float(friction)
-    settings.toughness, settings.blade_friction = surface_toughness(tissue, toughness), blade_friction
+    settings.resistance, settings.blade_friction = cut_resistance(tissue, toughness), blade_friction
     return settings
+
+
+def cut_resistance(
+    tissue: Tissue, toughness: float | Mapping[int | str, float] | None
+) -> _core.simulation.CutResistance:
+    """What a blade feels in the tissue before all its cuts, without the pieces that these have taken away.
+
+    Raises `MaterialError`, as `cutting_work` does.
+    """
+    mesh, (tough, _) = tissue.mesh, toughness_by_region(tissue, toughness)
+    if not isinstance(mesh, CutMesh):
+        return _core.simulation.CutResistance(mesh.nodes, mesh.tets, mesh.region, tough)
+    first = np.unique(mesh.parent, return_index=True)[1]  # copies of a tetrahedron have its places
+    return _core.simulation.CutResistance(mesh.nodes, mesh.tets[first], mesh.region[first], tough)
 
 
 def default_radius(tissue: Tissue) -> float:

@@ -7,7 +7,7 @@ import numpy as np
 from palpate.arrays import Bool, Float64
 from palpate.errors import DataError, MaterialError
 from palpate.meshes.cutting.blade import Blade
-from palpate.meshes.cutting.cut_mesh import CutMesh, cut_held_mesh, without
+from palpate.meshes.cutting.cut_mesh import CutMesh, cut_held_mesh, pieces_of, without
 from palpate.tissue.tissue import Tissue
 
 LOOSE = ("refuse", "remove")
@@ -61,6 +61,17 @@ def cut(tissue: Tissue, blade: Blade | Sequence[Blade], loose: str = "refuse") -
         raise DataError("blade: none given; give one or more, such as pp.Blade.swept(path, direction, depth)")
     if loose not in LOOSE:
         raise DataError(f"loose: {loose!r} is not known; choose one of {', '.join(LOOSE)}")
+    return _parts(tissue, blades, loose)[0]
+
+
+def cut_apart(tissue: Tissue, blades: Sequence[Blade]) -> tuple[Tissue, tuple[CutMesh, ...]]:
+    """The tissue with cuts through it, and the pieces that come free, the largest first. Raises as `cut` does."""
+    left, mesh, gone = _parts(tissue, blades, "remove")
+    return left, pieces_of(mesh, gone)
+
+
+def _parts(tissue: Tissue, blades: Sequence[Blade], loose: str) -> tuple[Tissue, CutMesh, Bool]:
+    """The tissue that is left, the mesh with all its pieces, and which of its tetrahedra have come free."""
     if not may_be_cut(tissue):
         raise MaterialError(
             f'element: "{tissue.element}" is not built for cuts; make the tissue with element="smoothed"'
@@ -69,7 +80,7 @@ def cut(tissue: Tissue, blade: Blade | Sequence[Blade], loose: str = "refuse") -
     mesh, gone = cut_held_mesh(tissue.mesh, blades, whole.held)
     if gone.any() and (loose == "refuse" or gone.all()):
         raise MaterialError(_says(mesh, gone))
-    return _tissue(whole, without(mesh, gone) if gone.any() else mesh)
+    return _tissue(whole, without(mesh, gone) if gone.any() else mesh), mesh, gone
 
 
 def may_be_cut(tissue: Tissue) -> bool:

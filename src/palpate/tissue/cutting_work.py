@@ -70,8 +70,9 @@ def cutting_work(
     before, after : Tissue
         The tissue before the cut, and after it.
     toughness : float or dict, optional
-        Energy for each area of the cut, J/m²: one number, or by region number or name. The default is the value of
-        `tissue_properties`, or the lowest of its range, for the tissues that `fit` was given by name.
+        Energy for each area of the cut, J/m²: one number, or by region number or name. The default, also of a region that
+        is not named here, is the value of `tissue_properties`, or the lowest of its range, for the tissues that `fit` was
+        given by name.
     friction : float, optional
         Force on each mm of the blade's edge in the tissue, N/mm, as a second pass through a cut measures it.
     released : float, optional
@@ -126,15 +127,14 @@ def toughness_by_region(
     there = np.unique(mesh.region).tolist()
     regions = sorted(mesh.figures.regions) if isinstance(mesh, CutMesh) else there  # of what was taken away, too
     numbers = {name: region for region, name in (mesh.names or {}).items()}
-    if given is None:
-        measured = {region: tissue_properties(name).fracture_energy for region, name in tissue.materials.items()}
-        found = {r: float(m.value if m.value is not None else m.low or 0.0) for r, m in measured.items() if m}
-    elif isinstance(given, Mapping):
+    measured = {region: tissue_properties(name).fracture_energy for region, name in tissue.materials.items()}
+    found = {r: float(m.value if m.value is not None else m.low or 0.0) for r, m in measured.items() if m}
+    if isinstance(given, Mapping):
         strange = [key for key in given if key not in numbers and key not in regions]
         if strange:
             raise MaterialError(f"toughness: no region {strange[0]!r}; there are {[*regions, *numbers]}")
-        found = {numbers.get(str(key), key if isinstance(key, int) else -1): value for key, value in given.items()}
-    else:
+        found |= {numbers.get(str(key), key if isinstance(key, int) else -1): value for key, value in given.items()}
+    elif given is not None:
         found = dict.fromkeys(regions, given)
     for value in found.values():
         if not (np.isfinite(value) and value >= 0):
@@ -143,14 +143,3 @@ def toughness_by_region(
         r: tissue.materials.get(r) or (mesh.names or {}).get(r) or f"region {r}" for r in regions if r not in found
     }
     return {region: found.get(region, 0.0) for region in regions}, unknown
-
-
-def surface_toughness(tissue: Tissue, given: float | Mapping[int | str, float] | None = None) -> float:
-    """J/m², of the region that most of the tissue's surface belongs to; 0 if nobody has said it."""
-    tough, _ = toughness_by_region(tissue, given)
-    mesh = tissue.mesh
-    if isinstance(mesh, CutMesh):
-        regions = mesh.region[mesh.skin.tet[np.unique(mesh.skin.triangles[~mesh.skin.lip])]]
-    else:
-        regions = mesh.region[np.isin(mesh.tets, mesh.surface).sum(axis=1) >= 3]
-    return tough[int(np.bincount(regions).argmax())]

@@ -3,7 +3,7 @@
 import numpy as np
 
 from palpate import _core
-from palpate.arrays import ArrayLike, float64
+from palpate.arrays import ArrayLike, Float64, float64
 from palpate.errors import DataError
 from palpate.meshes.cutting.blade import Blade
 from palpate.tissue.tissue import Tissue
@@ -53,8 +53,15 @@ def incision(tissue: Tissue, path: ArrayLike, depth: float, direction: ArrayLike
         raise DataError(
             f"path: point {corners[bad].tolist()} lies {far[bad]:.3g} mm off the surface; give points on it"
         )
-    way = None if direction is None else float64("direction", direction, (3,)).tolist()
-    upper, way = _core.cutting.incision(tissue.surface, corners, STEP * tissue.edge, tissue.edge, way)
+    given = None if direction is None else float64("direction", direction, (3,)).tolist()
+    upper, way = _core.cutting.incision(tissue.surface, corners, STEP * tissue.edge, tissue.edge, given)
     if not any(way):
         raise DataError("direction: (0, 0, 0) points nowhere; give the way of the blade, such as (0, 0, -1)")
     return Blade.swept(upper, way, depth + tissue.edge)
+
+
+def incision_way(tissue: Tissue, path: ArrayLike, direction: ArrayLike | None = None) -> Float64:
+    """(3,) unit way into the tissue of the blade that `incision` gives, of one point or more; 0 if it has none."""
+    given = None if direction is None else float64("direction", direction, (3,)).tolist()
+    corners = float64("path", path, (None, 3))
+    return np.array(_core.cutting.incision(tissue.surface, corners, STEP * tissue.edge, 0.0, given)[1])

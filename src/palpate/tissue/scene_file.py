@@ -1,12 +1,15 @@
 """A scene: several organs that touch, described in a YAML file."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 
 from palpate.bounded_read import read_text
 from palpate.errors import DataError, PalpateError
+from palpate.meshes.mesh_labels import LabelMesh
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tetrahedralize import tetrahedralize
 from palpate.scans.bounded_yaml import yaml_in
@@ -16,10 +19,14 @@ from palpate.tissue.io import read_tissue
 from palpate.tissue.joined_tissues import join_tissues
 from palpate.tissue.named_tissues import named_materials, poisson_of, young_of
 from palpate.tissue.tissue import MOST_FRICTION, Tissue
+from palpate.tissue.tissue_table import TISSUES
 from palpate.volumes.io import read_labels
+from palpate.volumes.label_names import with_names
 from palpate.volumes.volume import Labels
 
 KIND, VERSION = "palpate scene", 1
+BONES = {"vertebra", "vertebrae", "rib", "ribs", "sacrum", "hip", "femur", "humerus", "scapula", "clavicula", "sternum"}
+SIDES = {"left", "right", "upper", "middle", "lower", "lobe", "small"}  # of what is one tissue
 KEYS = ("labels", "organs", "bones", "attachments", "surface_friction")
 SPRING_KEYS = ("first", "second", "stiffness", "radius")
 ORGAN_KEYS = ("young", "tissue", "poisson", "edge", "towards", "depth", "keep")
@@ -81,7 +88,7 @@ def read_scene(path: str | Path) -> Tissue:
     content = yaml_in(path, read_text(path), "write one as pp.read_scene says")
     try:
         organs, bones = _checked(content)
-        labels = read_labels(path.parent / content["labels"]) if content.get("labels") else None
+        labels = _labels(path.parent / content["labels"]) if content.get("labels") else None
         tissues = [_tissue(path.parent, labels, name, given or {}) for name, given in organs.items()]
         rigid = [_bone(labels, name, given or {}) for name, given in bones.items()]
         attachments = [_attachment(one) for one in content.get("attachments") or []]
@@ -90,6 +97,48 @@ def read_scene(path: str | Path) -> Tissue:
         return join_tissues(tissues, rigid, attachments, friction)
     except PalpateError as problem:
         raise type(problem)(f"{path}: {problem}") from None
+
+
+def scene_text(labels: str, made: Sequence[LabelMesh]) -> str:
+    """A scene's file to begin with, of the organs that `mesh_labels` made. labels: the label map's file, seen from it.
+
+    An organ that is called as a tissue of the table, but for its side, gets it; of others the reader gives the stiffness.
+    Bones are rigid.
+    """
+    organs, unknown, bones = [], [], []
+    for one in made:
+        name, words, edge = _quoted(one.name), _words(one.name), f"edge: {one.edge:.2g}"
+        if one.file is None:
+            continue
+        if words & BONES:
+            bones.append(f"  {name}: {{{edge}}}")
+        elif len(words) == 1 and words <= TISSUES.keys():
+            organs.append(f"  {name}: {{tissue: {words.pop()}, {edge}}}")
+        else:
+            unknown.append(f"  # {name}: {{young: , {edge}}}")
+    said = (
+        ["# Say the stiffness in kPa (young: 5), or a named tissue, and take the # away:", *unknown] if unknown else []
+    )
+    lines = [
+        f"{KIND}: {VERSION}",
+        f"labels: {_quoted(labels)}",
+        "organs:",
+        *organs,
+        *said,
+        "bones:" * bool(bones),
+        *bones,
+    ]
+    return "\n".join(line for line in lines if line) + "\n"
+
+
+def _words(name: str) -> set[str]:
+    """Those of an organ's name, but for its side."""
+    return set(name.lower().replace("-", "_").split("_")) - SIDES
+
+
+def _quoted(text: str) -> str:
+    """As YAML has it in one line."""
+    return yaml.safe_dump(text, allow_unicode=True, width=np.inf).splitlines()[0]
 
 
 def _checked(content: Any) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -116,6 +165,10 @@ def _checked(content: Any) -> tuple[dict[str, Any], dict[str, Any]]:
             if unknown := sorted(set(map(str, said or {})) - set(ORGAN_KEYS)):
                 raise DataError(f"{name}: {unknown[0]}: no such key; there are {', '.join(ORGAN_KEYS)}")
     return found[0], found[1]
+
+
+def _labels(path: Path) -> Labels:
+    return with_names(read_labels(path), path)
 
 
 def _attachment(given: Any) -> Attachment:

@@ -7,7 +7,7 @@
 namespace palpate {
 
 inline FactoredStiffness all_vertices(const SparseCholesky& factor, int nodes) {
-    FactoredStiffness out{&factor, factor.rounded(), std::vector<int>(nodes), {}, {}, {}, {}};
+    FactoredStiffness out{&factor.tree, &factor, factor.rounded(), std::vector<int>(nodes), {}, {}, {}, {}};
     std::iota(out.free_index.begin(), out.free_index.end(), 0);
     out.vertex_index = out.vertex_node = out.vertex_free = out.free_index;
     std::mt19937 random(3);

@@ -127,7 +127,7 @@ TEST_CASE("a history that has decayed is forgotten") {
 TEST_CASE("the history of a long way keeps its total when it is full") {
     const int nodes = LoadHistory::capacity + 60;
     SparseCholesky factor(RandomBlocks(2).rows(), std::vector<double>(6, 0.0).data()); // not used
-    FactoredStiffness stiffness{&factor, {}, std::vector<int>(nodes), {}, {}, {}, {}};
+    FactoredStiffness stiffness{&factor.tree, &factor, {}, std::vector<int>(nodes), {}, {}, {}, {}};
     stiffness.vertex_node.resize(nodes), stiffness.vertex_free.assign(nodes, 0);
     for (int i = 0; i < nodes; i++) stiffness.position.insert(stiffness.position.end(), {0.1 * i, 0.0, 0.0});
     const RelaxationSpectrum spectrum({{0.5, 0.05}});

@@ -1,4 +1,5 @@
 // A push into the cube of the patch test against forces and displacements stored by x86-64.
+#include "../factored_cube.h"
 #include "../free_stiffness.h"
 #include "../stored_arrays.h"
 #include "compliance/compliance_model.h"
@@ -8,10 +9,7 @@ using namespace palpate;
 TEST_CASE("a push by two tools is as stored") {
     const std::vector<double> x = patch_test::positions();
     const SparseCholesky factor(patch_test::free_stiffness(), &x[12]);
-    const FactoredStiffness stiffness{
-        &factor,      factor.rounded(), {-1, -1, -1, -1, 0, 1, 2, 3, 4}, {-1, -1, -1, -1, 0, 1, 2, 3, -1},
-        {4, 5, 6, 7}, {0, 1, 2, 3},     {x.begin() + 12, x.begin() + 24}};
-    const ComplianceModel model(stiffness, 1 << 24);
+    const ComplianceModel model(patch_test::factored_cube(factor, x), 1 << 24);
     ContactPatch patches[2];
     for (int c = 0; c < 2; c++) {
         patches[c].count = 2;

@@ -1,3 +1,4 @@
+#include "../factored_cube.h"
 #include "../free_stiffness.h"
 #include "hyperelastic/neo_hookean.h"
 #include "multirate/multirate_model.h"
@@ -10,14 +11,7 @@ namespace {
 struct Cube : patch_test::Mesh {
     NeoHookean elements{x.data(), patch_test::nodes, tet.data(), patch_test::tets, lambda_of.data(), mu_of.data()};
     SparseCholesky factor{patch_test::free_stiffness(), &x[12]};
-    ComplianceModel linear{FactoredStiffness{&factor,
-                                             factor.rounded(),
-                                             {-1, -1, -1, -1, 0, 1, 2, 3, 4},
-                                             {-1, -1, -1, -1, 0, 1, 2, 3, -1},
-                                             {4, 5, 6, 7},
-                                             {0, 1, 2, 3},
-                                             {x.begin() + 12, x.begin() + 24}},
-                           size_t(1) << 20};
+    ComplianceModel linear{patch_test::factored_cube(factor, x), size_t(1) << 20};
     HyperelasticModel finite{elements, factor, {4, 5, 6, 7, 8}};
 };
 

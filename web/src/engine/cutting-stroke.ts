@@ -2,11 +2,14 @@
 import type { Vector } from "../protocol/server-messages";
 
 const SPACING = 0.5; // mean edges between the points of a way
+const PIECE = 1; // mean edges by which the way grows until the cut follows
 const TOLERANCE = 0.1; // mean edges from the way of the hand: each point that is left costs time
 const MOST_POINTS = 400;
 
 export class CuttingStroke {
-  private readonly way: Vector[];
+  readonly way: Vector[];
+  ended = false;
+  cut = 0; // how many points of the way the cut has followed
 
   /** edge: mm, of a mean element. depth: mm. direction: of the blade; (0, 0, 0): against the surface. */
   constructor(start: Vector, readonly depth: number, readonly direction: Vector, private readonly edge: number) {
@@ -21,9 +24,16 @@ export class CuttingStroke {
     if (distance(point, this.end) >= SPACING * this.edge && this.way.length < MOST_POINTS) this.way.push(point);
   }
 
-  /** The way that is cut: two points or more, or none. */
-  path(): Vector[] {
-    return this.way.length > 1 ? simplified(this.way, TOLERANCE * this.edge) : [];
+  /** Whether the cut is to follow. */
+  get due(): boolean {
+    const { way, cut } = this, grown = distance(this.end, way[Math.max(cut - 1, 0)]);
+    return way.length > Math.max(cut, 1) && (this.ended || grown >= PIECE * this.edge);
+  }
+
+  /** The way up to now, of two points or more; from now on the cut has followed it. */
+  follow(): Vector[] {
+    this.cut = this.way.length;
+    return simplified(this.way, TOLERANCE * this.edge);
   }
 }
 

@@ -4,6 +4,7 @@ import { Exam, type ExamRules } from "./exam";
 import { examFrameMessage, frameMessage } from "./frame-message";
 import { notesMessage, readNote } from "../protocol/text-messages";
 import type { SceneArrays } from "../protocol/scene-arrays";
+import type { BodyBuilder } from "./body-builder";
 import { LocalCuts } from "./local-cuts";
 import { SessionRecord } from "./session-record";
 import { TickClock } from "./tick-clock";
@@ -15,16 +16,16 @@ export class LocalSession {
   private readonly record: SessionRecord;
   private readonly exam: Exam | null;
   private readonly cuts: LocalCuts;
-  private readonly clock = new TickClock((ticks) => this.run(ticks), () => this.show(), () => this.engine.prepare());
+  private readonly clock = new TickClock((ticks) => this.run(ticks), () => this.show(), () => this.cuts.prepare() || this.engine.prepare());
 
-  /** organ: what is drawn first. present: shows what is drawn from now on. rules: of the lesson whose case it is. tell: shows the person a text. */
+  /** builder: of the bodies that cuts make. organ: what is drawn first. present: shows what is drawn from now on. rules: of the lesson whose case it is. tell: shows the person a text. */
   constructor(
-    private readonly engine: TouchEngine, organ: SceneArrays, private readonly post: (message: ArrayBuffer) => void,
+    private readonly engine: TouchEngine, builder: BodyBuilder, organ: SceneArrays, private readonly post: (message: ArrayBuffer) => void,
     present: (organ: SceneArrays) => void, rules: ExamRules | null, private readonly tell: (text: string) => void,
   ) {
     this.record = new SessionRecord(engine, rules?.lesson ?? "");
     this.exam = rules && new Exam(rules);
-    this.cuts = new LocalCuts(engine, this.record, organ, (command) => this.queue({ ...command, serial: this.clock.asked }), present, tell);
+    this.cuts = new LocalCuts(engine, builder, this.record, organ, (command) => this.queue({ ...command, serial: this.clock.asked }), present, tell);
   }
 
   /** Runs by the clock from now on. */

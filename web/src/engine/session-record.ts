@@ -12,7 +12,7 @@ export class SessionRecord {
   private readonly digests: Row[] = []; // ticks, hexadecimal digits
   private readonly switches: Row[] = []; // tick, what it lacked
   private readonly marks: Row[] = []; // tick, what, tool
-  private readonly cuts: unknown[][] = []; // tick, "cut" or "undo", points and triangles of the blade
+  private readonly cuts: unknown[][] = []; // tick, "cut", "extend" or "undo", points and triangles of the blade
   readonly notes: NoteText[] = [];
   private readonly last: string[] = []; // command of each tool
   private missing = 0;
@@ -32,11 +32,11 @@ export class SessionRecord {
     this.marks.push([tick, kind, tool]);
   }
 
-  /** A cut before this tick; corners: of its blade's triangles, (triangles, 3, 3) mm. */
-  addCut(tick: number, corners: Float64Array): void {
+  /** A cut before this tick, or more of the last one; corners: of its blade's triangles, (triangles, 3, 3) mm. */
+  addCut(tick: number, corners: Float64Array, further: boolean): void {
     const points = Array.from({ length: corners.length / 3 }, (_, i) => [...corners.subarray(3 * i, 3 * i + 3)]);
     const triangles = Array.from({ length: points.length / 3 }, (_, i) => [3 * i, 3 * i + 1, 3 * i + 2]);
-    this.cuts.push([tick, "cut", points, triangles]);
+    this.cuts.push([tick, further ? "extend" : "cut", points, triangles]);
   }
 
   /** The last cut is taken back before this tick. */

@@ -1,4 +1,7 @@
 // The engine of the real-time loop as WebAssembly (cpp/wasm/engine.cpp): one organ, one thread, ticks in lockstep.
+import type { Vector } from "../protocol/server-messages";
+import { readOrgan, type OrganHeader } from "./organ-file.ts"; // with its ending, for Node
+
 const TOOLS = 4;
 const FRAME_NUMBERS = 4 + TOOLS + 3 * 3 * TOOLS + TOOLS;
 const MOST_TICKS = 64; // in one call
@@ -8,15 +11,20 @@ interface Exports {
   _initialize(): void;
   allocate(bytes: number): number;
   release(at: number): void;
-  make(
+  take_organ(
     nodes: number, node: number, tets: number, tet: number, region: number, lam: number, mu: number, fixed: number,
     triangles: number, triangle: number, shownNodes: number, shown: number, regions: number, labels: number, cutCount: number, cutSizes: number, blade: number, edge: number,
     radius: number, limit: number, friction: number, toughness: number,
-  ): number;
-  incise(points: number, point: number, depth: number, x: number, y: number, z: number): number;
+  ): void;
+  begin(): number;
+  build(cuts: number, sizes: number, blade: number): number;
+  arrays_at(out: number): number;
+  room_for(which: number, bytes: number): number;
+  adopt_body(how: Change, triangles: number, corners: number): number;
+  change(how: Change, triangles: number, corners: number): number;
+  enter(): void;
+  incise(points: number, point: number, depth: number, x: number, y: number, z: number, way: number): number;
   blade_corners(out: number): void;
-  cut(triangles: number, corners: number): number;
-  undo(): number;
   opened(out: number): void;
   command(tool: number, kind: number, x: number, y: number, z: number, u: number, v: number, w: number, serial: number): void;
   step(ticks: number, forces: number): void;
@@ -29,25 +37,6 @@ interface Exports {
   digest_low(): number;
 }
 
-/** The numbers of an organ, and the settings of its session: mm and N. Its arrays follow in the file (`arrays`).
- * description: what a record says of the session as a whole. */
-interface Header {
-  description: Record<string, unknown>;
-  nodes: number;
-  tets: number;
-  triangles: number;
-  shown: number;
-  regions: number;
-  parts: { name: string; volume: number }[]; // regions in the same order: names, mm³
-  cuts: number; // that it comes with
-  blade: number; // triangles of these
-  edge: number; // mm, of a mean element
-  radius: number;
-  limit: number;
-  friction: number;
-  toughness: number; // J/m²
-}
-
 /** What is drawn of a body that was cut, as a `Scene` has it, mm; and of all its cuts the area, mm², and what they have freed. */
 export interface OpenedBody {
   rest: Float32Array<ArrayBuffer>; // (vertices, 3)
@@ -56,6 +45,10 @@ export interface OpenedBody {
   area: number;
   taken: number[]; // mm³ of the pieces that came free and are no longer there, by region
 }
+
+/** How the cuts of an organ change: one more, the last one goes further (its blade takes the place of the one before), or the last one is taken back. */
+export const Change = { once: 0, further: 1, undone: 2 } as const;
+export type Change = (typeof Change)[keyof typeof Change];
 
 /** Why a cut is not made, by the number that the engine gives; 0: it is. */
 const REFUSALS = [
@@ -82,11 +75,9 @@ export interface EngineFrame {
   shown: Float32Array; // (shown nodes, 3) mm; valid until the next call
 }
 
-/** Bytes of each array of an organ's file, in their order. */
-const arrays = ({ nodes, tets, triangles, shown, regions, blade, cuts }: Header) => ({
-  blade: 72 * blade, node: 24 * nodes, lam: 8 * tets, mu: 8 * tets, tet: 16 * tets, region: 4 * tets, triangle: 12 * triangles, shown: 4 * shown, labels: 4 * regions, sizes: 4 * cuts, fixed: nodes,
-});
 const OPENED_NUMBERS = 8;
+const MOST_ARRAYS = 64; // of a body
+const COPIED = 2 ** 22; // bytes of a body at a time: a millisecond or two
 
 /** An address in the engine's memory: beyond 2 GB the number that comes is negative. */
 const address = (given: number): number => given >>> 0;
@@ -95,6 +86,7 @@ export class TouchEngine {
   private readonly engine: Exports;
   private readonly forces: number;
   private readonly numbers: number;
+  private coming: { array: Uint8Array; at: number; which: number }[] = []; // what is still to be copied of the next body
   private drawn = 0; // vertices
   private drawnFirst = 0; // of the organ as it came
   first: OpenedBody | null = null; // what is drawn of an organ that came with cuts
@@ -125,28 +117,29 @@ export class TouchEngine {
 
   /** Makes the organ of a file's bytes: assembles its stiffness and factors it. */
   make(file: Uint8Array): void {
-    const length = new DataView(file.buffer, file.byteOffset).getUint32(0, true);
-    const header = JSON.parse(new TextDecoder().decode(file.subarray(4, 4 + length))) as Header;
-    const at: Record<string, number> = {};
-    let from = 4 + length;
-    for (const [name, bytes] of Object.entries(arrays(header))) {
-      if (from + bytes > file.length) throw new Error(`the organ's file ends within ${name}`);
-      at[name] = address(this.engine.allocate(bytes));
-      new Uint8Array(this.engine.memory.buffer, at[name], bytes).set(file.subarray(from, from + bytes));
-      from += bytes;
-    }
-    const { nodes, tets, triangles, shown, regions, cuts, edge, radius, limit, friction, toughness } = header;
-    const failed = this.engine.make(
-      nodes, at.node, tets, at.tet, at.region, at.lam, at.mu, at.fixed, triangles, at.triangle, shown, at.shown, regions, at.labels, cuts, at.sizes, at.blade, edge,
-      radius, limit, friction, toughness,
-    );
-    for (const each of Object.values(at)) this.engine.release(each);
+    const { cuts, shown } = this.take(file), failed = this.engine.begin();
     if (failed) throw new Error(cuts ? REFUSALS[failed] : "the organ's stiffness is not positive definite");
     this.first = cuts ? this.opened() : null;
     this.drawn = this.drawnFirst = this.first ? this.first.rest.length / 3 : shown;
+  }
+
+  /** Takes the organ of a file's bytes, whose bodies it will build. */
+  take(file: Uint8Array): OrganHeader {
+    const { header, arrays } = readOrgan(file), at: Record<string, number> = {};
+    for (const [name, array] of Object.entries(arrays)) {
+      at[name] = address(this.engine.allocate(array.length));
+      new Uint8Array(this.engine.memory.buffer, at[name], array.length).set(array);
+    }
+    const { nodes, tets, triangles, shown, regions, cuts, edge, radius, limit, friction } = header;
+    this.engine.take_organ(
+      nodes, at.node, tets, at.tet, at.region, at.lam, at.mu, at.fixed, triangles, at.triangle, shown, at.shown, regions, at.labels, cuts, at.sizes, at.blade, edge,
+      radius, limit, friction, at.toughness,
+    );
+    for (const each of Object.values(at)) this.engine.release(each);
     this.edge = edge;
     this.parts = header.parts;
     this.description = header.description;
+    return header;
   }
 
   /** Commands a tool, as a `ToolCommand` does. */
@@ -183,11 +176,20 @@ export class TouchEngine {
     };
   }
 
+  /** A blade enters: its whole way follows the surface as it is now. */
+  enter(): void {
+    this.engine.enter();
+  }
+
+  /** The edge of a blade that has entered at a point, from there into the tissue, mm. depth, direction: as of `incision`. */
+  bladeEdge(point: Vector, depth: number, direction: Vector): Vector {
+    return this.incise([point], depth, direction).into.map((x) => depth * x) as Vector;
+  }
+
   /** The blade of a cut along a way on the surface at rest (mm), `depth` mm deep: its triangles, (triangles, 3, 3) mm.
    * direction: of the blade; (0, 0, 0): against the surface's mean normal. */
-  incision(way: readonly (readonly number[])[], depth: number, [x, y, z]: readonly number[] = [0, 0, 0]): Float64Array {
-    const points = this.put(Float64Array.from(way.flat())), count = 9 * this.engine.incise(way.length, points, depth, x, y, z);
-    this.engine.release(points);
+  incision(way: readonly Vector[], depth: number, direction: Vector = [0, 0, 0]): Float64Array {
+    const { count } = this.incise(way, depth, direction);
     if (count === 0) throw new CutRefused("The blade has no way into the tissue here; cut less far around.");
     const at = address(this.engine.allocate(8 * count));
     this.engine.blade_corners(at);
@@ -196,17 +198,66 @@ export class TouchEngine {
     return corners;
   }
 
-  /** Cuts by the triangles of a blade. The cut body takes over at once; no tick runs while it is made. */
-  cut(blade: Float64Array): OpenedBody {
-    const corners = this.put(blade), refused = this.engine.cut(blade.length / 9, corners);
-    this.engine.release(corners);
-    if (refused) throw new CutRefused(REFUSALS[refused]);
-    return this.opened();
+  /** count: numbers of its corners. into: unit way into the tissue. */
+  private incise(way: readonly Vector[], depth: number, [x, y, z]: Vector): { count: number; into: Vector } {
+    const points = this.put(Float64Array.from(way.flat())), at = address(this.engine.allocate(24));
+    const count = 9 * this.engine.incise(way.length, points, depth, x, y, z, at);
+    const into = [...new Float64Array(this.engine.memory.buffer, at, 3)] as Vector;
+    for (const each of [points, at]) this.engine.release(each);
+    return { count, into };
   }
 
-  /** Takes the last cut back; left: how many cuts there are then beside those that it came with. Null: none is left. */
-  undo(left: number): OpenedBody | null {
-    const refused = this.engine.undo();
+  /** Changes the cuts, and makes the body here: no tick runs meanwhile. left: how many cuts there are then, beside those
+   * that the organ came with. Null: the body is the one that it came with. */
+  change(how: Change, left: number, blade: Float64Array = new Float64Array()): OpenedBody | null {
+    return this.changed(left, blade, (triangles, corners) => this.engine.change(how, triangles, corners));
+  }
+
+  /** Makes the body with these cuts, by their blades, beside those that the organ comes with; `receive` takes its arrays. */
+  build(cuts: readonly Float64Array[]): Uint8Array<ArrayBuffer>[] {
+    const sizes = this.put(Float64Array.from(cuts, (blade) => blade.length / 9)); // room enough for as many integers
+    new Int32Array(this.engine.memory.buffer, sizes, cuts.length).set(cuts.map((blade) => blade.length / 9));
+    const corners = this.put(Float64Array.from(cuts.flatMap((blade) => [...blade]))), refused = this.engine.build(cuts.length, sizes, corners);
+    this.engine.release(corners);
+    this.engine.release(sizes);
+    if (refused) throw new CutRefused(REFUSALS[refused]);
+    const out = this.put(new Float64Array(2 * MOST_ARRAYS)), { buffer } = this.engine.memory;
+    const at = new Float64Array(buffer, out, 2 * this.engine.arrays_at(out)), arrays: Uint8Array<ArrayBuffer>[] = [];
+    for (let k = 0; k < at.length; k += 2) arrays.push(new Uint8Array(buffer, at[k], at[k + 1]).slice() as Uint8Array<ArrayBuffer>);
+    this.engine.release(out);
+    return arrays;
+  }
+
+  /** The next body, made by another engine: `copy` takes it over piece by piece, then `adopt` the session goes on with it. */
+  receive(arrays: readonly Uint8Array[]): void {
+    this.coming = arrays.map((array, which) => ({ array, which, at: 0 }));
+  }
+
+  /** Copies some of the body that comes. False: all of it is there. */
+  copy(): boolean {
+    let left = COPIED;
+    while (this.coming.length > 0 && left > 0) {
+      const one = this.coming[0];
+      if (one.at === 0) one.at = address(this.engine.room_for(one.which, one.array.length));
+      const part = one.array.subarray(0, left);
+      new Uint8Array(this.engine.memory.buffer, one.at, part.length).set(part);
+      one.at += part.length;
+      one.array = one.array.subarray(part.length);
+      left -= part.length;
+      if (one.array.length === 0) this.coming.shift();
+    }
+    return this.coming.length > 0;
+  }
+
+  /** Changes the cuts as `change` does; the body is the one that has come. */
+  adopt(how: Change, left: number, blade: Float64Array = new Float64Array()): OpenedBody | null {
+    while (this.copy());
+    return this.changed(left, blade, (triangles, corners) => this.engine.adopt_body(how, triangles, corners));
+  }
+
+  private changed(left: number, blade: Float64Array, change: (triangles: number, corners: number) => number): OpenedBody | null {
+    const corners = this.put(blade), refused = change(blade.length / 9, corners);
+    this.engine.release(corners);
     if (refused) throw new CutRefused(REFUSALS[refused]);
     if (left > 0) return this.opened();
     this.drawn = this.drawnFirst;

@@ -1,6 +1,6 @@
 // The front end of the widgets of palpate.display, for anywidget: a page in a sandboxed frame, and the values that it
 // reports and takes. It runs in the notebook's document.
-import { CONNECT, type Values } from "../protocol/notebook-messages";
+import { CONNECT, type Given, type Report, type Values } from "../protocol/notebook-messages";
 
 interface Model {
   get(name: string): unknown;
@@ -35,18 +35,25 @@ function render({ model, el }: { model: Model; el: HTMLElement }): () => void {
   el.append(hidden, frame);
 
   const settable = model.get("_settable") as string[];
-  let port: MessagePort | null = null, taking = false;
-  const themes = new MutationObserver(() => port?.postMessage({ dark: isDark() }));
+  const given = new Map<string, number>(); // the newest message with each value
+  let port: MessagePort | null = null, serial = 0, taking = false;
+  const post = (values: Values) => {
+    serial++;
+    for (const name of Object.keys(values)) given.set(name, serial);
+    port?.postMessage({ serial, values } satisfies Given);
+  };
+  const themes = new MutationObserver(() => post({ dark: isDark() }));
   themes.observe(document.body, { attributes: true });
 
   /** Gives the page values that were set here or in Python, but for those that it has reported itself. */
   const give = (names: string[]) => {
     const values = names.map((name) => [name, model.get(name)]).filter(([, value]) => value !== null && value !== undefined);
-    if (!taking && values.length) port?.postMessage(Object.fromEntries(values));
+    if (!taking && values.length) post(Object.fromEntries(values));
   };
-  const take = ({ data }: MessageEvent<Values>) => {
+  /** Takes a report, but for values that were set here after it: the page reports again when it has taken those. */
+  const take = ({ data }: MessageEvent<Report>) => {
     taking = true;
-    for (const [name, value] of Object.entries(data)) model.set(name, value);
+    for (const [name, value] of Object.entries(data.values)) if ((given.get(name) ?? 0) <= data.taken) model.set(name, value);
     taking = false;
     model.save_changes();
   };

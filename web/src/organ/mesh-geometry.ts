@@ -8,6 +8,12 @@ export interface Hit {
   distance: number;
 }
 
+/** direction: unit vector. */
+export interface Ray {
+  origin: Vector;
+  direction: Vector;
+}
+
 // Tolerance of the barycentric weights, so that a ray through an edge or a corner meets one of the triangles there.
 const TOLERANCE = 1e-6;
 

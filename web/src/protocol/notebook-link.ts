@@ -1,6 +1,6 @@
 // Values between a page and the notebook that shows it in a frame (web/src/notebook/widget.ts), by name, over a port of
 // their own. The frame is sandboxed: its origin is opaque, so nothing but this port connects the two.
-import { CONNECT, type Values } from "./notebook-messages";
+import { CONNECT, type Given, type Report, type Values } from "./notebook-messages";
 
 const INTERVAL = 50; // ms between two messages at least
 
@@ -17,6 +17,7 @@ const connected = new Promise<MessagePort>((resolve) => {
 export class NotebookLink {
   private port: MessagePort | null = null;
   private sentAt = -Infinity; // ms
+  private taken = 0;
   private readonly sent = new Map<string, string>(); // as JSON
 
   /** setters: what the notebook can set, from the first report on. */
@@ -25,8 +26,9 @@ export class NotebookLink {
   /** Takes the values that the notebook sets. The page must be ready for them. */
   open(): void {
     void connected.then((port) => {
-      port.onmessage = ({ data }: MessageEvent<Values>) => {
-        for (const [name, value] of Object.entries(data)) {
+      port.onmessage = ({ data: { serial, values } }: MessageEvent<Given>) => {
+        this.taken = serial;
+        for (const [name, value] of Object.entries(values)) {
           this.setters[name]?.(value as never);
           this.sent.delete(name); // the page may have taken another value: it says which
         }
@@ -44,6 +46,6 @@ export class NotebookLink {
     });
     if (!changed.length) return;
     this.sentAt = now;
-    this.port.postMessage(Object.fromEntries(changed));
+    this.port.postMessage({ taken: this.taken, values: Object.fromEntries(changed) } satisfies Report);
   }
 }

@@ -16,10 +16,13 @@ export const SLOWEST = 0.25;
 export const FASTEST = 4.0;
 
 /** What a tool is asked to do. */
-export const CommandKind = { away: 0, hold: 1, needle: 2, free: 3, blade: 4 } as const;
+export const CommandKind = { away: 0, hold: 1, needle: 2, free: 3, blade: 4, carry: 5 } as const;
 
 /** What a tool's proxy is doing. */
-export const ContactState = { idle: 0, closed: 1, refused: 2, open: 3, cutting: 4 } as const;
+export const ContactState = { idle: 0, closed: 1, refused: 2, open: 3, cutting: 4, carrying: 5 } as const;
+
+/** Where a piece is that a cut has freed. */
+export const PieceState = { lying: 0, carried: 1, falling: 2, gone: 3 } as const;
 
 /** What a `Selection` selects. */
 export const SelectionKind = { model: 0, organ: 1 } as const;
@@ -627,6 +630,27 @@ export function decodeGuided(view: DataView): Guided {
   };
 }
 
+/** Server to page, before each `Frame` while there are pieces that cuts have freed. body: of the `Scene` that has them. */
+export interface Pieces {
+  body: number;
+  count: number;
+}
+export const PIECES_KIND = 22, PIECES_BYTES = 12;
+export function encodePieces(message: Pieces): ArrayBuffer {
+  const view = new DataView(new ArrayBuffer(PIECES_BYTES));
+  view.setUint8(0, 22);
+  view.setUint32(1, message.body, true);
+  view.setUint32(5, message.count, true);
+  return view.buffer;
+}
+export function decodePieces(view: DataView): Pieces {
+  if (view.getUint8(0) !== 22) throw new Error(`not a Pieces: kind ${view.getUint8(0)}`);
+  return {
+    body: view.getUint32(1, true),
+    count: view.getUint32(5, true),
+  };
+}
+
 /** Triangles first to first + count of a `DisplayedSurface` or a scene: the organ, or a region inside it. */
 export interface Part {
   name: string;
@@ -665,6 +689,13 @@ export interface Person {
   role: number;
 }
 
+/** A piece that a cut has freed. lips: numbers of the first vertex on its cut faces, as in a `Scene`. */
+export interface PieceShape {
+  nodes: number;
+  triangles: number;
+  lips: number[];
+}
+
 /** Server to page, once: a 32-bit length, then JSON of that length, padded with blanks to a multiple of 4 bytes. */
 export interface Scene {
   title: string;
@@ -701,6 +732,7 @@ export interface Scene {
   reason: string;
   images: boolean;
   room: string;
+  pieces: PieceShape[];
 }
 
 /** A display window: values from low (black) to high (white). hint: how they were chosen. */

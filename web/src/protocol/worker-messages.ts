@@ -1,6 +1,6 @@
 // Messages between the page and its worker.
 import type { PredictionState } from "./prediction-messages";
-import type { OtherHand, RoomState } from "./room-messages";
+import type { OtherHand, PiecePose, RoomState } from "./room-messages";
 import type {
   Choice, Difference, Frame, Guidance, Guided, Lead, Mark, Note, NoteText, Play, Position, Scalpel, Scene, Selection, TimelineTrack, ToolCommand, TrialStatus,
 } from "./server-messages";
@@ -17,6 +17,13 @@ export interface Organ {
   edges: Uint32Array<ArrayBuffer>;
   rims: Uint32Array<ArrayBuffer>;
   openness: Uint8Array<ArrayBuffer>;
+  pieces: Piece[];
+}
+
+/** A piece that a cut has freed, as an organ of its own, and how it is drawn. */
+export interface Piece {
+  organ: Organ;
+  arrays: NodeArrays;
 }
 
 /** Values of every shown node, transferred between page and worker without a copy: positions (mm), normals (x, y, z and
@@ -38,10 +45,10 @@ export type Ends = [low: number, high: number];
  * unknown); null if there is no scale. */
 export type Scale = { ends: Ends; range: Ends; limit: number | null } | null;
 
-/** organ: cut: another one, or the same after a cut. stale: what was shown last is not of now. way: to the room and back. */
+/** organ: cut: another one, or the same after a cut. bodies: wants a worker that makes bodies at the other end of the port. stale: what was shown last is not of now. way: to the room and back. */
 export type FromWorker =
   | { kind: "organ"; organ: Organ; cut: boolean }
-  | { kind: "frame"; frame: Frame; arrays: NodeArrays | null; hands: OtherHand[]; scale: Scale; work: number }
+  | { kind: "frame"; frame: Frame; arrays: NodeArrays | null; hands: OtherHand[]; pieces: PiecePose[]; scale: Scale; work: number }
   | { kind: "difference"; difference: Difference }
   | { kind: "trial"; status: TrialStatus }
   | { kind: "notes"; notes: NoteText[] }
@@ -54,12 +61,14 @@ export type FromWorker =
   | { kind: "way"; milliseconds: number }
   | { kind: "notice"; text: string }
   | { kind: "status"; good: boolean; text: string }
+  | { kind: "bodies"; port: MessagePort }
   | { kind: "record"; text: string; file: boolean };
 
-/** open-file: an exported organ and its engine, instead of a server; save: asks for its record, to write into a file or not. predict: whether the page shall predict what the room will answer. ends: of the scale of a mode, from now on. next: asks for the next frame; pressing: whether the first tool measures stiffness. return: arrays to use again. */
+/** bodies: makes the bodies of a session's cuts, and nothing else. open-file: an exported organ and its engine, instead of a server; save: asks for its record, to write into a file or not. predict: whether the page shall predict what the room will answer. ends: of the scale of a mode, from now on. next: asks for the next frame; pressing: whether the first tool measures stiffness. return: arrays to use again. */
 export type ToWorker =
   | { kind: "open"; scene: string; socket: string }
   | { kind: "open-file"; organ: ArrayBuffer; engine: ArrayBuffer }
+  | { kind: "bodies"; port: MessagePort }
   | { kind: "command"; command: ToolCommand }
   | { kind: "select"; selection: Selection }
   | { kind: "mark"; mark: Mark }

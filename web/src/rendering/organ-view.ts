@@ -7,13 +7,14 @@ import { TurntableCamera, type CameraGuest } from "./turntable-camera";
 import { Appearance } from "./appearance";
 import { GouraudMaterial } from "./gouraud-material";
 import { GuidanceLine } from "./guidance-line";
+import { LoosePieces } from "./loose-pieces";
 import { OtherHands } from "./other-hands";
 import { setSurfaceAttributes } from "./surface-attributes";
 import { TissueMaterial } from "./tissue-material";
 import { ToolMeshes } from "./tool-meshes";
 import { INNER_COLORS } from "../organ/color-map";
 import { add, interpolate, length, locate, pick, scale, subtract, toolVector } from "../organ/mesh-geometry";
-import type { OtherHand } from "../protocol/room-messages";
+import type { OtherHand, PiecePose } from "../protocol/room-messages";
 import type { Organ, NodeArrays } from "../protocol/worker-messages";
 import { ContactState, type Frame, type Vector } from "../protocol/server-messages";
 import { onColorScheme } from "./color-scheme";
@@ -32,6 +33,7 @@ export class OrganView {
   readonly root = new Scene3D();
   readonly toolMeshes = new ToolMeshes();
   readonly otherHands = new OtherHands();
+  readonly pieces = new LoosePieces();
   readonly guidanceLine = new GuidanceLine();
   private readonly geometry = new BufferGeometry();
   private readonly material = Object.assign(new GouraudMaterial(), { polygonOffsetFactor: 1, polygonOffsetUnits: 1 });
@@ -72,7 +74,7 @@ export class OrganView {
     light.position.set(-0.5, 0.8, 1);
     this.turntable.camera.add(light, light.target); // the light moves with the camera
     light.target.position.set(0, 0, -1);
-    this.root.add(this.turntable.camera, new HemisphereLight(0xffffff, 0x8a8fa0, 1.5), this.toolMeshes.group, this.otherHands.group, this.guidanceLine.mesh);
+    this.root.add(this.turntable.camera, new HemisphereLight(0xffffff, 0x8a8fa0, 1.5), this.toolMeshes.group, this.otherHands.group, this.pieces.group, this.guidanceLine.mesh);
     new ResizeObserver(() => this.resize()).observe(canvas);
     addEventListener("resize", () => this.measure());
     addEventListener("scroll", () => this.measure(), true);
@@ -115,6 +117,7 @@ export class OrganView {
     this.root.add(this.surface, this.depthOnly, this.wire, this.rims, ...this.inner);
     this.fitCamera(organ.rest, scene.front);
     setSurfaceAttributes(this.geometry, organ, this.size);
+    this.pieces.show(organ.pieces, this.size, this.shownLevel > 0 ? this.tissue : this.material, this.rimLines);
     this.tissue.setSizes(this.size, scene.radius);
     this.toolMeshes.contactRadius = scene.radius;
     this.updateVisibility();
@@ -181,6 +184,11 @@ export class OrganView {
     if (this.otherHands.update(hands, (point) => this.gapeAt(point))) this.needsRedraw = true;
   }
 
+  /** Takes where the pieces are that cuts have freed. */
+  showPieces(poses: PiecePose[]): void {
+    if (this.pieces.update(poses)) this.needsRedraw = true;
+  }
+
   /** Draws the coupling between a guiding tool and a guided one, mm, or none. */
   showGuidance(ends: [Vector, Vector] | null, color: number): void {
     if (this.guidanceLine.show(ends, color, this.size)) this.needsRedraw = true;
@@ -201,7 +209,7 @@ export class OrganView {
     if (level === this.shownLevel) return;
     this.shownLevel = level;
     if (level) this.tissue.level = level;
-    this.surface.material = level ? this.tissue : this.material;
+    this.surface.material = this.pieces.material = level ? this.tissue : this.material;
     this.toolMeshes.shaped = level > 0;
     if (this.newest) this.update(this.newest, null);
     this.needsRedraw = true;

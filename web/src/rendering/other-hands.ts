@@ -34,7 +34,7 @@ export class OtherHands {
   /** Moves them. gape: how far the organ has opened at a point, mm. Returns whether anything is drawn, or was. */
   update(hands: OtherHand[], gape: (point: Vector) => Vector): boolean {
     const before = this.places.length;
-    const shown = hands.filter(({ contact }) => contact === ContactState.closed || contact === ContactState.open);
+    const shown = hands.filter(({ contact }) => contact === ContactState.closed || contact === ContactState.open || contact === ContactState.carrying);
     this.places = shown.map(({ person, number, point, displacement, force }) => ({ person, number, at: add(add(point, gape(point)), displacement), force: length(force) }));
     this.drawn.forEach(({ tip, shaft, arrow }, i) => {
       const hand = shown[i], place = this.places[i];

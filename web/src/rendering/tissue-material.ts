@@ -17,7 +17,7 @@ out vec3 vSurface;
 void main() {
   vRest = rest;
   vNormal = normal;
-  vPosition = position;
+  vPosition = (modelMatrix * vec4(position, 1.0)).xyz; // a loose piece has moved
   vBase = base;
   vSurface = surface.xyz;
   gl_Position = projectionMatrix * (modelViewMatrix * vec4(position, 1.0));

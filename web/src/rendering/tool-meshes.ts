@@ -64,7 +64,7 @@ export class ToolMeshes {
   update(frame: Frame, gape: (point: Vector) => Vector, approach: (contact: Vector) => Vector3, camera: Quaternion): void {
     let needleVisible = false;
     for (let i = 0; i < TOOLS; i++) {
-      const present = frame.contact[i] === ContactState.closed || frame.contact[i] === ContactState.open;
+      const carries = frame.contact[i] === ContactState.carrying, present = carries || frame.contact[i] === ContactState.closed || frame.contact[i] === ContactState.open;
       const displacement = toolVector(frame.displacement, i), force = toolVector(frame.force, i);
       const isNeedle = present && (i === NEEDLE || frame.insertion[i] > 0);
       const isCamera = this.hidesEndoscope && ENDOSCOPE_TOOLS.includes(i);
@@ -74,7 +74,7 @@ export class ToolMeshes {
       this.spheres[i].w = 0;
       const cutting = frame.contact[i] === ContactState.cutting;
       this.arrows[i].visible = (present || cutting) && !isCamera && length(force) > MIN_FORCE;
-      const at = toolVector(frame.point, i), contact = add(add(at, gape(at)), displacement); // the displaced contact point
+      const at = toolVector(frame.point, i), contact = add(carries ? at : add(at, gape(at)), displacement); // the displaced contact point
       if (!present) {
         if (cutting) this.placeArrow(this.arrows[i], new Vector3(...contact), force); // the blade is drawn where the hand is
         this.axes[i] = this.hands[i] = null;
@@ -103,7 +103,7 @@ export class ToolMeshes {
 
   /** Places a finger or a probe, or one of two jaws, which meet in the hand. */
   private placeShape(tool: number, frame: Frame, contact: Vector, hand: Vector3, eye: Vector3): void {
-    const other = 1 - tool, grasps = tool < 2 && frame.contact[other] === ContactState.closed;
+    const other = 1 - tool, grasps = tool < 2 && (frame.contact[other] === ContactState.closed || frame.contact[other] === ContactState.carrying);
     const shape: ToolShape = grasps ? "jaw" : this.pulls ? "probe" : "finger";
     const radius = Math.min(this.contactRadius, 0.09 * this.size), tip = new Vector3(...contact), out = hand.clone();
     if (grasps) {

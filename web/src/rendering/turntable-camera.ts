@@ -1,6 +1,6 @@
 // A turntable camera: it orbits the organ with its up axis kept vertical.
 import { PerspectiveCamera, Vector3 } from "three";
-import { add, scale, subtract, unit } from "../organ/mesh-geometry";
+import { add, scale, subtract, unit, type Ray } from "../organ/mesh-geometry";
 import type { Vector } from "../protocol/server-messages";
 
 /** Takes the camera over and obeys what would move it. */
@@ -116,7 +116,7 @@ export class TurntableCamera {
   }
 
   /** The ray from the eye through a point of the picture, x and y in -1..1; direction of unit length. */
-  ray(x: number, y: number): { origin: Vector; direction: Vector } {
+  ray(x: number, y: number): Ray {
     const origin = this.camera.position.toArray();
     const through = new Vector3(x, y, 0.5).unproject(this.camera).toArray();
     return { origin, direction: unit(subtract(through, origin)) };

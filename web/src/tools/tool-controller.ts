@@ -5,7 +5,7 @@
 // surface in along its normal by the selected depth (times the pressure of a pen). Moving it strokes the surface at that
 // depth, and the displayed force rises over a stiff region. It is picked on the surface at rest, so that the dent below
 // the tool does not move it.
-// Pull: holds the point under the pixel and moves it in the plane of the picture.
+// Pull: holds the point under the pixel and moves it in the plane of the picture: of the organ, or of a loose piece before it.
 // Grasp: two jaws to the left and right of that point, closed by the selected amount; they move together.
 // Needle: enters under the pixel and stays there; the selected depth inserts it.
 // Cut: a blade goes along the surface where the pixel goes, as deep as selected. The server cuts the tissue behind it.
@@ -14,10 +14,12 @@
 import { BladeStroke } from "./blade-stroke";
 import type { CommandQueue } from "./command-queue";
 import type { MeasureTool } from "./measure-tool";
-import { add, dot, interpolate, length, limitLength, locate, nearestNode, pick, scale, subtract, unit, type Hit } from "../organ/mesh-geometry";
+import { PieceGrasp } from "./piece-grasp";
+import { add, dot, interpolate, length, limitLength, locate, nearestNode, pick, scale, subtract, unit, type Hit, type Ray } from "../organ/mesh-geometry";
 import { ENDOSCOPE_TOOLS, NEEDLE } from "../rendering/tool-meshes";
 import type { Organ } from "../protocol/worker-messages";
 import { CommandKind, type Scalpel, type Vector } from "../protocol/server-messages";
+import type { PieceHit } from "../rendering/loose-pieces";
 import type { OrganView } from "../rendering/organ-view";
 
 export type ToolKind = "press" | "pull" | "grasp" | "needle" | "cut" | "measure" | "camera";
@@ -27,6 +29,7 @@ export const TOOL_NUMBERS: Record<ToolKind, number[]> = { press: [0], pull: [0],
 
 const MAX_REACH = 0.999; // of the longest displacement, since the server gets it rounded
 const MOST_MOVED = 0.02; // of the organ's radius: farther from another organ's surface, a measured point is not one of it
+const JAW = 1.25; // of the contact's radius: from the middle of a grasp to each jaw, so that their patches do not overlap
 const MIN_INSERTION = 0.05; // mm: a needle needs a direction
 
 interface Jaw {
@@ -55,12 +58,14 @@ export class ToolController {
   private pressPoint: Hit | null = null; // on the surface at rest
   private needle: Needle | null = null;
   readonly blade: BladeStroke;
+  private readonly piece: PieceGrasp;
   private aiming = false; // the needle's entry point still follows the pixel
   private pressure = 1;
   private gain = 0.85; // of the last grasp: the first value for the next one
   private pixel: [number, number] = [0, 0];
 
   constructor(private readonly view: OrganView, private readonly commands: CommandQueue, private readonly measureTool: MeasureTool, sendScalpel: (scalpel: Scalpel) => void) {
+    this.piece = new PieceGrasp(view, commands);
     this.blade = new BladeStroke(view, () => this.amounts.cut, (origin, direction) => this.pickRay(origin, direction, true), sendScalpel);
   }
 
@@ -89,8 +94,18 @@ export class ToolController {
   /** The point of the organ's surface under a pixel: of the surface as drawn, or at rest. */
   pick(x: number, y: number, rest = false): Hit | null {
     if (!this.organ) return null;
-    const { origin, direction } = this.view.turntable.ray(...this.view.toClip(x, y));
+    const { origin, direction } = this.ray(x, y);
     return this.pickRay(origin, direction, rest);
+  }
+
+  /** The loose piece under a pixel, if it is before the organ. */
+  pieceAt(x: number, y: number): PieceHit | null {
+    const { origin, direction } = this.ray(x, y), found = this.view.pieces.pick(origin, direction);
+    return found && found.distance < (this.pick(x, y)?.distance ?? Infinity) ? found : null;
+  }
+
+  private ray(x: number, y: number): Ray {
+    return this.view.turntable.ray(...this.view.toClip(x, y));
   }
 
   private pickRay(origin: Vector, direction: Vector, rest: boolean): Hit | null {
@@ -107,7 +122,7 @@ export class ToolController {
 
   /** Does the tool hold something that ends with `release`? */
   get holding(): boolean {
-    return this.pressPoint !== null || this.grasp !== null || this.blade.cutting;
+    return this.pressPoint !== null || this.grasp !== null || this.piece.holding || this.blade.cutting;
   }
   get pressing(): boolean {
     return this.pressPoint !== null;
@@ -120,7 +135,7 @@ export class ToolController {
   get heldPoint(): Vector | null {
     if (!this.organ) return null;
     if (this.pressPoint) return interpolate(this.pressPoint, this.view.positions, this.organ.triangles);
-    return this.grasp ? this.centerOf(this.grasp.jaws) : null;
+    return this.grasp ? this.centerOf(this.grasp.jaws) : this.piece.heldPoint;
   }
 
   private centerOf(jaws: Jaw[]): Vector {
@@ -132,12 +147,18 @@ export class ToolController {
   begin(x: number, y: number, stamp: number, swap = false): boolean {
     if (this.kind === "camera") return false;
     const obeyed = this.organ && (this.kind === "measure" || !this.organ.scene.replay), hit = obeyed ? this.pick(x, y) : null;
-    if (!hit) return false;
+    const kind = swap && this.kind === "press" ? "pull" : swap && this.kind === "pull" ? "press" : this.kind;
+    const piece = obeyed && (kind === "pull" || kind === "grasp") ? this.pieceAt(x, y) : null;
+    if (!hit && !piece) return false;
     this.pixel = [x, y];
+    if (piece) {
+      this.piece.begin(piece, kind === "grasp" ? JAW * this.organ!.scene.radius : 0);
+      return this.sendCommands(stamp), true;
+    }
+    if (!hit) return false;
     if (this.kind === "measure") return this.measureTool.begin(hit), true;
     this.picked = { point: interpolate(hit, this.organ!.rest, this.organ!.triangles), count: (this.picked?.count ?? 0) + 1 };
-    const kind = swap && this.kind === "press" ? "pull" : swap && this.kind === "pull" ? "press" : this.kind;
-    if (kind === "cut") return this.blade.begin(this.pick(x, y, true) ?? hit, this.organ!), true;
+    if (kind === "cut") return this.blade.begin(this.pick(x, y, true) ?? hit, this.ray(x, y).direction, this.organ!), true;
     if (kind === "press") this.pressPoint = this.pick(x, y, true) ?? hit;
     else if (kind === "needle") this.insertNeedle(hit);
     else {
@@ -152,11 +173,10 @@ export class ToolController {
     return { hit, point: interpolate(hit, this.organ!.rest, this.organ!.triangles), closing };
   }
 
-  /** Jaws to the left and right of a point, on the visible surface, so far apart that their patches do not overlap. Where
-   * the surface ends on one side: its node nearest to that place. */
+  /** Jaws to the left and right of a point, on the visible surface. Where it ends on one side: its node nearest to that place. */
   private jaws(hit: Hit): Jaw[] {
     const { turntable } = this.view, middle = this.drawnPoint(hit).position;
-    const { scene } = this.organ!, offset = 1.25 * scene.radius, surface = scene.parts.find((p) => !p.inside)!;
+    const { scene } = this.organ!, offset = JAW * scene.radius, surface = scene.parts.find((p) => !p.inside)!;
     const jaws = [-1, 1].map((side) => {
       const target = add(middle, scale(turntable.right, side * offset));
       const { eye } = turntable, direction = unit(subtract(target, eye));
@@ -168,7 +188,7 @@ export class ToolController {
 
   private insertNeedle(hit: Hit): void {
     const { rest, triangles, normals } = this.organ!;
-    const { direction } = this.view.turntable.ray(...this.view.toClip(...this.pixel));
+    const { direction } = this.ray(...this.pixel);
     if (this.needle) this.withdrawNeedle();
     const inward = scale(unit(interpolate(hit, normals, triangles)), -1);
     this.needle = { point: interpolate(hit, rest, triangles), inward, view: direction };
@@ -184,7 +204,7 @@ export class ToolController {
       const hit = this.pick(x, y);
       return hit ? this.measureTool.moveTo(hit) : undefined;
     }
-    if (this.blade.cutting) return this.blade.move(this.pick(x, y, true), this.organ!);
+    if (this.blade.cutting) return this.blade.move(this.ray(x, y), this.organ!);
     if (this.pressPoint) this.pressPoint = this.pick(x, y, true) ?? this.pressPoint; // stays where the surface ends
     else if (this.aiming && this.amounts.needle === 0) {
       const hit = this.pick(x, y);
@@ -213,11 +233,14 @@ export class ToolController {
       const displacement = scale(normal, -this.amounts.press * this.pressure);
       this.commands.send(0, CommandKind.hold, interpolate(this.pressPoint, rest, triangles), limitLength(displacement, longest), stamp, true);
     } else if (this.grasp) {
-      const { jaws, gain } = this.grasp, common = scale(this.pointerDisplacement(this.grasp), gain);
+      const { jaws, gain } = this.grasp, common = scale(this.pointerDisplacement(this.grasp.start, this.lift(this.grasp)), gain);
       jaws.forEach(({ point, closing }, i) => {
         const displacement = add(common, scale(closing, this.amounts.grasp / 2));
         this.commands.send(i, CommandKind.hold, point, limitLength(displacement, longest), stamp);
       });
+    } else if (this.piece.start) {
+      const moved = this.pointerDisplacement(this.piece.start, this.piece.jaws > 1 ? 0 : this.amounts.pull);
+      this.piece.send(moved, longest, stamp);
     } else if (this.aiming) this.sendNeedle(stamp);
   }
 
@@ -233,7 +256,7 @@ export class ToolController {
   correctGain(): void {
     const { grasp, heldPoint } = this;
     if (!grasp || !heldPoint || this.commands.shifted) return;
-    const wanted = this.pointerDisplacement(grasp), distance = length(wanted);
+    const wanted = this.pointerDisplacement(grasp.start, this.lift(grasp)), distance = length(wanted);
     if (distance < 0.02 * this.view.size) return;
     const from = scale(grasp.jaws.map((jaw) => jaw.point).reduce(add), 1 / grasp.jaws.length);
     const reached = dot(subtract(heldPoint, from), wanted) / (distance * distance);
@@ -242,13 +265,18 @@ export class ToolController {
     this.sendCommands(performance.now());
   }
 
-  /** Displacement from the grasped point to the pixel, in the plane of the picture through it, and towards the eye. */
-  private pointerDisplacement(grasp: Grasp): Vector {
+  /** mm towards the eye: of a pull. */
+  private lift(grasp: Grasp): number {
+    return grasp.jaws.length > 1 ? 0 : this.amounts.pull;
+  }
+
+  /** Displacement from the grasped point, as drawn at first, to the pixel, in the plane of the picture through it, and towards the eye. */
+  private pointerDisplacement(start: Vector, lift: number): Vector {
     const { turntable } = this.view, { forward } = turntable;
     const { origin, direction } = turntable.ray(...this.view.toClip(...this.pixel));
-    const distance = dot(subtract(grasp.start, origin), forward) / dot(direction, forward);
-    const inPlane = subtract(add(origin, scale(direction, distance)), grasp.start);
-    return grasp.jaws.length > 1 ? inPlane : add(inPlane, scale(direction, -this.amounts.pull));
+    const distance = dot(subtract(start, origin), forward) / dot(direction, forward);
+    const inPlane = subtract(add(origin, scale(direction, distance)), start);
+    return add(inPlane, scale(direction, -lift));
   }
 
   /** Lets go of everything but the needle, which stays inserted. */
@@ -258,6 +286,7 @@ export class ToolController {
     if (this.blade.cutting) return this.blade.end();
     if (!this.holding) return;
     this.grasp = this.pressPoint = null;
+    this.piece.release();
     this.commands.release(0);
     this.commands.release(1);
   }

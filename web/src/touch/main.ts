@@ -1,7 +1,7 @@
 // Entry point of the touch page: connects the worker, the view, the tools, the input devices and the panel.
 import { buffersOf, type ColorMode, type FromWorker, type NodeArrays, type ToWorker } from "../protocol/worker-messages";
 import { ContactState, SelectionKind, type Frame, type Mark, type Scene } from "../protocol/server-messages";
-import type { OtherHand } from "../protocol/room-messages";
+import type { OtherHand, PiecePose } from "../protocol/room-messages";
 import { addresses, takeToken } from "../protocol/access-token";
 import { embeddedFile, isExported, workerAddress } from "../protocol/embedded-file";
 import { Appearance } from "../rendering/appearance";
@@ -37,7 +37,8 @@ import { SideSlices } from "./side-slices";
 import { TrialPanel } from "./trial-panel";
 import { exposeTestHooks } from "./test-hooks";
 
-const worker = new Worker(workerAddress(), isExported ? {} : { type: "module" });
+const beginWorker = () => new Worker(workerAddress(), isExported ? {} : { type: "module" });
+const worker = beginWorker();
 const post = (message: ToWorker, transfer: Transferable[] = []) => worker.postMessage(message, transfer);
 const token = isExported ? "" : takeToken();
 
@@ -83,7 +84,7 @@ const pictures = new Pictures(() => [view, ...replay.views], () => ({
 let scene: Scene | null = null;
 let newest: Frame | null = null;
 let hands: OtherHand[] = []; // of others in a room
-let pending: { frame: Frame; arrays: NodeArrays | null; hands: OtherHand[] } | null = null; // arrived, not drawn yet
+let pending: { frame: Frame; arrays: NodeArrays | null; hands: OtherHand[]; pieces: PiecePose[] } | null = null; // arrived, not drawn yet
 let colorMode: ColorMode = "plain";
 
 const models = new SelectList("model", (index) => post({ kind: "select", selection: { kind: SelectionKind.model, index } }));
@@ -93,7 +94,7 @@ const changeAmount = (steps: number) => (controller.kind === "camera" ? endoscop
 const hover = (x: number, y: number): boolean => {
   const hit = controller.pick(x, y);
   if (hit && !controller.needleInserted) sideSlices.moveTo(controller.drawnPoint(hit).position);
-  return hit !== null;
+  return hit !== null || controller.pieceAt(x, y) !== null;
 };
 const pointer = new PointerInput(canvas, view, controller, hover, changeAmount);
 const gamepad = new GamepadInput(canvas, view, controller, cursor, {
@@ -106,7 +107,7 @@ worker.onmessage = ({ data }: MessageEvent<FromWorker>) => {
   if (data.kind === "frame") {
     if (scene) sound.add(data.frame, scene.limit);
     const undrawn = pending?.arrays ?? null;
-    pending = { frame: data.frame, arrays: data.arrays ?? undrawn, hands: data.hands };
+    pending = { frame: data.frame, arrays: data.arrays ?? undrawn, hands: data.hands, pieces: data.pieces };
     if (data.arrays && undrawn) post({ kind: "return", arrays: undrawn }, buffersOf(undrawn));
     legend.update(data.scale, colorMode, scene?.models[data.frame.model] ?? scene?.model ?? "");
     if (colorMode === "error") errorReadout.update(scene, newest);
@@ -115,6 +116,9 @@ worker.onmessage = ({ data }: MessageEvent<FromWorker>) => {
   } else if (data.kind === "record") {
     if (data.file) saveText(data.text, "session.json", "application/json");
     else notebook.setRecord(data.text);
+  } else if (data.kind === "bodies") {
+    const bodies: ToWorker = data; // a worker that a file has begun may begin none
+    beginWorker().postMessage(bodies, [data.port]);
   } else if (data.kind === "trial") {
     trials.update(data.status);
   } else if (data.kind === "timeline" || data.kind === "position") {
@@ -222,10 +226,11 @@ function renderLoop(now: number): void {
   if (frame) testHooks.recordWork(performance.now() - began);
 }
 
-function takeFrame({ frame, arrays, hands: others }: { frame: Frame; arrays: NodeArrays | null; hands: OtherHand[] }): Frame {
+function takeFrame({ frame, arrays, hands: others, pieces }: { frame: Frame; arrays: NodeArrays | null; hands: OtherHand[]; pieces: PiecePose[] }): Frame {
   newest = frame;
   hands = others;
   view.showHands(hands);
+  view.showPieces(pieces);
   const replaced = view.update(frame, arrays);
   const pressing = controller.pressing || scene?.replay === true;
   post({ kind: "next", arrays: replaced, pressing }, replaced ? buffersOf(replaced) : []);
@@ -234,7 +239,7 @@ function takeFrame({ frame, arrays, hands: others }: { frame: Frame; arrays: Nod
   describeModel(frame);
   const measurement = measure(frame, controller.kind);
   if (measurement) sideSlices.moveTo(view.toolMeshes.tipPositions[measurement.tool]);
-  controller.correctGain();
+  if (!frame.contact.includes(ContactState.carrying)) controller.correctGain();
   depthSlider.update();
   notes.update(frame.tick);
   replay.update(frame);

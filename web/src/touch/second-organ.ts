@@ -1,6 +1,7 @@
 // The organ of a second replay, beside the first: a picture of its own, with the camera of the first.
 import { buffersOf, type ColorMode, type FromWorker, type NodeArrays, type ToWorker } from "../protocol/worker-messages";
 import { workerAddress } from "../protocol/embedded-file";
+import type { PiecePose } from "../protocol/room-messages";
 import type { Frame } from "../protocol/server-messages";
 import { OrganView } from "../rendering/organ-view";
 import { element, write } from "../ui/controls";
@@ -9,7 +10,7 @@ export class SecondOrgan {
   readonly view: OrganView;
   frame: Frame | null = null;
   private readonly worker = new Worker(workerAddress(), { type: "module" });
-  private pending: { frame: Frame; arrays: NodeArrays | null } | null = null;
+  private pending: { frame: Frame; arrays: NodeArrays | null; pieces: PiecePose[] } | null = null;
 
   /** first: the view whose camera this one has. scene, socket: addresses of the second replay. */
   constructor(private readonly first: OrganView, scene: string, socket: string) {
@@ -34,7 +35,7 @@ export class SecondOrgan {
       this.post({ kind: "next", arrays: null, pressing: false });
     } else if (data.kind === "frame") {
       const undrawn = this.pending?.arrays ?? null;
-      this.pending = { frame: data.frame, arrays: data.arrays ?? undrawn };
+      this.pending = { frame: data.frame, arrays: data.arrays ?? undrawn, pieces: data.pieces };
       if (data.arrays && undrawn) this.post({ kind: "return", arrays: undrawn }, buffersOf(undrawn));
     }
   }
@@ -66,6 +67,7 @@ export class SecondOrgan {
     this.pending = null;
     if (pending) {
       this.frame = pending.frame;
+      view.showPieces(pending.pieces);
       const replaced = view.update(pending.frame, pending.arrays);
       this.post({ kind: "next", arrays: replaced, pressing: true }, replaced ? buffersOf(replaced) : []);
     }

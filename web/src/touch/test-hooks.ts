@@ -6,7 +6,7 @@ import type { SideSlices } from "./side-slices";
 import type { CommandQueue } from "../tools/command-queue";
 import type { SurfaceCursor } from "../input/surface-cursor";
 import type { ToolController } from "../tools/tool-controller";
-import type { OtherHand } from "../protocol/room-messages";
+import type { OtherHand, PiecePose } from "../protocol/room-messages";
 import { CommandKind, type Frame, type Guidance, type Scene, type Vector } from "../protocol/server-messages";
 import type { AudioFeedback } from "../sound/audio-feedback";
 import type { SoundEvent } from "../sound/sound-events";
@@ -41,6 +41,8 @@ declare global {
       readonly hands: OtherHand[];
       /** Who guides whom, and the force on the guided hand, N. */
       readonly guidance: { told: Guidance | null; force: Vector };
+      /** Where the pieces are that cuts have freed, and the pixel at which the middle of each is drawn. */
+      pieces(): (PiecePose & { pixel: [number, number] })[];
       /** Shown nodes as they are drawn, (nodes, 3) mm. */
       positions(): number[];
       /** Commands a tool to hold the material point at `point` and displace it, mm. */
@@ -103,6 +105,7 @@ export function exposeTestHooks(parts: Parts): { recordWork(ms: number): void } 
     get guidance() {
       return parts.guidance();
     },
+    pieces: () => view.pieces.poses.map((pose, i) => ({ ...pose, pixel: view.toPixel(view.pieces.middle(i)) })),
     positions: () => [...view.positions],
     hold: (tool, point, displacement) => parts.commands.send(tool, CommandKind.hold, point, displacement, performance.now()),
     release: (tool) => parts.commands.release(tool, true),

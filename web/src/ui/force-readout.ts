@@ -22,7 +22,7 @@ export interface Measurement {
 /** Force and depth of the active tool: of the tools of a kind the one with the largest force; of all tools if none of that
  * kind is in contact. */
 export function measure(frame: Frame, kind: ToolKind): Measurement | null {
-  const inContact = (tool: number) => frame.contact[tool] === ContactState.closed || frame.contact[tool] === ContactState.cutting;
+  const felt: number[] = [ContactState.closed, ContactState.cutting, ContactState.carrying], inContact = (tool: number) => felt.includes(frame.contact[tool]);
   const ofKind = TOOL_NUMBERS[kind].filter(inContact);
   const tools = ofKind.length ? ofKind : Array.from({ length: TOOLS }, (_, i) => i).filter(inContact);
   if (!tools.length) return null;
@@ -147,7 +147,7 @@ export class ForceReadout {
     if (newest) {
       write("late", newest.late ? `${((100 * newest.late) / Math.max(1, newest.tick)).toFixed(1)} %` : "0");
       write("tick-time", `${(1e3 * newest.busy).toFixed(2)} ms`);
-      write("energy", `${newest.energy.toFixed(2).replace(/^-(0\.00)$/, "$1").replace("-", "−")} mJ`);
+      write("energy", `${threeDigits(newest.energy)} mJ`);
     }
     const { median, p99, count } = this.commands.latency();
     write("delay", count ? `${median.toFixed(0)} ms, 99 %: ${p99.toFixed(0)} ms` : "–");
@@ -156,3 +156,6 @@ export class ForceReadout {
     this.framesDrawn = 0;
   }
 }
+
+/** 1.23, 12.3, 123: more would not fit beside its name. */
+const threeDigits = (x: number): string => x.toFixed(Math.max(0, 2 - Math.floor(Math.log10(Math.max(1, Math.abs(x)))))).replace(/^-(0\.00)$/, "$1").replace("-", "−");

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate import _core
 from palpate.arrays import ArrayLike, Float64, Int32, float64
 from palpate.errors import DataError
 
@@ -63,6 +64,8 @@ class Blade:
     def swept(cls, path: ArrayLike, direction: ArrayLike, depth: float) -> "Blade":
         """Return what a straight edge sweeps that goes along a path.
 
+        Parts that lie in one plane but for a millionth of the path's length are made to lie in it.
+
         Parameters
         ----------
         path : array_like, (P, 3)
@@ -91,6 +94,8 @@ class Blade:
             raise DataError("direction: (0, 0, 0) points nowhere; give the way from the blade's upper end to its tip")
         if not (np.isfinite(depth) and depth > 0):
             raise DataError(f"depth: {depth} mm; give a finite depth above 0")
+        if len(x) > 2 and np.isfinite(x).all():
+            x = _core.cutting.straightened(x, way.tolist())
         k, n = np.arange(len(x) - 1), len(x)
         triangles = np.concatenate([np.stack([k, k + 1, k + 1 + n], axis=1), np.stack([k, k + 1 + n, k + n], axis=1)])
         return cls(np.concatenate([x, x + depth / length * way]), triangles)

@@ -218,15 +218,27 @@ def refuse_cut(mesh: TetMesh, what: str, instead: str = "take the model `complia
 
 
 def without(mesh: CutMesh, gone: Bool) -> CutMesh:
-    """A cut mesh without tetrahedra (M,), which are whole pieces."""
-    kept = ~gone
+    """A cut mesh without tetrahedra (M,), which are whole pieces that have come free."""
+    taken = np.bincount(mesh.region[gone], mesh.volumes[gone])
+    figures = replace(mesh.figures, taken={region: float(v) for region, v in enumerate(taken) if v > 0})
+    return part_of(mesh, ~gone, figures)
+
+
+def pieces_of(mesh: CutMesh, gone: Bool) -> tuple[CutMesh, ...]:
+    """The pieces that tetrahedra (M,) make, each a mesh, the largest first."""
+    volume = np.bincount(mesh.body[gone], mesh.volumes[gone])
+    order = np.argsort(-volume, kind="stable")[: np.count_nonzero(volume)]
+    return tuple(part_of(mesh, gone & (mesh.body == body), mesh.figures) for body in order)
+
+
+def part_of(mesh: CutMesh, kept: Bool, figures: CutFigures) -> CutMesh:
+    """Those tetrahedra (M,) of a cut mesh, which are whole pieces."""
     nodes = np.zeros(len(mesh.nodes), dtype=bool)
     nodes[mesh.tets[kept]] = True
     at, tet = np.cumsum(nodes) - 1, np.cumsum(kept) - 1
     drawn = kept[mesh.skin.tet]
     vertex = np.cumsum(drawn) - 1
     triangle = drawn[mesh.skin.triangles[:, 0]]
-    taken = np.bincount(mesh.region[gone], mesh.volumes[gone])
     return CutMesh(
         mesh.nodes[nodes],
         at[mesh.tets[kept]].astype(np.int32),
@@ -245,6 +257,6 @@ def without(mesh: CutMesh, gone: Bool) -> CutMesh:
             mesh.skin.weight[drawn],
         ),
         blades=mesh.blades,
-        figures=replace(mesh.figures, taken={region: float(v) for region, v in enumerate(taken) if v > 0}),
+        figures=figures,
         centerline=mesh.centerline,
     )

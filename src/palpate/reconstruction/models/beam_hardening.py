@@ -12,6 +12,7 @@ import numpy as np
 
 from palpate.arrays import ArrayLike, Bool, Float32, Float64, float64
 from palpate.errors import DataError
+from palpate.reconstruction.models.blurred import Blurred
 from palpate.reconstruction.models.likelihood import Curvature, Likelihood
 from palpate.scans.scan import Scan
 
@@ -190,8 +191,8 @@ class Hardened:
     Parameters
     ----------
     likelihood : Likelihood
-        The likelihood of the same pixels for a monochromatic beam: `Transmission`, `Gaussian`, `WeightedLeastSquares` or one
-        of your own whose slope h' is nowhere below min(0, h'(0)).
+        The likelihood of the same pixels for a monochromatic beam: `Transmission`, `Gaussian`, `WeightedLeastSquares`,
+        `Blurred` or one of your own whose slope h' is nowhere below min(0, h'(0)).
     curve : Curve or Table
         g: a `Polynomial`, a `Spectrum`, one of your own, or one for each ray (`TwoMaterials.behind`).
 
@@ -275,8 +276,10 @@ class Hardened:
         if kind == "precomputed":
             _, rise, _ = self.curve(self.line_integrals)
             return (self.likelihood.curvature(nothing, "precomputed") * rise**2).astype(np.float32)
-        most = self.likelihood.curvature(nothing, "maximum") * self.curve.steepest**2
-        return (most + np.maximum(0, -self.likelihood.slope(nothing)) * self.curve.sharpest).astype(np.float32)
+        most = self.likelihood.curvature(nothing, "maximum")
+        # The surrogate of blurred counts has −h'(0) <= I, its largest curvature; other pixels have the slope of their own.
+        fall = most if isinstance(self.likelihood, Blurred) else np.maximum(0, -self.likelihood.slope(nothing))
+        return (most * self.curve.steepest**2 + fall * self.curve.sharpest).astype(np.float32)
 
 
 def precorrected(scan: Scan, curve: Curve | Table) -> Scan:
@@ -310,7 +313,7 @@ def precorrected(scan: Scan, curve: Curve | Table) -> Scan:
     lit = scan.mask & (signal > 0)
     p = np.log(np.where(lit, scan.incident, 1) / np.where(lit, signal, 1))
     corrected = np.where(lit, scan.incident * np.exp(-_table(curve).inverse(p)) + scan.background, scan.counts)
-    return Scan(corrected, scan.incident, scan.views, scan.background, scan.mask, scan.notes)
+    return Scan(corrected, scan.incident, scan.views, scan.background, scan.mask, scan.notes, scan.blur)
 
 
 def _table(curve: Curve | Table) -> Table:

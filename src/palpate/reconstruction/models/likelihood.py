@@ -325,14 +325,6 @@ class WeightedLeastSquares:
         return self.weights
 
 
-def value_and_slope(likelihood: Likelihood, l: Float32, slope: Float32) -> float:
-    """The value; the slope is written to `slope`. In one pass for our own, not for what overrides parts of them."""
-    if type(likelihood) is Transmission or type(likelihood) is Gaussian:
-        return likelihood.value_and_slope(l, slope)
-    np.copyto(slope, likelihood.slope(l))
-    return likelihood.value(l)
-
-
 def _line_integrals(counts: Float32, incident: Float32, background: Float32) -> Float32:
     measured = incident > 0
     signal = np.maximum(counts - background, np.float32(0.5))

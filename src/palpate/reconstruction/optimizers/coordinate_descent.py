@@ -6,9 +6,9 @@ import numpy as np
 
 from palpate import _core
 from palpate.arrays import Float32, UInt8
-from palpate.reconstruction.models.likelihood import Curvature, Likelihood, value_and_slope
+from palpate.reconstruction.models.likelihood import Curvature, Likelihood
 from palpate.reconstruction.models.mrf_prior import Prior
-from palpate.reconstruction.optimizers.problem import Problem
+from palpate.reconstruction.optimizers.problem import Problem, value_and_slope
 from palpate.reconstruction.projector import Projector
 from palpate.reconstruction.slab_passes import passes, slabs_of
 from palpate.reconstruction.slicing import ORDER

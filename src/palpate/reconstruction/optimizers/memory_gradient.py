@@ -6,9 +6,10 @@ import numpy as np
 
 from palpate import _core
 from palpate.arrays import Float32, UInt8
-from palpate.reconstruction.models.likelihood import Curvature, Likelihood, value_and_slope
+from palpate.reconstruction.models.blurred import Blurred
+from palpate.reconstruction.models.likelihood import Curvature, Likelihood
 from palpate.reconstruction.models.mrf_prior import Prior
-from palpate.reconstruction.optimizers.problem import Problem
+from palpate.reconstruction.optimizers.problem import Problem, value_and_slope
 from palpate.reconstruction.projector import Projector
 from palpate.reconstruction.slab_passes import passes
 from palpate.reconstruction.volume_pool import VolumePool
@@ -132,19 +133,23 @@ class _MemoryGradient:
             if self.beta > 0:
                 pairs = self.problem.pairs_before(slab)
                 prior_bends += _core.subspace.prior_curvatures(f, before, u, spacing, *self.law, *pairs)
-        if self.kind == "precomputed" and attempt > 0:
-            bend = np.ascontiguousarray(self.likelihood.curvature(self.l, "optimal"))
-        elif self.kind == "precomputed":
-            bend = self.bend
+        if self.kind == "precomputed" and attempt == 0 and isinstance(self.likelihood, Blurred):
+            bends = np.array(self.likelihood.curvatures_along(self.l, self.l_before, self.spare))
         else:
-            bend = np.ascontiguousarray(self.likelihood.curvature(self.l, self.kind))
-        bends = np.array(_core.subspace.data_curvatures(bend, self.l, self.l_before, self.spare))
+            bends = np.array(_core.subspace.data_curvatures(self._bend(attempt), self.l, self.l_before, self.spare))
         uu, up, pp = (bends + self.beta * prior_bends).tolist()
         if not uu > 0:
             return None
         if attempt < 2:
             return plane_minimum(slopes.tolist(), uu, up, pp)
         return -slopes[0] / uu / 4 ** (attempt - 2), 0.0
+
+    def _bend(self, attempt: int) -> Float32:
+        """The curvature of a parabola in each line integral."""
+        if self.kind == "precomputed" and attempt == 0:
+            return self.bend
+        kind: Curvature = "optimal" if self.kind == "precomputed" else self.kind
+        return np.ascontiguousarray(self.likelihood.curvature(self.l, kind))
 
 
 def majoriser(A: Projector, curvature: Float32, step: int = 1) -> tuple[Float32, int]:

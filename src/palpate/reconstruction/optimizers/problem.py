@@ -9,7 +9,8 @@ import numpy as np
 
 from palpate import _core
 from palpate.arrays import AnyArray, Float32, UInt8
-from palpate.reconstruction.models.likelihood import Curvature, Likelihood
+from palpate.reconstruction.models.blurred import Blurred
+from palpate.reconstruction.models.likelihood import Curvature, Gaussian, Likelihood, Transmission
 from palpate.reconstruction.models.mrf_prior import Prior
 from palpate.reconstruction.projector import Projector
 from palpate.reconstruction.slab_passes import Slab, passes, slabs_of
@@ -113,3 +114,11 @@ class Optimizer(Protocol):
 
     def state(self) -> Mapping[str, AnyArray]:
         """All that `update` needs besides the iterate to go on to the bit."""
+
+
+def value_and_slope(likelihood: Likelihood, l: Float32, slope: Float32) -> float:
+    """The value; the slope is written to `slope`. In one pass for our own, not for what overrides parts of them."""
+    if type(likelihood) is Transmission or type(likelihood) is Gaussian or isinstance(likelihood, Blurred):
+        return likelihood.value_and_slope(l, slope)
+    np.copyto(slope, likelihood.slope(l))
+    return likelihood.value(l)

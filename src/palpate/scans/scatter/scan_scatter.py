@@ -35,7 +35,7 @@ def add_scatter(
     else:
         background = scan.background + _read(Path(scatter), scan.shape)
         notes = {"scatter": f"file {Path(scatter).name}"}
-    return Scan(scan.counts, scan.incident, scan.views, background, scan.mask, {**scan.notes, **notes})
+    return Scan(scan.counts, scan.incident, scan.views, background, scan.mask, {**scan.notes, **notes}, scan.blur)
 
 
 def _read(path: Path, shape: tuple[int, int, int]) -> np.ndarray:

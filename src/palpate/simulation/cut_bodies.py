@@ -1,24 +1,32 @@
-"""The tissues that the cuts of a session make one after the other, and the models of them."""
+"""The bodies that the cuts of a session make one after the other, and the models of them."""
 
-from palpate.errors import DataError
+from dataclasses import dataclass
+
 from palpate.meshes.cutting.blade import Blade
 from palpate.meshes.cutting.cut_mesh import CutMesh
-from palpate.simulation.session_cuts import CutKind
-from palpate.tissue.cutting import cut
+from palpate.simulation.loose_pieces import LoosePiece
+from palpate.tissue.cutting import cut_apart
+from palpate.tissue.cutting_work import CuttingWork
 from palpate.tissue.models.compliance import ComplianceModel
 from palpate.tissue.models.tissue_model import TissueModel
 from palpate.tissue.tissue import Tissue
 
 
-def tissues_after(tissues: tuple[Tissue, ...], kind: CutKind, blade: Blade | None) -> tuple[Tissue, ...]:
-    """The first tissue and those after each cut, once there is one more change. Raises `DataError`, and what `cut` does."""
-    if kind != "cut" and len(tissues) < 2:
-        raise DataError(f"{kind}: nothing has been cut in this session; cut first")
-    before = tissues if kind == "cut" else tissues[:-1]
-    if blade is None:
-        return before
-    blades = (*blades_of(before[-1])[len(blades_of(tissues[0])) :], blade)
-    return (*before, cut(tissues[0], blades, loose="remove"))  # of all of it: a piece may have been taken away
+@dataclass(frozen=True, eq=False)
+class CutBody:
+    """What a session has after some cuts. pieces: loose ones beside the tissue. work: of its last cut, once it is known."""
+
+    tissue: Tissue
+    pieces: tuple[LoosePiece, ...] = ()
+    work: CuttingWork | None = None
+
+
+def cut_once_more(first: Tissue, before: Tissue, blade: Blade) -> tuple[Tissue, tuple[CutMesh, ...]]:
+    """A session's first tissue with the cuts of a later one and one more, and the pieces that have come free.
+
+    Raises what `cut` does.
+    """
+    return cut_apart(first, (*blades_of(before)[len(blades_of(first)) :], blade))
 
 
 def blades_of(tissue: Tissue) -> tuple[Blade, ...]:
@@ -27,7 +35,7 @@ def blades_of(tissue: Tissue) -> tuple[Blade, ...]:
 
 
 def taken_by_name(tissue: Tissue) -> dict[str, float]:
-    """Volumes of the pieces that its cuts have freed and that were taken away, by name of the region, mm³."""
+    """Volumes of the pieces that its cuts have freed, by name of the region, mm³."""
     mesh = tissue.mesh
     volumes = mesh.figures.taken if isinstance(mesh, CutMesh) else {}
     return {(mesh.names or {}).get(region, f"region {region}"): volume for region, volume in volumes.items()}
