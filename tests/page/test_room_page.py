@@ -308,8 +308,10 @@ def test_a_lecture_is_seen_by_all_as_the_teacher_plays_it(browser, album, tmp_pa
         trainee.page.focus("#view")
         trainee.page.keyboard.press("p")
         trainee.page.keyboard.press("j")
-        trainee.page.wait_for_timeout(300)
-        assert trainee.see("palpate.frame.tick") == 1900
+        trainee.page.wait_for_timeout(3000)  # a paused lecture is no silent room
+        for page in pages:
+            assert page.see("palpate.frame.tick") == 1900
+            assert page.see("document.getElementById('status').classList.contains('good')")
         teacher.page.click("#play")
         for page in pages:
             page.wait("palpate.frame.tick === 2000 && palpate.secondFrame.tick === 2000")

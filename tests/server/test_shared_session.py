@@ -1,6 +1,7 @@
 """Several people in one session: whose tools are whose, what each role may do, and what a teacher can stop."""
 
 import struct
+import time
 from contextlib import ExitStack
 
 import numpy as np
@@ -306,3 +307,14 @@ def test_a_replay_is_played_by_teachers_and_seen_by_all_alike(watched):
     assert set(trainee.told) == {"Only a teacher can do this here."}
     assert {person["name"] for person in teacher.people} >= {"Gray"}
     assert teacher.told == []
+
+
+def test_a_paused_replay_is_heard_on_and_on(watched):
+    """A page in a room takes a server that says nothing for lost, and connects anew (room-liveness.ts, after 1.5 s)."""
+    teacher = watched("teacher", "Gray")
+    teacher.send(messages.Play(PlayStep.pause, 0.0))
+    teacher.send(messages.Play(PlayStep.seek, 1900.0))
+    teacher.until(lambda _, contact, *__: contact[0])
+    viewer, end = watched("viewer").socket, time.monotonic() + 4
+    while time.monotonic() < end:
+        assert viewer.recv(timeout=1.4)

@@ -19,6 +19,7 @@ FRAME_TIME = 1 / 60  # s between frames
 MOST_BEHIND = 0.25  # s: what a slow machine loses more, it does not catch up
 SEEK_TICKS = 2000  # of a longer way the pages are told how far it has come
 TELL_INTERVAL, CURVE_INTERVAL = 0.25, 1.0  # s
+PULSE = 0.5  # s between frames of a pause in a room: its pages take a server that is silent for lost (room-liveness.ts)
 
 
 class Playback:
@@ -32,6 +33,7 @@ class Playback:
         self.sought = 0  # how often a tick was asked for
         self.curves = [np.zeros(0) for _ in self.players]
         self._changed = asyncio.Event()
+        self._pause = PULSE if any(live.room for live in lives) else None  # s between frames while paused
 
     @property
     def opened(self) -> bool:
@@ -91,7 +93,7 @@ class Playback:
                     shown = state
                     await self.lives[0].tell(self.where(1.0))
                 with contextlib.suppress(TimeoutError):
-                    await asyncio.wait_for(self._changed.wait(), FRAME_TIME if going else None)
+                    await asyncio.wait_for(self._changed.wait(), FRAME_TIME if going else self._pause)
                 self._changed.clear()
         finally:
             self.sought += 1  # a way that is being computed ends
@@ -102,8 +104,10 @@ class Playback:
             goal = min(tick, player.record.length)
             far = goal < player.tick or goal > player.tick + SEEK_TICKS
             way = asyncio.create_task(asyncio.to_thread(player.go_to, goal, lambda: sought == self.sought))
-            while far and not (await asyncio.wait([way], timeout=TELL_INTERVAL))[0]:
-                await self.lives[0].tell(self.where(min(0.99, player.tick / max(goal, 1))))
+            while not (await asyncio.wait([way], timeout=TELL_INTERVAL))[0]:
+                there = min(0.99, player.tick / max(goal, 1)) if far else 1.0
+                for each in self.lives:
+                    await each.tell(self.where(there))
             if await way:
                 live.publish_replay()
 
