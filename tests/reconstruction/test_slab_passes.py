@@ -13,7 +13,7 @@ import palpate as pp
 from palpate import _core
 from palpate.reconstruction import slab_passes
 from palpate.reconstruction.optimizers.problem import Problem
-from palpate.reconstruction.slab_passes import passes, slabs_of
+from palpate.reconstruction.slab_passes import passes, slabs_of, telling_slabs
 
 in_files = pytest.mark.skipif(sys.platform == "win32", reason="no limit of memory on Windows")
 FEW = settings(max_examples=12, deadline=None)
@@ -99,6 +99,23 @@ def test_no_voxel_is_lost_on_its_way_through_files(shape, room, tmp_path_factory
             truth = truth + np.float32(1)
             np.testing.assert_array_equal(made, truth, err_msg=f"turn {turn}")
             given, made = made, given
+
+
+@in_files
+def test_each_slab_of_a_pass_is_told(tmp_path):
+    """By number and count, in a block that asks for it; one slab alone is not."""
+    heard = []
+    with pp.memory_limit("500MB", tmp_path):
+        _core.base.set_scratch(str(tmp_path), 4 * 10 * 10 * 12)
+        volume = np.zeros((30, 10, 10), np.float32)
+        slabs = slabs_of(volume.shape)
+        with telling_slabs(lambda *slab: heard.append(slab)):
+            gone_over = [(*heard[-1], slab) for slab in passes(slabs, [volume])]
+            list(passes(slabs[:1], [volume]))
+        list(passes(slabs, [volume]))
+    assert len(slabs) > 2
+    assert gone_over == [(k + 1, len(slabs), slab) for k, slab in enumerate(slabs)]
+    assert len(heard) == len(slabs)
 
 
 @in_files

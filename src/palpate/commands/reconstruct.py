@@ -59,10 +59,10 @@ def add(app: typer.Typer) -> None:
     app.command("reconstruct", short_help="Reconstructs a volume from a scan.")(reconstruct_command)
 
 
-@archive_option((".h5",), ".nii.gz")
+@archive_option((".h5", ".zarr"), ".nii.gz")
 def reconstruct_command(
     ctx: typer.Context,
-    scan: Annotated[Path, typer.Argument(help="Scan file (.h5); palpate scan import makes one.", show_default=False)],
+    scan: Annotated[Path, typer.Argument(help="Scan (.h5, .zarr); palpate scan import makes one.", show_default=False)],
     output: Annotated[
         Path,
         typer.Option("-o", "--output", help="Volume: .nii.gz, .nrrd, .mha, .dcm, .zarr, .tif; folder: CT."),
@@ -376,9 +376,15 @@ def numbers_in(words: str) -> list[float]:
 
 
 def _shown(steps: "Iterator[pp.Step]", iterations: int) -> "Iterator[pp.Step]":
-    """The same steps, with progress: level, iteration, objective, and the longest that the rest can take."""
-    with progress() as say:
-        say("preparing", 0.0)
+    """The same steps, with progress: level, iteration, objective, and the longest that the rest can take.
+
+    Where volumes lie in files, also the slab of slices that is passed over.
+    """
+    from palpate.reconstruction.slab_passes import telling_slabs
+
+    words, share = "preparing", 0.0
+    with progress() as say, telling_slabs(lambda k, count: say(f"{words}, slab {k} of {count}", share)):
+        say(words, share)
         before = 0.0
         for step in steps:
             took, before = step.seconds - before, step.seconds
@@ -387,8 +393,12 @@ def _shown(steps: "Iterator[pp.Step]", iterations: int) -> "Iterator[pp.Step]":
             here = iterations * 2**step.level
             rest = took * (here - step.iteration + here * sum(2**k for k in range(1, step.level + 1)))
             words = f"level {step.level}, iteration {step.iteration}, objective {step.objective:.6g}"
-            left = "" if step.finished else f", at most {rest:.0f} s left"
-            say(words + left, 1.0 if step.finished else min(step.iteration / here, 0.99))
+            if not step.finished:
+                words += f", at most {rest:.0f} s left"
+            share = 1.0 if step.finished else min(step.iteration / here, 0.99)
+            say(words, share)
+            if step.finished:
+                words, share = "preparing", 0.0  # the next level
             yield step
 
 

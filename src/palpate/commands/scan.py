@@ -33,7 +33,7 @@ def add(app: typer.Typer) -> None:
 @scan_app.command("import", short_help="Imports a stack of projections.")
 def import_command(
     stack: Annotated[Path, typer.Argument(help="A file, a folder, a 'pattern*.tif', or a sample: breast, head.")],
-    output: Annotated[Path, typer.Option("-o", "--output", help="Scan file to write (.h5).")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Scan to write: a file (.h5), or a folder (.zarr).")],
     geometry: Annotated[Path | None, typer.Option(help="Geometry file; palpate scan template writes one.")] = None,
     check: Annotated[bool, typer.Option(help="Look for mistakes in geometry and counts, and warn.")] = True,
 ) -> None:
@@ -45,12 +45,12 @@ def import_command(
     Your own: palpate scan template -o geometry.yaml, fill it in, then
     palpate scan import 'views/*.tif' --geometry geometry.yaml -o scan.h5
     """
-    from palpate.atomic_write import writable
     from palpate.scans.dicom_projections import MEANING as DICOM_MEANING
     from palpate.scans.dicom_projections import is_dicom_stack
     from palpate.scans.importers import geometry_of
+    from palpate.scans.io import writable_scan
 
-    writable(output)
+    writable_scan(output)
     dicom = is_dicom_stack(stack) and geometry is None
     meaning = None if dicom else geometry_of(str(stack), geometry)
     with doing(f"importing {stack.name}"):
@@ -69,7 +69,7 @@ def import_command(
 @scan_app.command("correct", short_help="Makes a scan of what a panel read: dark, flat, bad pixels, gain, lag, dose.")
 def correct_command(
     raw: Annotated[Path, typer.Argument(help="Raw views: a file, a folder, or a 'pattern*.tif'.")],
-    output: Annotated[Path, typer.Option("-o", "--output", help="Scan file to write (.h5).")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Scan to write: a file (.h5), or a folder (.zarr).")],
     geometry: Annotated[Path | None, typer.Option(help="Geometry file; palpate scan template writes one.")] = None,
     dark: Annotated[
         str | None, typer.Option(help="Frames without beam, or a number: 0 for a panel without offset.")
@@ -113,8 +113,9 @@ def correct_command(
     from palpate.atomic_write import replacing, writable
     from palpate.commands.raw_inputs import raw_inputs
     from palpate.errors import DataError
+    from palpate.scans.io import writable_scan
 
-    writable(output)
+    writable_scan(output)
     if plot is not None:
         writable(plot)
         if plot.suffix.lower() not in PICTURES:
@@ -152,7 +153,7 @@ scan_app.command("calibrate", short_help="Finds the geometry from a phantom of b
 
 @scan_app.command("check", short_help="Looks for mistakes in geometry, counts and grid.")
 def check_command(
-    scan: Annotated[Path, typer.Argument(help="Scan file (.h5); palpate scan import makes one.", show_default=False)],
+    scan: Annotated[Path, typer.Argument(help="Scan (.h5, .zarr); palpate scan import makes one.", show_default=False)],
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="Picture of geometry and verdict (.png, .svg).")
     ] = None,
@@ -202,7 +203,7 @@ def check_command(
 
 @scan_app.command("simulate", short_help="Simulates a scan of a phantom whose shadow is known exactly.")
 def simulate_command(
-    output: Annotated[Path, typer.Option("-o", "--output", help="Scan file to write (.h5).")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Scan to write: a file (.h5), or a folder (.zarr).")],
     phantom: Annotated[PhantomName, typer.Option(help="What is in the beam.")] = PhantomName.slab,
     motion: Annotated[Motion, typer.Option(help="How the tube moves.")] = Motion.circular,
     views: Annotated[int, typer.Option(help="Number of projections.")] = 8,
@@ -221,11 +222,11 @@ def simulate_command(
 
     Simulates a scan of a phantom whose shadow is known exactly.
     """
-    from palpate.atomic_write import writable
+    from palpate.scans.io import writable_scan
     from palpate.scans.simulate import standard_views
     from palpate.volumes.io import writable_volume
 
-    writable(output)
+    writable_scan(output)
     if truth is not None:
         writable_volume(truth)
     geometry = standard_views(motion.value, views, pixels, pitch, distance, extent, angle)

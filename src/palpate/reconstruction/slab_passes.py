@@ -1,7 +1,9 @@
 """Passes over volumes, slab after slab: where they lie in files, each slice is read once a pass, and written once."""
 
-from collections.abc import Iterator, Sequence
+import contextlib
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextvars import ContextVar
 
 from palpate import _core
 from palpate.arrays import Float32
@@ -12,6 +14,21 @@ DEPTH = 16  # slices that the backprojector takes at once
 
 Slab = tuple[int, int]  # the first slice, and the one after the last
 Passing = _core.base.Passing
+TOLD: ContextVar[Callable[[int, int], None] | None] = ContextVar("told of each slab", default=None)
+
+
+@contextlib.contextmanager
+def telling_slabs(told: Callable[[int, int], None]) -> Iterator[None]:
+    """In the block, `told` gets the number of each slab that is passed over, from 1 on, and how many the pass has.
+
+    A pass with one slab tells nothing. One takes seconds to minutes, where volumes lie in files.
+    """
+    before = TOLD.get()
+    TOLD.set(told)
+    try:
+        yield
+    finally:
+        TOLD.set(before)
 
 
 def slabs_of(shape: tuple[int, int, int], ends: Sequence[int] | None = None) -> list[Slab]:
@@ -44,6 +61,7 @@ def passes(slabs: Sequence[Slab], reads: Sequence[Float32], writes: Sequence[Flo
     if len(slabs) == 1:
         yield slabs[0]
         return
+    told = TOLD.get()
     with ThreadPoolExecutor(2) as threads:
         coming: Future[None] | None = None
         going: list[Future[None]] = []
@@ -52,6 +70,8 @@ def passes(slabs: Sequence[Slab], reads: Sequence[Float32], writes: Sequence[Flo
                 _fetch(slab, reads, writes)
             else:
                 coming.result()
+            if told:
+                told(k + 1, len(slabs))
             if k + 1 < len(slabs):
                 coming = threads.submit(_fetch, slabs[k + 1], reads, writes)
             yield slab

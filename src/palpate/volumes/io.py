@@ -16,6 +16,7 @@ from palpate.volumes.dicom_source import source_images
 from palpate.volumes.file_axes import StoredImage, affine_of, right_handed
 from palpate.volumes.suppress_output import suppress_output
 from palpate.volumes.volume import Labels, Volume
+from palpate.volumes.zarr_folder import is_zarr
 
 FORMATS: dict[str, ModuleType] = {
     ".nii": nifti,
@@ -231,7 +232,7 @@ def writable_volume(path: str | Path) -> Path:
 def _read(path: str | Path) -> tuple[Path, StoredImage]:
     path = Path(path)
     if (path.is_dir() and not path.name.lower().endswith(".zarr")) or is_dicom(path):
-        form: ModuleType = ome_zarr if ome_zarr.is_zarr(path) else dicom_volumes
+        form: ModuleType = ome_zarr if is_zarr(path) else dicom_volumes
     elif path.suffix.lower() in DICOM:
         form = dicom_volumes
     else:

@@ -1,43 +1,33 @@
 """OME-Zarr folders through zarr: writes NGFF 0.4, reads 0.4 and 0.5. Needs `pip install palpate[zarr]`."""
 
-import math
-import os
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from palpate.arrays import AnyArray
-from palpate.bounded_read import check_claim
 from palpate.errors import FileError
 from palpate.volumes.file_axes import StoredImage, voxel_size
 from palpate.volumes.grid_metadata import metadata_text, read_metadata_text, read_notes
+from palpate.volumes.zarr_folder import check_array, is_zarr, stored_bytes, zarr_package
 
 TO_MM = {"meter": 1000.0, "centimeter": 10.0, "millimeter": 1.0, "micrometer": 0.001, "nanometer": 1e-6}
-EMPTY = 2**20  # bytes that a folder counts for at least: chunks of zeros need not be there
 CHUNK = 64
 NOTE = "palpate"  # attribute with the exact place: OME-Zarr 0.4 knows scale and shift, no rotation
 
 
-def is_zarr(path: Path) -> bool:
-    """Whether a folder is a Zarr group."""
-    return any((path / name).is_file() for name in (".zgroup", "zarr.json"))
-
-
 def read(path: Path) -> StoredImage:
     """The finest level of the first image. Raises `FileError`."""
-    zarr = _zarr()
+    zarr = zarr_package()
     if not is_zarr(path):
         raise FileError(f"{path}: not an OME-Zarr folder (neither .zgroup nor zarr.json in it); check the name")
-    size = _stored_bytes(path)
+    size = stored_bytes(path)
     try:
         group = zarr.open_group(path, mode="r")
         attributes = dict(group.attrs)
         image = attributes.get("ome", attributes)["multiscales"][0]
         axes, level = image["axes"], image["datasets"][0]
         array = group[level["path"]]
-        for what, shape in (("voxels", array.shape), ("voxels a chunk", array.chunks)):
-            check_claim(path, f"{shape} {what}", math.prod(shape) * array.dtype.itemsize, max(size, EMPTY))
+        check_array(path, array, "voxels", size)
         spatial = [i for i, axis in enumerate(axes) if axis.get("type", "space") == "space"]
         if len(spatial) != 3 or any(n != 1 for i, n in enumerate(array.shape) if i not in spatial):
             raise FileError(
@@ -61,7 +51,7 @@ def read(path: Path) -> StoredImage:
 
 def write(path: Path, stored: StoredImage) -> None:
     """One level, chunks of 64 voxels a side. Raises `FileError` without zarr."""
-    zarr = _zarr()
+    zarr = zarr_package()
     spacing = voxel_size(stored.affine)[::-1]
     group = zarr.open_group(path, mode="w", zarr_format=2)
     chunks = tuple(min(CHUNK, n) for n in stored.values.shape)
@@ -78,28 +68,3 @@ def write(path: Path, stored: StoredImage) -> None:
         }
     ]
     group.attrs[NOTE] = metadata_text(stored)
-
-
-def _stored_bytes(path: Path) -> int:
-    """Bytes of the files in a folder, which has to hold nothing but files and folders. Raises `FileError`."""
-    size, folders = 0, [path]
-    while folders:
-        with os.scandir(folders.pop()) as entries:
-            for entry in entries:
-                if entry.is_dir():
-                    folders.append(Path(entry.path))
-                elif entry.is_file():
-                    size += entry.stat().st_size
-                else:
-                    raise FileError(
-                        f"{path}: {entry.name} in it is a pipe or a device, not a file; copy the folder again"
-                    )
-    return size
-
-
-def _zarr() -> Any:
-    try:
-        import zarr
-    except ImportError:
-        raise FileError("OME-Zarr needs the package zarr: pip install 'palpate[zarr]'") from None
-    return zarr
