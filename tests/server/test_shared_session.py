@@ -223,7 +223,7 @@ def test_a_page_that_is_far_behind_gets_no_more_frames_until_it_has_caught_up_an
 
     slow.send(messages.Seen(0))
     last, count = until_held_back(slow)
-    assert 10 < count < 1000, "about a second's"
+    assert 1 <= count < 50, "and those that were under way before its first word"
     newest = [tick(next_frame(quick, 2.0)) for _ in range(count + 20)][-1]
     quick.send(messages.Seen(count + 20))
     assert len([next_frame(silent, 2.0) for _ in range(count + 20)]) == count + 20

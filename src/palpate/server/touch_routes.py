@@ -168,8 +168,10 @@ async def send_frames(page: WebSocket, live: LiveSession, new_frame: asyncio.Eve
             await new_frame.wait()
             await flow.ready()
             new_frame.clear()
-            flow.send()
-            for message in live.messages(page):
+            messages = live.messages(page)
+            if messages:
+                flow.send()
+            for message in messages:
                 await page.send_bytes(message)
             if page in live.comparison.pages and live.comparison.newest not in (b"", last_difference):
                 last_difference = live.comparison.newest
