@@ -83,8 +83,8 @@ def moved(blade, by):
     return pp.Blade(blade.points + by * normal / np.linalg.norm(normal), blade.triangles)
 
 
-def run(count, seed, progress=False):
-    """How often each kind came, how many cuts met the body, and what was wrong."""
+def run(count, seed, progress=0):
+    """How often each kind came, how many cuts met the body, and what was wrong. progress: cuts between two words of it."""
     told, wrong, met, meshes = Counter(), [], 0, bodies()
     for number in range(count):
         rng = np.random.default_rng((seed, number))
@@ -100,8 +100,9 @@ def run(count, seed, progress=False):
         wrong += [f"{number} {name} {kind}: {fault}" for fault in faults(meshes[name], blades, cut)]
         if kind in THROUGH and cut.skin.lip.any() and cut.body.max() == 0:  # all three bodies are convex
             wrong.append(f"{number} {name} {kind}: the two sides hang together")
-        if progress and number % 100 == 99:
-            print(f"\r{number + 1} of {count} cuts, {len(wrong)} wrong", end="", file=sys.stderr, flush=True)
+        if progress and number % progress == progress - 1:
+            end = "\r" if sys.stderr.isatty() else "\n"
+            print(f"{number + 1} of {count} cuts, {len(wrong)} wrong", end=end, file=sys.stderr, flush=True)
     return told, met, wrong
 
 
@@ -110,7 +111,7 @@ def main():
     parser.add_argument("count", type=int, nargs="?", default=10_000)
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
-    told, met, wrong = run(given.count, given.seed, progress=sys.stderr.isatty())
+    told, met, wrong = run(given.count, given.seed, progress=100 if sys.stderr.isatty() else 1000)
     for name, times in sorted(told.items()):
         print(f"{times:7d}  {name}")
     for line in wrong[:20]:

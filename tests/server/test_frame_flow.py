@@ -49,7 +49,6 @@ def travel(monkeypatch):
 
 @pytest.mark.parametrize("length", [0.001, 0.05, 0.15, 0.3])
 def test_a_way_that_carries_all_frames_gets_them_all(travel, length):
-    """But for one pause, at most, in which the way is measured anew."""
     came, ages = travel(40, lambda t: length, lambda t: 200)
     assert len(came) > 0.96 * (40 - length) / INTERVAL
     assert np.diff(came).max() < 2 * length + 0.3

@@ -12,7 +12,7 @@ REMEMBERED = 4096  # frames that were sent and of which nothing was said
 COUNTED = 1.0  # s over which frames are counted that come
 FORGOTTEN = 3.0  # s in which the rate falls by e where the way carries less than before
 UNEVEN = 1.25  # times the time of an empty way that the way may take by itself
-LOOK = 10.0  # s after which the way is let run empty, to see how long it is by now
+GROWTH = 1.1  # of the rate with a word of a page, where frames are held back and none has waited
 
 
 class FrameFlow:
@@ -20,37 +20,38 @@ class FrameFlow:
 
     As many frames are under way as come while one goes and is told of: their rate times the time of an empty way, as in
     BBR (Cardwell et al., ACM Queue 14, 2016). The rate falls only while this limit holds frames back, since a paused
-    replay sends few over any way. Frames that wait hide that a way has become longer; so it runs empty now and then.
+    replay sends few over any way. A way that has become longer lets ever fewer under way, until one goes alone and
+    tells how long it is now.
     """
 
     def __init__(self) -> None:
         self.sent = 0
-        self._under_way: deque[tuple[int, float]] = deque(maxlen=REMEMBERED)  # number, and when it was sent
+        self._under_way: deque[tuple[int, float, bool]] = deque(
+            maxlen=REMEMBERED
+        )  # number, when it was sent, whether alone
         self._words: deque[tuple[float, int]] = deque()  # when the page said how many have come
         self._tells = False
         self._told = asyncio.Event()
         self._rate = 0.0  # frames a second that come
-        self._shortest = math.inf  # s, from a frame to the page's word of it
-        self._looked = time.monotonic()  # when it was about that
-        self._held_back = self._emptying = False
+        self._shortest = 0.0  # s, from a frame to the page's word of it on an empty way
+        self._tried = self._held_back = False
 
     def send(self) -> None:
         """A frame is sent."""
         self.sent += 1
-        self._under_way.append((self.sent, time.monotonic()))
+        self._under_way.append((self.sent, time.monotonic(), not self._under_way))
 
     def taken(self, count: int) -> None:
         """The page has taken so many frames."""
         self._tells = True
         count = min(count, self.sent)
-        now, took = time.monotonic(), None
-        while self._under_way and self._under_way[0][0] <= count:
-            took = now - self._under_way.popleft()[1]
+        now = time.monotonic()
         self._count(now, count)
-        if took is not None:
-            self._measure(now, took)
-        if self._emptying and not self._under_way:
-            self._emptying, self._shortest, self._looked = False, math.inf, now  # the next word tells
+        came = []
+        while self._under_way and self._under_way[0][0] <= count:
+            came.append(self._under_way.popleft())
+        if came:
+            self._measure(now, came)
         self._held_back = False
         self._told.set()
 
@@ -68,22 +69,23 @@ class FrameFlow:
         self._rate = max(rate, self._rate)
         words.append((now, count))
 
-    def _measure(self, now: float, took: float) -> None:
-        """The newest frame that has come took so long."""
-        if took < UNEVEN * self._shortest + WAITING / 4:
-            self._shortest, self._looked = min(took, self._shortest), now
-        elif now - self._looked > LOOK:
-            self._emptying = True
+    def _measure(self, now: float, came: list[tuple[int, float, bool]]) -> None:
+        """The time of an empty way, after these frames have come. The newest was told of at once, the others not."""
+        for _, sent, alone in came:
+            if alone and self._tried:
+                self._shortest = max(self._shortest, now - sent - TELLING)
+        took = now - came[-1][1]
+        self._shortest, self._tried = min(self._shortest, took) if self._tried else took, True
+        if self._held_back and took < UNEVEN * self._shortest + WAITING / 4:
+            self._rate *= GROWTH
 
     @property
     def behind(self) -> bool:
         """Whether too many frames are under way for another one to follow."""
-        if not self._tells or not self._under_way:
-            return False
-        shortest = 0.0 if math.isinf(self._shortest) else self._shortest
-        if self._emptying or len(self._under_way) >= LEAST + self._rate * (shortest + WAITING):
+        if self._tells and len(self._under_way) >= LEAST + self._rate * (self._shortest + WAITING):
             self._held_back = True
-        return self._held_back
+            return True
+        return False
 
     async def ready(self) -> None:
         """Until the page is not too far behind."""
