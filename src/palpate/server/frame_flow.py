@@ -1,4 +1,4 @@
-"""How many frames are under way to a page. Without a limit a narrow way would fill, and the page would see ever older ones."""
+"""How many frames are under way to a page. Without a limit a narrow way would fill, and a page see ever older ones."""
 
 import asyncio
 import math
