@@ -1,4 +1,4 @@
-// The worker of the page: it owns the WebSocket or, in an exported file, the session; keeps only the newest frame, and
+// The worker of the page: it hears the server or, in an exported file, runs the session; keeps only the newest frame, and
 // decodes it when the page asks for one.
 import { ColorMap, FIRST_ENDS } from "./organ/color-map";
 import { BodyBuilder } from "./engine/body-builder";
@@ -12,12 +12,12 @@ import { normals, packNormals } from "./organ/mesh-geometry";
 import { noteMessage, readNotes, readTimeline } from "./protocol/text-messages";
 import { readScene, type SceneArrays } from "./protocol/scene-arrays";
 import { readHands, readPeople, readPieces, type OtherHand, type PiecePose, type RoomState } from "./protocol/room-messages";
-import { RoomLiveness, type Liveness } from "./protocol/room-liveness";
+import { ServerConnection } from "./protocol/server-connection";
 import { buffersOf, type ColorMode, type FromWorker, type NodeArrays, type Organ, type Scale, type ToWorker } from "./protocol/worker-messages";
 import {
-  CloseCode, ComparisonState, DIFFERENCE_BYTES, DIFFERENCE_KIND, DISTANCE_STEPS, FRAME_BYTES, decodeDifference, decodeFrame,
+  ComparisonState, DIFFERENCE_BYTES, DIFFERENCE_KIND, DISTANCE_STEPS, FRAME_BYTES, decodeDifference, decodeFrame,
   GUIDANCE_KIND, HANDS_KIND, NOTES_KIND, PEOPLE_KIND, PIECES_KIND, POSITION_KIND, TIMELINE_KIND, TRIALSTATUS_KIND, Role, decodeGuidance, decodePosition, decodeTrialStatus, encodeChoice, encodePlay, encodeCompare, encodeMark,
-  encodeGuided, encodeLead, encodeScalpel, encodeSeen, encodeSelection, encodeToolCommand, type Frame,
+  encodeGuided, encodeLead, encodeScalpel, encodeSelection, encodeToolCommand, type Frame,
 } from "./protocol/server-messages";
 
 const page = self as unknown as {
@@ -26,16 +26,12 @@ const page = self as unknown as {
 };
 
 const FAST_DECODE = 4; // ms
-const FIRST_RETRY = 250, LAST_RETRY = 4000; // ms
-const SEEN_INTERVAL = 100, LOOK_INTERVAL = 50, NO_ANSWER = 8000; // ms
 
 let organ: Organ | null = null;
 let colorMap: ColorMap | null = null;
 let normalSums: Float32Array<ArrayBuffer>;
-let socket: WebSocket | null = null;
-let local: LocalSession | null = null; // in place of the socket
-let sceneAddress = "";
-let taken = 0, telling: ReturnType<typeof setTimeout> | null = null; // frames on this connection; a timer until that is told
+let server: ServerConnection | null = null;
+let local: LocalSession | null = null; // in place of the server
 let fetching = false; // the scene after a cut
 let newest: ArrayBuffer | null = null; // frame that was not sent to the page yet
 let last: ArrayBuffer | null = null; // frame that was sent last
@@ -50,32 +46,18 @@ let loose: { body: number; poses: PiecePose[] } = { body: 0, poses: [] }; // the
 let prediction: Prediction | null = null; // in a room
 let predictionWanted: boolean | null = null; // by the person
 let frozen = false; // the room has stopped this hand
-const liveness = new RoomLiveness(followLiveness);
-let giveUp: (code: number) => void = () => {}; // the connection, and begin another one
 let lastSerial = 0; // of the newest command that the last frame obeys
 let decodeTime = 0; // ms, of the last frame
 let pressing = false; // the first tool measures stiffness
 const pool: NodeArrays[] = []; // arrays that the page has returned
 
-/** The server lets nobody in with this address, and says why. */
-class Refused extends Error {}
-
-async function load(address: string, cut = false): Promise<void> {
-  sceneAddress = address;
-  const ended = new AbortController(), late = setTimeout(() => ended.abort(), NO_ANSWER); // a lost host's connection may stay open
-  const answer = await fetch(address, { signal: ended.signal });
-  clearTimeout(late);
-  if (answer.status === 403) throw new Refused((await answer.text()).replace("refused: ", ""));
-  if (!answer.ok) throw new Error(`the server answers ${answer.status}`);
-  show(readScene(await answer.arrayBuffer()), cut);
-}
-
 /** The organ was cut, or a cut was taken back: fetches what is to be drawn now. A failure is that of the socket too. */
 function followCut(): void {
-  if (fetching || local) return; // a session in the page has shown it
+  if (fetching || !server) return; // a session in the page has shown it
   fetching = true;
   const frame = newest; // a replay that is paused sends no other one
-  load(sceneAddress, true)
+  server
+    .fetchScene(true)
     .then(() => (newest ??= frame))
     .catch(() => {})
     .finally(() => (fetching = false));
@@ -94,51 +76,27 @@ function show({ scene, rest, open, triangles, beside, pieces = [] }: SceneArrays
   lastAtRest = false;
   page.postMessage({ kind: "organ", organ, cut });
   prediction?.close();
-  prediction = scene.room && !scene.replay && sceneAddress ? new Prediction(scene, rest, predictionAddresses(), showFrame, (state) => page.postMessage({ kind: "prediction", state }), send, predictionWanted) : null;
+  prediction = scene.room && !scene.replay && server ? new Prediction(scene, rest, server.predictionAddresses, showFrame, (state) => page.postMessage({ kind: "prediction", state }), send, predictionWanted) : null;
   prediction?.stop(frozen);
 }
 
-const predictionAddresses = (): [string, string] => {
-  const query = new URL(sceneAddress, self.location.origin).search;
-  return [`/engine${query}`, `/solid${query}`];
-};
-
-function connect(address: string): void {
-  socket = new WebSocket(address);
-  socket.binaryType = "arraybuffer";
-  taken = 0;
-  socket.onopen = () => {
-    liveness.begin();
-    page.postMessage({ kind: "status", good: true, text: "" });
-    if (mode === "error") requestComparison(true);
-  };
-  socket.onmessage = (event: MessageEvent<ArrayBuffer | string>) => {
-    liveness.hear();
-    if (typeof event.data === "string") return page.postMessage({ kind: "notice", text: event.data });
-    takeMessage(event.data);
-  };
+function openServer(scene: string, address: string): void {
+  server = new ServerConnection({
+    scene: show,
+    opened: () => mode === "error" && requestComparison(true),
+    message: takeMessage,
+    notice: (text) => page.postMessage({ kind: "notice", text }),
+    status: (good, text) => page.postMessage({ kind: "status", good, text }),
+    stale: () => page.postMessage({ kind: "stale" }),
+    silent: (on) => prediction?.hush(on),
+    closed: () => (newest = null),
+  });
+  void server.open(scene, address);
 }
-
-/** The room is heard, is silent, or is given up. */
-function followLiveness(now: Liveness, before: Liveness): void {
-  if (now === "given up") {
-    socket!.onmessage = socket!.onclose = null;
-    socket!.close();
-    return giveUp(CloseCode.room_lost);
-  }
-  prediction?.hush(now !== "heard");
-  if (now === "stale") page.postMessage({ kind: "stale" });
-  else if (now === "lost") page.postMessage({ kind: "status", good: false, text: "The room does not answer. Waiting…" });
-  else if (before === "lost") page.postMessage({ kind: "status", good: true, text: "" });
-}
-
-setInterval(() => {
-  if (organ?.scene.room && socket?.readyState === WebSocket.OPEN) liveness.watch();
-}, LOOK_INTERVAL);
 
 /** Tells how long the way is, if a frame obeys the command whose answer is being timed. */
 function timeRoundTrip(serial: number): void {
-  const milliseconds = liveness.answer(serial);
+  const milliseconds = server?.liveness.answer(serial) ?? null;
   if (milliseconds === null) return;
   prediction?.measure(milliseconds);
   page.postMessage({ kind: "way", milliseconds });
@@ -164,20 +122,10 @@ function takePeople(room: RoomState): void {
   page.postMessage({ kind: "people", room });
 }
 
-/** Says soon how many frames have come on this connection, so that the server sends no more than the way can carry. */
-function countFrame(): void {
-  if (local) return;
-  taken++;
-  telling ??= setTimeout(() => {
-    telling = null;
-    send(encodeSeen({ count: taken }));
-  }, SEEN_INTERVAL);
-}
-
 /** A frame of the room or of the session in the page. */
 function takeFrame(data: ArrayBuffer): void {
-  countFrame();
-  if (liveness.asking) timeRoundTrip(decodeFrame(new DataView(data)).serial);
+  server?.countFrame();
+  if (server?.liveness.asking) timeRoundTrip(decodeFrame(new DataView(data)).serial);
   prediction?.hear(data, told);
   if (!prediction?.active) showFrame(data, told);
 }
@@ -208,8 +156,7 @@ async function openFile(data: ArrayBuffer, module: ArrayBuffer): Promise<void> {
 const supersedes = (data: ArrayBuffer): boolean => decodeTime < FAST_DECODE && decodeFrame(new DataView(data)).serial > lastSerial;
 
 function send(message: ArrayBuffer): void {
-  if (local) local.send(message);
-  else if (socket?.readyState === WebSocket.OPEN) socket.send(message);
+  (local ?? server)?.send(message);
 }
 
 /** Asks the server to compare with finite elements, or to stop. */
@@ -228,33 +175,6 @@ function takeDifference(data: ArrayBuffer): void {
   colorMap.error = state === ComparisonState.compared ? { values, largest: step * DISTANCE_STEPS } : null;
   lastAtRest = false;
   page.postMessage({ kind: "difference", difference });
-}
-
-/** Stays connected. Fetches the scene at each connection, since the server may have changed it. */
-async function stayConnected(scene: string, address: string): Promise<void> {
-  for (let pause = FIRST_RETRY; ; pause = Math.min(2 * pause, LAST_RETRY)) {
-    try {
-      await load(scene);
-      connect(address);
-      pause = FIRST_RETRY;
-      const code = await new Promise<number>((closed) => {
-        giveUp = closed;
-        socket!.onclose = (event) => closed(event.code);
-      });
-      prediction?.hush(true); // until there is another one, with the scene
-      if (code === CloseCode.scene_changed) {
-        page.postMessage({ kind: "status", good: false, text: "Loading another mesh…" });
-        continue;
-      }
-      page.postMessage({ kind: "status", good: false, text: "Connection lost. Trying again…" });
-    } catch (problem) {
-      const refused = problem instanceof Refused;
-      const text = refused ? `Not let in: ${problem.message}.` : "palpate is not running. Trying again…";
-      page.postMessage({ kind: "status", good: false, text });
-    }
-    newest = null;
-    await new Promise((again) => setTimeout(again, pause));
-  }
 }
 
 function sendFrame(): void {
@@ -311,7 +231,7 @@ function colorAgain(): void {
 
 page.onmessage = ({ data }) => {
   if (data.kind === "bodies") makeBodies(data.port, () => self.close());
-  else if (data.kind === "open") void stayConnected(data.scene, data.socket);
+  else if (data.kind === "open") openServer(data.scene, data.socket);
   else if (data.kind === "return") recycle(data.arrays);
   else if (data.kind === "next") {
     recycle(data.arrays);
@@ -327,7 +247,7 @@ page.onmessage = ({ data }) => {
   } else if (data.kind === "save") {
     if (local) page.postMessage({ kind: "record", text: local.recorded(), file: data.file });
   } else if (data.kind === "command") {
-    liveness.ask(data.command.serial);
+    server?.liveness.ask(data.command.serial);
     send(encodeToolCommand(data.command));
     prediction?.command(data.command);
   } else if (data.kind === "predict") prediction?.ask((predictionWanted = data.on));
