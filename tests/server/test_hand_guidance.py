@@ -1,22 +1,17 @@
 """A teacher guides a hand in a room: from when on and until when, what both are told, who may, and what is on the record."""
 
 import struct
-from contextlib import ExitStack
 
 import numpy as np
 import pytest
 from support.example_organs import organ
-from support.room_socket import SIDE, TOP, Somebody
+from support.room_socket import SIDE, TOP, open_to_all, shared_session
 
 import palpate as pp
 from palpate.errors import DataError
 from palpate.server import messages
-from palpate.server.live_session import LiveSession
-from palpate.server.loopback_server import loopback_socket
 from palpate.server.message_checks import decode
 from palpate.server.message_kinds import GuidanceState, LeadStep
-from palpate.server.touch import running_session
-from palpate.simulation.pointer import Pointer
 from palpate.simulation.record_events import record_events
 
 ON, NONE, WAITING = GuidanceState.on, GuidanceState.none, GuidanceState.waiting
@@ -25,20 +20,19 @@ DEPTH = (0.0, 0.0, -2.0)
 
 @pytest.fixture
 def live():
-    session = pp.Session(pp.model(organ(9), "compliance"), radius=9.0, sweeps=8)
-    return LiveSession(session, Pointer(), room="anatomy")
+    return shared_session()
 
 
 @pytest.fixture
 def enter(live):
-    with running_session(live, loopback_socket(None)) as address, ExitStack() as closing:
+    with open_to_all(live) as come:
 
-        def come(role, name=""):
-            page = Somebody(closing, address, role, name)
+        def once_known(role, name=""):
+            page = come(role, name)
             page.until(lambda *_: page.you)
             return page
 
-        yield come
+        yield once_known
 
 
 def until_state(page, state):

@@ -2,37 +2,29 @@
 
 import struct
 import time
-from contextlib import ExitStack
 
 import numpy as np
 import pytest
 from support.example_organs import organ
-from support.room_socket import SIDE, TOP, Somebody
+from support.room_socket import SIDE, TOP, open_to_all, shared_session
 
 import palpate as pp
 from palpate.server import messages
 from palpate.server.held_tools import HeldTools
-from palpate.server.live_session import LiveSession
-from palpate.server.loopback_server import loopback_socket
 from palpate.server.message_kinds import CutStep, LeadStep, PlayStep
 from palpate.server.people import shown_name
-from palpate.server.touch import replayed, running_session
-from palpate.simulation.pointer import TOOLS, Command, Pointer
+from palpate.server.touch import replayed
+from palpate.simulation.pointer import TOOLS, Command
 
 
 @pytest.fixture
 def live():
-    session = pp.Session(pp.model(organ(9), "compliance"), radius=9.0, sweeps=8)
-    return LiveSession(session, Pointer(), room="anatomy")
+    return shared_session()
 
 
 @pytest.fixture
 def enter(live):
-    with running_session(live, loopback_socket(None)) as address, ExitStack() as closing:
-
-        def come(role, name=""):
-            return Somebody(closing, address, role, name)
-
+    with open_to_all(live) as come:
         yield come
 
 
@@ -279,8 +271,8 @@ def watched():
     session = pp.Session(pp.model(tissue, "compliance"), radius=9.0, sweeps=8)
     session.step([None] * 500 + [pp.Command(True, TOP, (0.0, 0.0, -3.0))] * 1500)
     live = replayed({"A press": session.record()}, {"organ": tissue}, 0.0, [], "lecture")
-    with running_session(live, loopback_socket(None)) as address, ExitStack() as closing:
-        yield lambda role, name="": Somebody(closing, address, role, name)
+    with open_to_all(live) as come:
+        yield come
 
 
 def test_a_replay_is_played_by_teachers_and_seen_by_all_alike(watched):

@@ -2,17 +2,37 @@
 
 import json
 import struct
+from contextlib import ExitStack, contextmanager
 
 import numpy as np
 import pytest
 from websockets.sync.client import connect
 
+import palpate as pp
 from palpate.server import messages
+from palpate.server.live_session import LiveSession
+from palpate.server.loopback_server import loopback_socket
+from palpate.server.touch import running_session
+from palpate.simulation.pointer import Pointer
+from support.example_organs import organ
 
 TOP, SIDE = (0.0, 0.0, 25.0), (40.0, 0.0, 0.0)
 FRAME = struct.Struct("<BBddIIdff4B12f12f12f4f")  # the first fields of a frame, as `messages.Frame` documents them
 HANDS, PEOPLE, GUIDANCE = 17, 16, 20
 TOLD = struct.Struct("<BBIIIBB3f3fdd3f3f")  # a guidance, as `messages.Guidance` documents it
+
+
+def shared_session():
+    """A session of an organ in a room."""
+    session = pp.Session(pp.model(organ(9), "compliance"), radius=9.0, sweeps=8)
+    return LiveSession(session, Pointer(), room="anatomy")
+
+
+@contextmanager
+def open_to_all(live):
+    """The server of a session in a room; gives come(role, name), which lets somebody in."""
+    with running_session(live, loopback_socket(None)) as address, ExitStack() as closing:
+        yield lambda role, name="": Somebody(closing, address, role, name)
 
 
 class Somebody:
