@@ -15,7 +15,7 @@ from palpate.tissue.models.compliance import ComplianceModel
 UNKNOWN = float("nan")
 MIN_INTERVAL = 0.15  # s between estimates
 TIME_SHARE = 0.2  # largest fraction of the time spent on those of either kind; the loop needs the processor
-ROOM_SHARE = 0.03  # of a room, since other rooms need it too
+ROOM_SHARE = 0.015  # of a room, since other rooms need it too
 
 
 @dataclass
