@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import json
+import os
 import secrets
 import sys
 from dataclasses import dataclass, field
@@ -17,6 +18,7 @@ FIRST_PAUSE, LAST_PAUSE = 0.2, 10.0  # s before a room that died is started agai
 STEADY = 30.0  # s after which a room is taken for well again
 CLOSING = 20.0  # s for a record to be written
 LINE = 1 << 26  # bytes, of the longest line that a room writes: its state
+HEAPS = {"MALLOC_ARENA_MAX": "2"}  # glibc's: a heap for each thread would keep what its estimates of errors once needed
 
 
 @dataclass(eq=False)
@@ -51,6 +53,7 @@ class RoomProcess:
             stdout=asyncio.subprocess.PIPE,
             limit=LINE,
             start_new_session=True,  # Ctrl-C is for the gateway, which ends the rooms
+            env={**HEAPS, **os.environ},
         )
         told = {
             "name": self.room.name,
