@@ -101,6 +101,7 @@ class Hand:
         self.serial, self.sent, self.delays, self.frames, self.newest = 0, {}, [], 0, b""
         self.socket = None
         self.taken, self.told = 0, 0.0  # frames on this connection, and when the room was told
+        self.lost = False  # the connection, while it drew
 
     async def enter(self):
         """Comes in."""
@@ -134,9 +135,12 @@ class Hand:
     async def draw(self, seconds):
         """Draws its circle."""
         end = time.monotonic() + seconds
-        while time.monotonic() < end:
-            await self.move()
-            await asyncio.sleep(1 / COMMANDS)
+        try:
+            while time.monotonic() < end:
+                await self.move()
+                await asyncio.sleep(1 / COMMANDS)
+        except ConnectionClosed:
+            self.lost = True
 
     async def let_go(self):
         """Lets go."""
@@ -166,12 +170,14 @@ def hands_of(tissue, address, tokens):
 
 
 async def measured(rooms, seconds):
-    """Of each room: ticks a second, share of ticks that were late; of all hands: frames a second, delays s."""
+    """Of each room: ticks a second, share of ticks that were late; of all hands: frames a second, delays s; hands lost."""
     hands = [hand for room in rooms for hand in room]
     for hand in hands:
         await hand.enter()
     drawing = [asyncio.create_task(hand.draw(SETTLING + seconds)) for hand in hands]
     await asyncio.sleep(SETTLING)
+    while not all(room[0].newest or room[0].lost for room in rooms):
+        await asyncio.sleep(0.1)
     before = [room[0].newest for room in rooms]
     for hand in hands:
         hand.frames, hand.delays = 0, []
@@ -179,6 +185,8 @@ async def measured(rooms, seconds):
     rows = []
     for room, frame in zip(rooms, before, strict=True):
         now = room[0].newest
+        if not frame:
+            continue
         ticks = field(now, "tick", "<f8")[0] - field(frame, "tick", "<f8")[0]
         passed = field(now, "seconds", "<f8")[0] - field(frame, "seconds", "<f8")[0]
         late = field(now, "late", "<f8")[0] - field(frame, "late", "<f8")[0]
@@ -188,7 +196,7 @@ async def measured(rooms, seconds):
     await asyncio.gather(*drawing)
     for hand in hands:
         await hand.leave()
-    return np.array(rows), np.array(frames), np.array(delays)
+    return np.array(rows), np.array(frames), np.array(delays), sum(hand.lost for hand in hands)
 
 
 def many(counts, seconds, edge):
@@ -196,20 +204,20 @@ def many(counts, seconds, edge):
     tissue = kidney(edge)
     print(f"{len(tissue.mesh.nodes):,} nodes, {psutil.cpu_count()} processors; two hands a room")
     print(
-        "| rooms | ticks a second, least | late, worst | frames a second and hand | command to frame, ms | 99 % | cores |"
+        "| rooms | ticks a second, least | late, worst | frames a second and hand | answer, ms | 99 % | cores | lost |"
     )
-    print("|---|---|---|---|---|---|---|")
+    print("|---|---|---|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as name:
         for count in counts:
             with served(tissue, count, Path(name) / str(count)) as (address, tokens, process):
                 everybody = [psutil.Process(process.pid), *psutil.Process(process.pid).children(recursive=True)]
                 before, began = sum(sum(one.cpu_times()[:2]) for one in everybody), time.monotonic()
-                rows, frames, delays = asyncio.run(measured(hands_of(tissue, address, tokens), seconds))
+                rows, frames, delays, lost = asyncio.run(measured(hands_of(tissue, address, tokens), seconds))
                 used = (sum(sum(one.cpu_times()[:2]) for one in everybody) - before) / (time.monotonic() - began)
             ms = 1e3 * np.quantile(delays, (0.5, 0.99))
             print(
                 f"| {count} | {rows[:, 0].min():.0f} | {100 * rows[:, 1].max():.2g} % | "
-                f"{frames.min():.0f} to {frames.max():.0f} | {ms[0]:.0f} | {ms[1]:.0f} | {used:.1f} |",
+                f"{frames.min():.0f} to {frames.max():.0f} | {ms[0]:.0f} | {ms[1]:.0f} | {used:.1f} | {lost} |",
                 flush=True,
             )
 
