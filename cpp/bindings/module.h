@@ -28,8 +28,6 @@ void bind_compliance(nb::module_& m);
 void bind_hyperelastic(nb::module_& m);
 void bind_multirate(nb::module_& m);
 void bind_simulation(nb::module_& m);
-void bind_devices(nb::module_& m); // of that submodule
-void bind_frame(nb::module_& m);
 void bind_haptics(nb::module_& m);
 void bind_benchmark(nb::module_& m);
 

@@ -13,6 +13,9 @@
 using namespace nb::literals;
 using namespace palpate;
 
+void bind_devices(nb::module_& m); // devices_and_frames.cpp
+void bind_frame(nb::module_& m);
+
 namespace {
 
 struct Driven { // the loop, and what it runs on after a cut
