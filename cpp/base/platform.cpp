@@ -1,5 +1,6 @@
 #include "base/platform.h"
 #include <algorithm>
+#include <atomic>
 #include <cerrno>
 #include <cstdlib>
 #include <cstring>
@@ -119,9 +120,13 @@ bool request_realtime_priority() {
 #endif
 }
 
+static std::atomic<int> background_niceness = 5;
+
+void set_background_niceness(int niceness) { background_niceness = niceness; }
+
 void lower_thread_priority() {
 #ifdef __linux__
-    setpriority(PRIO_PROCESS, id_t(syscall(SYS_gettid)), 5);
+    setpriority(PRIO_PROCESS, id_t(syscall(SYS_gettid)), background_niceness);
 #endif
 }
 

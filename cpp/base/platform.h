@@ -25,7 +25,8 @@ void write_behind(void* memory, size_t size, int file, size_t offset); // soon, 
 // Asks for real-time priority for the calling thread (Linux: needs root, or a limit `rtprio` of at least 1), and for
 // the finest timer. Returns whether it has the priority. Threads that it starts do not inherit it.
 bool request_realtime_priority();
-void lower_thread_priority(); // of the calling thread only, below ordinary ones
+void lower_thread_priority();               // of the calling thread only, below ordinary ones
+void set_background_niceness(int niceness); // how far below, from now on: 0 to 19, as of `nice`
 
 // A counting semaphore. post() takes no lock and never waits, so the 1 kHz loop can wake a reader with it.
 class Semaphore {

@@ -1,5 +1,6 @@
 #include "base/all_finite.h"
 #include "base/instruction_set.h"
+#include "base/platform.h"
 #include "base/scratch_memory.h"
 #include "base/thread_pool.h"
 #include "bindings/module.h"
@@ -49,6 +50,13 @@ nb::object set_allocator(nb::object api, nb::object allocator) {
 void bind_base(nb::module_& m) {
     m.def("threads", &threads, "Number of threads the kernels use.");
     m.def("set_threads", &set_threads, "n"_a, "Sets the number of threads; 0 gives back the default.");
+    m.def(
+        "set_background_niceness",
+        [](int niceness) {
+            expect(within(niceness, 0, 19), "niceness: 0 to 19");
+            set_background_niceness(niceness);
+        },
+        "niceness"_a, "How far threads that are made from now on to compute ahead stand below ordinary ones.");
     m.def("instruction_set", &instruction_set, "The version of the hot kernels that this machine runs.");
     m.def(
         "all_finite", [](In<float, 1> values) { return all_finite(values.data(), int64_t(values.size())); },

@@ -3,8 +3,10 @@
 import asyncio
 import contextlib
 import json
+import os
 import socket
 import struct
+import sys
 import time
 
 import httpx
@@ -55,6 +57,15 @@ def people(page):
 
 def in_contact(data):
     return data[0] == FRAME and struct.unpack_from("<BBddIIdff4B", data)[9] == 1
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the priority of a thread is Linux's")
+def test_what_a_room_computes_ahead_stands_behind_what_its_hands_wait_for(rooms):
+    process, ordinary = rooms.rooms["anatomy"]._process.pid, os.getpriority(os.PRIO_PROCESS, 0)
+    threads = [int(name) for name in os.listdir(f"/proc/{process}/task")]
+    niceness = [os.getpriority(os.PRIO_PROCESS, thread) for thread in threads]
+    assert niceness.count(15) == 1
+    assert set(niceness) == {ordinary, 15}
 
 
 def test_a_role_a_name_and_a_room_are_those_of_the_invitation_alone(rooms):

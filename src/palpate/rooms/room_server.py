@@ -18,6 +18,7 @@ from typing import Any, TextIO
 
 import numpy as np
 
+from palpate import _core
 from palpate.errors import DataError, PalpateError
 from palpate.meshes.cutting.blade import Blade
 from palpate.server.exam import Exam
@@ -40,6 +41,9 @@ from palpate.tissue.models.registry import model as build
 from palpate.tissue.tissue import Tissue
 
 LOOK = 0.2  # s between looks whether a cut or a note has been made
+BEHIND = (
+    15  # niceness of threads that compute ahead: hands wait for the gateway, which has no more time than each of these
+)
 
 
 def main() -> None:
@@ -47,6 +51,7 @@ def main() -> None:
     out = sys.stdout
     sys.stdout = sys.stderr  # lines are for the gateway
     room = json.loads(sys.stdin.readline())
+    _core.base.set_background_niceness(BEHIND)
     try:
         live, own = opened(room)
         with contextlib.closing(loopback_socket(0)) as listener, running_session(live, listener, room["token"]):
