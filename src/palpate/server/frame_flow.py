@@ -18,7 +18,7 @@ GROWTH = 1.1  # of the rate with a word of a page, where frames are held back an
 class FrameFlow:
     """Of one page. Used on the event loop's thread only. A page that never says what has come gets all frames.
 
-    As many frames are under way as come while one goes and is told of: their rate times the time of an empty way, as in
+    As many frames are under way as come while one goes and is told of: their rate times the round trip of an empty way, as in
     BBR (Cardwell et al., ACM Queue 14, 2016). The rate falls only while this limit holds frames back, since a paused
     replay sends few over any way. A way that has become longer lets ever fewer under way, until one goes alone and
     tells how long it is now.
@@ -26,20 +26,19 @@ class FrameFlow:
 
     def __init__(self) -> None:
         self.sent = 0
-        self._under_way: deque[tuple[int, float, bool]] = deque(
-            maxlen=REMEMBERED
-        )  # number, when it was sent, whether alone
-        self._words: deque[tuple[float, int]] = deque()  # when the page said how many have come
+        # Of each frame: its number, when it was sent, and whether it is alone on the way.
+        self._in_flight: deque[tuple[int, float, bool]] = deque(maxlen=REMEMBERED)
+        self._acknowledged: deque[tuple[float, int]] = deque()  # when the page said how many have come
         self._tells = False
         self._told = asyncio.Event()
         self._rate = 0.0  # frames a second that come
-        self._shortest = 0.0  # s, from a frame to the page's word of it on an empty way
+        self._round_trip = 0.0  # s, from a frame to the page's word of it on an empty way
         self._tried = self._held_back = False
 
     def send(self) -> None:
         """A frame is sent."""
         self.sent += 1
-        self._under_way.append((self.sent, time.monotonic(), not self._under_way))
+        self._in_flight.append((self.sent, time.monotonic(), not self._in_flight))
 
     def taken(self, count: int) -> None:
         """The page has taken so many frames."""
@@ -48,8 +47,8 @@ class FrameFlow:
         now = time.monotonic()
         self._count(now, count)
         came = []
-        while self._under_way and self._under_way[0][0] <= count:
-            came.append(self._under_way.popleft())
+        while self._in_flight and self._in_flight[0][0] <= count:
+            came.append(self._in_flight.popleft())
         if came:
             self._measure(now, came)
         self._held_back = False
@@ -57,32 +56,35 @@ class FrameFlow:
 
     def _count(self, now: float, count: int) -> None:
         """The rate of the frames that come."""
-        words = self._words
-        if not words:
-            words.append((now - TELLING, 0))
-        while len(words) > 1 and words[1][0] <= now - COUNTED:
-            words.popleft()
-        then, before = words[0]
+        acknowledged = self._acknowledged
+        if not acknowledged:
+            acknowledged.append((now - TELLING, 0))
+        while len(acknowledged) > 1 and acknowledged[1][0] <= now - COUNTED:
+            acknowledged.popleft()
+        then, before = acknowledged[0]
         rate = (count - before) / max(now - then, 1e-3)
         if self._held_back:
-            self._rate *= math.exp((words[-1][0] - now) / FORGOTTEN)
+            self._rate *= math.exp((acknowledged[-1][0] - now) / FORGOTTEN)
         self._rate = max(rate, self._rate)
-        words.append((now, count))
+        acknowledged.append((now, count))
 
     def _measure(self, now: float, came: list[tuple[int, float, bool]]) -> None:
-        """The time of an empty way, after these frames have come. The newest was told of at once, the others not."""
+        """The time of an empty way, from frames of which the page has just said that they have come.
+
+        The newest came a moment ago, the first up to `TELLING` before. One that was alone did not wait for others.
+        """
         for _, sent, alone in came:
             if alone and self._tried:
-                self._shortest = max(self._shortest, now - sent - TELLING)
+                self._round_trip = max(self._round_trip, now - sent - TELLING)
         took = now - came[-1][1]
-        self._shortest, self._tried = min(self._shortest, took) if self._tried else took, True
-        if self._held_back and took < UNEVEN * self._shortest + WAITING / 4:
+        self._round_trip, self._tried = min(self._round_trip, took) if self._tried else took, True
+        if self._held_back and took < UNEVEN * self._round_trip + WAITING / 4:
             self._rate *= GROWTH
 
     @property
     def behind(self) -> bool:
         """Whether too many frames are under way for another one to follow."""
-        if self._tells and len(self._under_way) >= LEAST + self._rate * (self._shortest + WAITING):
+        if self._tells and len(self._in_flight) >= LEAST + self._rate * (self._round_trip + WAITING):
             self._held_back = True
             return True
         return False
