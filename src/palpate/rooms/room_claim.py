@@ -10,7 +10,8 @@ from palpate.errors import DataError
 from palpate.rooms.registry import BEAT, MOST_BYTES, Registry, RegistryLost
 from palpate.rooms.room_process import RoomProcess
 
-LEFT = 4 * BEAT  # s for which a free room is left to a host with fewer
+SILENT = 2 * BEAT  # s for which a claim that has run out is left to the host that had it, which may just be late
+LEFT = SILENT + 4 * BEAT  # s for which a free room is left to a host with fewer
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,10 @@ class RoomClaim:
         self.answers = True
         self._opened: asyncio.Task[None] | None = None  # keeps the room open while this host has it
         self._now = asyncio.get_running_loop().time
-        self._taken = self._now()  # when another host was last seen to have it, or to be about to
+        self._seen_elsewhere = False  # whether another host was ever seen to have it
+        self._free_since: float | None = (
+            self._now()
+        )  # when it was first seen to be nobody's, or None while it is another's
 
     @property
     def failed(self) -> bool:
@@ -105,9 +109,12 @@ class RoomClaim:
 
     async def _owner(self) -> str:
         """The host that has the room, which may be this one if it wants it. Raises `RegistryLost`."""
-        wanted = self._opened is not None or not self.share.full or self._now() - self._taken > LEFT
         registry, name = self.host.registry, self.room.room.name
-        return await (registry.claim(name, self.host.name) if wanted else registry.owner(name))
+        wait = LEFT if self.share.full else SILENT if self._seen_elsewhere else 0.0
+        free = self._free_since is not None and self._now() - self._free_since >= wait
+        if self._opened is not None or free:
+            return await registry.claim(name, self.host.name)
+        return await registry.owner(name)
 
     async def _follow(self, owner: str) -> None:
         """Opens the room if it is this host's now, or ends it if it is another's. Raises `RegistryLost`."""
@@ -117,8 +124,10 @@ class RoomClaim:
             room.state = unpacked(await self.host.registry.kept(name))
             room.elsewhere = ""
             self._opened = asyncio.create_task(keep_open(room))
-        elif owner not in ("", self.host.name):
-            self._taken = self._now()
+        elif not owner:
+            self._free_since = self._now() if self._free_since is None else self._free_since
+        elif owner != self.host.name:
+            self._seen_elsewhere, self._free_since = True, None
             if self._opened is not None:
                 print(f"palpate: room {name} is on another host now; it ends here", flush=True)
                 self.share.held.discard(name)
@@ -136,7 +145,7 @@ class RoomClaim:
         with contextlib.suppress(RegistryLost):
             await tell(self.room, self.host)
             await self.host.registry.release(name, self.host.name)
-        self._opened, self._taken = None, self._now()
+        self._opened, self._free_since = None, self._now()
 
     async def wait(self) -> None:
         """Until the claim is to be renewed, or the room has news that the registry would take."""
@@ -151,8 +160,10 @@ async def hold(room: RoomProcess, host: Host, share: Share) -> None:
     """Keeps a room open while this host has it, until this is cancelled.
 
     A host that has its share of the rooms leaves a free one to others for a while, and gives up one that is too many once
-    nobody is in it. While the registry does not answer, all stays as it is: whoever has a room keeps it. If another host has
-    claimed it meanwhile, that one goes on with it, and this one ends its own.
+    nobody is in it. All leave a room to the host that had it for a while: if the registry stood still, or has forgotten who
+    has which, that one claims it again, and nobody in it is disturbed. While the registry does not answer, all stays as it
+    is: whoever has a room keeps it. If another host has claimed it meanwhile, that one goes on with it, and this one ends its
+    own.
     """
     claim = RoomClaim(room, host, share)
     try:
