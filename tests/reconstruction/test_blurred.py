@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from reconstruction.test_reconstruct import matrix
-from scipy.linalg import expm
+from scipy.linalg import toeplitz
 from scipy.ndimage import gaussian_filter
 from scipy.optimize import minimize
 from support.blurred_scans import magnifying_scan
@@ -28,12 +28,16 @@ FWHM = 2 * np.sqrt(2 * np.log(2))
 PRIOR, BETA = pp.Prior("quadratic"), 300.0
 
 
-def heated(count, t):
-    """(count, count): the heat kernel of the second difference after a time t, cut out of an endless line."""
-    beyond = 40
-    n = count + 2 * beyond
-    second = np.diag(np.full(n, -2.0)) + np.diag(np.ones(n - 1), 1) + np.diag(np.ones(n - 1), -1)
-    return expm(t / 2 * second)[beyond:-beyond, beyond:-beyond]
+def sampled(count, t):
+    """(count, count): samples of a normal distribution whose variance as samples is t, by bisection."""
+    n = np.arange(-60, 61)
+    low, high = 1e-3, t + 1
+    for _ in range(60):
+        middle = (low + high) / 2
+        weights = np.exp(-(n**2) / (2 * middle))
+        weights /= weights.sum()
+        low, high = (middle, high) if (weights * n**2).sum() < t else (low, middle)
+    return toeplitz(weights[60 : 60 + count])
 
 
 def dense_blur(scan):
@@ -45,7 +49,7 @@ def dense_blur(scan):
         to_panel = np.dot(panel.origin - source, panel.normal)
         to_plane = np.dot(np.array(scan.blur.at) - source, panel.normal)
         sigma = np.hypot(scan.blur.panel, scan.blur.focal_spot * (to_panel / to_plane - 1)) / FWHM
-        along = [heated(n, (sigma / d) ** 2) for n, d in zip((rows, columns), panel.pitch, strict=True)]
+        along = [sampled(n, (sigma / d) ** 2) for n, d in zip((rows, columns), panel.pitch, strict=True)]
         both = np.kron(*along)
         out[k * size : (k + 1) * size, k * size : (k + 1) * size] = both / both.sum(axis=1, keepdims=True)
     return out
@@ -98,7 +102,7 @@ def penalty(A, f):
     return BETA * total
 
 
-def test_the_kernel_is_the_heat_kernel_of_each_view(problem):
+def test_the_kernel_is_that_of_each_view(problem):
     scan, _, _, B = problem
     widths = scan.blur.widths(scan.views)
     assert len(set(widths.round(3))) == len(widths)  # no two views are alike
@@ -113,6 +117,19 @@ def test_an_open_beam_stays_as_it_is(problem):
     """At the edge of the panel too, and where pixels are masked."""
     scan, *_ = problem
     assert np.abs(pp.Blurred.of(scan).seen(np.zeros(scan.shape, np.float32))).max() < 1e-6
+
+
+def test_what_pixels_see_of_fine_detail_is_blurred_as_the_light_is():
+    """Waves of all lengths from two pixels on: SciPy's Gaussian on pixels of an eighth, which then sum the light."""
+    views = pp.Views([(0, 0, 100)], pp.Panel((3, 240), (0.4, 0.4), (0, 0, 0)))
+    taps = pp.Blur(panel=0.4 * FWHM).taps(views)[0, 1].astype(np.float64)
+    kernel = np.concatenate([taps[:0:-1], taps])
+    x = (np.arange(240 * 8) + 0.5) / 8
+    for length in (2.0, 2.5, 4.0, 10.0):
+        light = np.cos(2 * np.pi * (x - 120.5) / length)  # not nothing in the middles of pixels
+        pixels, soft = (a.reshape(240, 8).mean(axis=1) for a in (light, gaussian_filter(light, 8.0)))
+        seen = np.convolve(pixels, kernel, mode="same")
+        assert np.abs(seen - soft)[20:-20].max() < 0.02 * np.abs(pixels).max()
 
 
 @pytest.mark.parametrize("pitch", [0.1, 0.2, 0.5, 1.0])
@@ -432,10 +449,8 @@ def test_what_has_no_blur_in_its_model_says_so():
     ):
         with pytest.raises(DataError, match=r"blur: the likelihood \w+ has none in its model"):
             pp.reconstruct(scan, A.grid, levels=1, likelihood=likelihood)
-    with pytest.raises(DataError, match=r"resolution: not with blur"):
-        pp.reconstruct(scan, A.grid, levels=1, resolution=3.0)
-    with pytest.raises(DataError, match=r"samples: not with blur"):
-        pp.posterior(scan, A.grid, samples=2)
+    with pytest.raises(DataError, match=r"samples: with blur in the model only of the likelihood .poisson"):
+        pp.posterior(scan, A.grid, samples=2, likelihood=pp.Blurred.of)
     with pytest.raises(DataError, match=r"blur: not with a region"):
         pp.local_scan(scan, A.grid, pp.region_grid(A.grid, (-2, -2, 15), (2, 2, 20)))
     for method in ("fbp", "sirt"):

@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from scipy.ndimage import zoom
+from scipy.ndimage import gaussian_filter, zoom
 
 import palpate as pp
 from palpate.reconstruction.checkpoint import fingerprint, read_checkpoint, write_checkpoint
@@ -34,13 +34,31 @@ def width(line, at):
     return (np.flatnonzero(~above[1000 * at :])[0] + np.flatnonzero(~above[1000 * at :: -1])[0]) / 1000
 
 
-def measured(where, resolution, incident=2e4, share=0.95, attenuation=0.02):
+def soft_scan(phantom, where, incident, blur):
+    """The counts of pixels behind blurred light: pixels of a third, and SciPy's Gaussian filter on them."""
+    fine = [
+        pp.Panel(3 * np.array(p.shape), np.array(p.pitch) / 3, p.points([-1 / 3, -1 / 3])[0], p.row_axis, p.column_axis)
+        for p in where.panels
+    ]
+    sharp = pp.simulate_scan(phantom, pp.Views(where.source, fine), incident=1.0, seed=None, subrays=2)
+    sigma = [blur / 2.3548 / np.array(p.pitch) for p in fine]
+    light = [
+        gaussian_filter(view, s, mode="nearest") for view, s in zip(sharp.counts.astype(float), sigma, strict=True)
+    ]
+    pixels = np.array(light).reshape(len(where), where.shape[1], 3, where.shape[2], 3).mean(axis=(2, 4))
+    return pp.Scan(incident * pixels, incident, where, blur=pp.Blur(panel=blur))
+
+
+def measured(where, resolution, incident=2e4, share=0.95, attenuation=0.02, blur=0.0):
     """mm: mean width of what small spheres add to the image of a slab, along the wider axis of the slice."""
     slab = (Box((0, 0, 25), tuple(SIDES * [share, share, 0.95])), attenuation)
     spheres = [(Ellipsoid(GRID.points((5, y, x))[0], VOXEL / 5), 2.0) for y, x in PLACES]
     images = []
     for parts in ([slab, *spheres], [slab]):
-        scan = pp.simulate_scan(Phantom(parts), where, incident=incident, seed=None, subrays=6)
+        if blur:
+            scan = soft_scan(Phantom(parts), where, incident, blur)
+        else:
+            scan = pp.simulate_scan(Phantom(parts), where, incident=incident, seed=None, subrays=6)
         images.append(
             pp.reconstruct(scan, GRID, resolution=resolution, levels=1, iterations=300, tolerance=0).values[5]
         )
@@ -62,6 +80,19 @@ def test_it_is_so_at_other_doses_and_behind_a_body_that_fills_little_of_the_grid
     """In air rays carry five times as much; a strength that heeds them would be too large by that."""
     where = views("circle", 0.3)
     assert measured(where, 0.75, incident=500, share=0.7, attenuation=0.08) == pytest.approx(0.75, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("name", "pitch", "resolution", "blur"), [("circle", 0.5, 0.9, 1.2), ("arc", COARSE, 1.1, 1.2)]
+)
+def test_it_is_so_behind_a_blur_that_is_in_the_model(name, pitch, resolution, blur):
+    """The prior is weaker then, since the data say less of what is narrow. A strength that knows of no blur gives more."""
+    where = views(name, pitch)
+    assert measured(where, resolution, blur=blur) == pytest.approx(resolution, rel=0.05)
+    weaker, plain = (
+        strength_for_resolution(pp.Prior("quadratic"), where, GRID, resolution, b) for b in (pp.Blur(panel=blur), None)
+    )
+    assert weaker < 0.5 * plain
 
 
 def test_the_dose_does_not_matter():

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 from scipy.stats import chi2
 from support.reference_projector import pixel_means
 
@@ -105,6 +106,43 @@ def test_one_solve_gives_the_standard_deviation_of_a_linear_functional(found, de
         assert first_order == pytest.approx(np.sqrt(g @ covariance @ g), rel=5e-3)
         sampled = found.samples.reshape(len(found.samples), -1) @ g
         assert sampled.std() == pytest.approx(first_order, rel=0.05)
+
+
+def dense_kernel(scan):
+    """(pixels, pixels) of one view's blur: every view's, where the focal spot is a point; rows of sum 1."""
+    rows, columns = scan.shape[1:]
+    unit = np.eye(rows * columns).reshape(-1, rows, columns)
+    sigma = [scan.blur.panel / 2.3548 / pitch for pitch in scan.views.panels[0].pitch]
+    soft = np.array([gaussian_filter(one, sigma, mode="constant", truncate=8) for one in unit]).reshape(len(unit), -1).T
+    return soft / soft.sum(axis=1, keepdims=True)
+
+
+def test_behind_a_blur_too_the_samples_have_the_covariance_of_the_dense_posterior(dense):
+    """J = B diag(e⁻ˡ) A is the derivative of the pixels' light by the voxels: the Fisher information is Jᵀ diag(I / light) J.
+
+    Without the blur in the covariance the worst of these standard deviations would be 12 % less, or more.
+    """
+    A, K = dense
+    sharp = scan_of(np.full(GRID.shape, LEVEL), seed=1)
+    soft = replace(sharp, blur=pp.Blur(panel=4.0))
+    B = np.kron(np.eye(len(VIEWS)), dense_kernel(soft))
+    truth = LEVEL * (1 + 0.5 * (np.indices(GRID.shape)[2] > 2))
+    light = B @ np.exp(-A @ truth.ravel())
+    counts = np.random.default_rng(8).poisson(INCIDENT * light).reshape(sharp.shape)
+    scan = replace(soft, counts=counts.astype(np.float32))
+    found = pp.posterior(scan, GRID, samples=600, seed=5, prior=prior_for(sharp), **EXACT)
+    passed = np.exp(-A @ found.map.values.ravel().astype(float))
+    J = B @ (passed[:, None] * A)
+    beta = found.laplace.levels[0][1].beta
+    covariance = np.linalg.inv(J.T @ (INCIDENT / (B @ passed)[:, None] * J) + beta * K)
+    assert found.map.values.min() > 5 * np.sqrt(covariance.diagonal().max())
+    changes = (found.samples - found.map.values).reshape(len(found.samples), -1).astype(float)
+    for g in functionals():
+        exact = np.sqrt(g @ covariance @ g)
+        assert (changes @ g).std() == pytest.approx(exact, rel=0.08)  # 600 samples: 2.9 %
+        assert found.linear_std(g.reshape(GRID.shape)) == pytest.approx(exact, rel=0.02)
+    white = changes @ np.linalg.cholesky(np.linalg.inv(covariance))
+    assert white.var() == pytest.approx(1, abs=0.02)
 
 
 def test_truths_from_the_prior_rank_among_the_samples_at_random(dense):

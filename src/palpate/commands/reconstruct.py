@@ -187,8 +187,8 @@ def reconstruct_command(
     from palpate.reconstruction.memory_limit import scratch_bytes
     from palpate.reconstruction.posterior import (
         approximate_posterior,
+        check_blur,
         check_sampling,
-        check_sharp,
         mean_and_std,
         quadratic_prior,
         sample_steps,
@@ -232,7 +232,7 @@ def reconstruct_command(
     kind = prior or (PriorName.lange if width is None and not samples else PriorName.quadratic)
     chosen = pp.Prior(kind.value, strength, edge, neighbours, exponent, width)
     if samples:
-        check_sharp(measured)
+        check_blur(measured, likelihood.value if hardening is None else "hardened")
         quadratic_prior(chosen, width, method.value)
     options["prior"], options["optimizer"] = chosen, optimizer
     found = pp.check_scan(measured, grid) if check and not resume else []

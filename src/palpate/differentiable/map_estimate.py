@@ -7,7 +7,7 @@ import numpy as np
 from palpate.arrays import ArrayLike, Float32, float32
 from palpate.errors import DataError
 from palpate.reconstruction.laplace_approximation import solve_hessian
-from palpate.reconstruction.models.likelihood import Transmission
+from palpate.reconstruction.models.likelihood import Transmission, WeightedLeastSquares
 from palpate.reconstruction.models.mrf_prior import Prior
 from palpate.reconstruction.optimizers.coordinate_descent import data_curvature
 from palpate.reconstruction.optimizers.memory_gradient import memory_gradient
@@ -128,7 +128,8 @@ class MapEstimate:
         # h'' = b e⁻ˡ (1 − y r / m²), cut at 0 as the posterior's is: with less the system need not be positive definite.
         curvature = primary * (1 - data.counts * data.background / np.square(mean))
         v = float32("cotangent", cotangent, self.A.domain_shape)
-        w = solve_hessian(problem, np.maximum(curvature, 0), f > 0, v)
+        quadratic = WeightedLeastSquares(np.zeros_like(curvature), np.maximum(curvature, 0))
+        w = solve_hessian(problem, quadratic, f > 0, v)
         return np.asarray(-primary / mean * self.A(w), np.float32)
 
     def _problem(self, counts: ArrayLike) -> tuple[Problem, Transmission]:

@@ -9,6 +9,7 @@ import scipy.fft
 from palpate.arrays import Float32, Float64
 from palpate.errors import GeometryError
 from palpate.reconstruction.models.mrf_prior import Prior
+from palpate.scans.blur import FWHM, Blur
 from palpate.scans.views import Views
 from palpate.volumes.grid import Grid
 
@@ -22,19 +23,20 @@ class CirculantResponse:
 
     A view at the angle t (shift in the slice per depth) shows a voxel as a shadow whose spectrum is a(k), and
     F(z, z') = Σ over views of a(k)² exp(−i k·t (z − z')), with its aliases: voxels sample the shadow, and pixels lie
-    anywhere under it. So depth is exact, with its ends, and only the place within the slice is taken for alike.
+    anywhere under it. So depth is exact, with its ends, and only the place within the slice is taken for alike. A blur of the
+    view multiplies a(k).
 
     Attributes
     ----------
     information : float
-        F_jj, mm².
+        F_jj without blur, mm², which β is a multiple of.
 
     References
     ----------
     Fessler & Rogers, IEEE Trans. Image Process. 5 (1996) 1346. Stayman & Fessler, IEEE TMI 19 (2000) 601.
     """
 
-    def __init__(self, prior: Prior, views: Views, grid: Grid) -> None:
+    def __init__(self, prior: Prior, views: Views, grid: Grid, blur: Blur | None = None) -> None:
         nz, *self.side = grid.shape
         dz, hy, hx = grid.spacing
         self.middle = nz // 2
@@ -43,15 +45,19 @@ class CirculantResponse:
         frequencies = len(ky), len(kx)
         lags = np.zeros((nz, *frequencies), np.complex64)  # F(z + lag, z)
         point = np.zeros((2 * nz - 1, *frequencies), np.complex64)  # Aᵀ of a point's shadow, from -nz + 1 slices up
-        each = [(*view, y, x) for view in shadows(views, grid) for y in (0, -1, 1) for x in (0, -1, 1)]
-        for (down, across), (tx, ty), long, dense, my, mx in each:
+        sharp = np.zeros(frequencies, np.float32)  # F(z, z) without blur
+        each = [(*view, y, x) for view in shadows(views, grid, blur) for y in (0, -1, 1) for x in (0, -1, 1)]
+        for (down, across), (tx, ty), long, dense, spread, my, mx in each:
             x, y = kx + 2 * np.pi * mx / hx, ky + 2 * np.pi * my / hy
             along = x * tx + y * ty
-            pixel = _box(x * down[0] + y * down[1]) * _box(x * across[0] + y * across[1])
+            phases = x * down[0] + y * down[1], x * across[0] + y * across[1]
+            pixel = _box(phases[0]) * _box(phases[1])
             shadow = pixel * _box(x * hx) * _box(y * hy) * _box(along * dz)
             weight = dense * long**2 * dz * shadow
             if np.abs(weight * shadow).max() < FAINT * dense * long**2 * dz:
                 continue
+            sharp += weight * shadow * dz * hx * hy
+            weight = weight * np.exp(-2 * sum(t * (1 - np.cos(phase)) for t, phase in zip(spread, phases, strict=True)))
             step = np.exp(-1j * along * dz).astype(np.complex64)
             turn = np.ones_like(step)
             for lag in range(nz):
@@ -60,7 +66,7 @@ class CirculantResponse:
                 if lag:
                     point[nz - 1 - lag] += weight * pixel * turn.conj()
                 turn *= step
-        self.information = float(_mean(lags[0].real, self.side[1]))
+        self.information = _mean(sharp, self.side[1])
         difference = np.subtract.outer(np.arange(nz), np.arange(nz))
         both = np.concatenate([lags[:0:-1].conj(), lags])
         F = np.moveaxis(both[difference + nz - 1], (0, 1), (2, 3))
@@ -85,19 +91,26 @@ class CirculantResponse:
         return apply
 
 
-def shadows(views: Views, grid: Grid) -> list[tuple[Float64, Float64, float, float]]:
+def shadows(views: Views, grid: Grid, blur: Blur | None = None) -> list[tuple[Float64, Float64, float, float, Float64]]:
     """Of each view at the grid's middle: the two sides (x, y) of a pixel's shadow in the slice, mm; the ray's shift (x, y)
-    per depth; the ray's length per depth; pixels per mm² of the slice. Views whose rays are flat are left out."""
+    per depth; the ray's length per depth; pixels per mm² of the slice; the blur's variance across rows and columns, in
+    pixels. Views whose rays are flat are left out."""
     middle = grid.bounds.mean(axis=0)
     step = 0.01 * min(grid.spacing)
     landed = views.project(middle + step * np.concatenate([np.zeros((1, 3)), np.eye(3)]))
     moved = np.moveaxis(landed[:, 1:] - landed[:, :1], 1, 2) / step  # (views, (row, column), (x, y, z)), pixels per mm
     rays = middle - views.source
     long = np.linalg.norm(rays, axis=1) / np.maximum(np.abs(rays[:, 2]), 1e-9)
-    steep = [(m, np.linalg.inv(m[:, :2]), float(l)) for m, l in zip(moved, long, strict=True) if l < 1 / FLATTEST]
+    pitch = np.array([panel.pitch for panel in views.panels])
+    spread = np.zeros_like(pitch) if blur is None else np.square(blur.widths(views)[:, None] / FWHM / pitch)
+    steep = [
+        (m, np.linalg.inv(m[:, :2]), float(l), t)
+        for m, l, t in zip(moved, long, spread, strict=True)
+        if l < 1 / FLATTEST
+    ]
     if not steep:
         raise GeometryError("prior resolution: all rays are nearly parallel to the slices; give a strength instead")
-    return [(side.T, -side @ m[:, 2], l, abs(float(np.linalg.det(m[:, :2])))) for m, side, l in steep]
+    return [(side.T, -side @ m[:, 2], l, abs(float(np.linalg.det(m[:, :2]))), t) for m, side, l, t in steep]
 
 
 def _prior_matrices(prior: Prior, grid: Grid, kx: Float64, ky: Float64) -> Float32:

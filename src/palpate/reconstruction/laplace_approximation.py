@@ -14,6 +14,8 @@ from scipy.sparse.linalg import LinearOperator, cg
 from palpate import _core
 from palpate.arrays import ArrayLike, Bool, Float32, float32
 from palpate.errors import DataError
+from palpate.reconstruction.models.blurred import Blurred
+from palpate.reconstruction.models.blurred_least_squares import BlurredLeastSquares
 from palpate.reconstruction.models.likelihood import Likelihood, WeightedLeastSquares
 from palpate.reconstruction.multiresolution import coarser_support, pyramid
 from palpate.reconstruction.optimizers.memory_gradient import majoriser, memory_gradient
@@ -27,6 +29,7 @@ from palpate.volumes.volume import Volume
 STEP = 0.02  # of a line integral, for the difference quotient of a likelihood's slope
 PRECISE = 1e-5  # residual at which conjugate gradients end, relative
 MOST = 2000  # of their steps
+Squares = WeightedLeastSquares | BlurredLeastSquares
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,9 +37,10 @@ class LaplaceApproximation:
     """The normal distribution whose log-density has the objective's second derivatives at the MAP estimate.
 
     Its precision matrix is H = Aᵀ W A + β K, with the likelihood's second derivatives W at the estimate and the Hessian K
-    of R. The finest level comes first; the coarser ones only give each draw a start.
+    of R. Behind a blur W is Sᵀ D S, see `BlurredLeastSquares`, with the second derivatives D by what the pixels show; what
+    is left out has the mean 0 over the noise. The finest level comes first; the coarser ones only give each draw a start.
 
-    levels: on each level the centre f̂, (z, y, x) 1/mm, and the problem Σ W (A f − A f̂)²/2 + β R(f) − ⟨linear, f⟩, whose
+    levels: on each level the centre f̂, (z, y, x) 1/mm, and the problem ‖A f − A f̂‖²_W / 2 + β R(f) − ⟨linear, f⟩, whose
     minimum over f >= 0 it is.
     """
 
@@ -47,8 +51,7 @@ class LaplaceApproximation:
         """About a volume that has come near to the minimum of a problem. scan: the problem's, for the coarser panels."""
         centre, grid = volume.values, volume.grid
         A, support = problem.A, problem.support
-        l = A(centre)
-        weights = second_derivative(problem.likelihood, l)
+        weights = pixel_weights(problem.likelihood, A(centre))
         slope = problem.gradient(centre)
         # Where f = 0 holds against a slope the draws shall feel it, too (the multiplier of Karush, Kuhn & Tucker). Elsewhere
         # it is what the run has left; without it the draws lie about the volume that was given.
@@ -64,7 +67,11 @@ class LaplaceApproximation:
                 # For smooth volumes R of 2 x 2 x 2 voxels is that of the fine ones. Where slices stay as thick, pairs in
                 # depth keep half of their part in it, and those in the slice all of it: in between.
                 beta *= math.sqrt(2) if thick else 1
-            data = WeightedLeastSquares(A(centre), weights)
+            data: Squares
+            if coarse.blur is None:
+                data = WeightedLeastSquares(A(centre), weights)
+            else:
+                data = BlurredLeastSquares.about(A(centre), weights, coarse.blur.taps(coarse.views))
             here = Problem(A, data, problem.prior, beta, "precomputed", support)
             made.append((centre, replace(here, linear=here.prior_surrogate(centre)[0] - multiplier)))
         return cls(made)
@@ -76,7 +83,7 @@ class LaplaceApproximation:
         """
         (_, fine), *_ = self.levels
         stream = np.random.Generator(np.random.SFC64([seed, number, 0]))
-        noise = stream.standard_normal(fine.A.range_shape, np.float32) * np.sqrt(weighted_squares(fine).weights)
+        noise = stream.standard_normal(fine.A.range_shape, np.float32) * np.sqrt(squares(fine).weights)
         linear = prior_noise(fine, (seed, number, 1))
         perturbations, grid = [(noise, linear)], fine.A.grid
         for _, problem in self.levels[1:]:
@@ -103,23 +110,27 @@ class LaplaceApproximation:
         g = float32("weights", weights, centre.shape) * free
         if not g.any():
             return 0.0
-        x = solve_hessian(problem, weighted_squares(problem).weights, free, g)
+        data = squares(problem)
+        x = solve_hessian(problem, replace(data, line_integrals=np.zeros_like(data.line_integrals)), free, g)
         return math.sqrt(float(np.vdot(g.astype(np.float64), x)))
 
 
-def solve_hessian(problem: Problem, weights: Float32, free: Bool, g: Float32) -> Float32:
+def solve_hessian(problem: Problem, data: Squares, free: Bool, g: Float32) -> Float32:
     """x of (Aᵀ W A + β K) x = g among the free voxels, 0 elsewhere, by conjugate gradients; for a quadratic prior alone.
 
-    weights: (views, rows, columns), the diagonal of W. free, g: (z, y, x). Raises `DataError` if they do not come to an end.
+    data: ‖l‖²_W / 2. free, g: (z, y, x). Raises `DataError` if they do not come to an end.
     """
     A, shape = problem.A, g.shape
 
     def hessian(x: Float32) -> Float32:
         f = np.ascontiguousarray(x.reshape(shape), np.float32)
-        answer = A.T(weights * A(f)) + problem.prior_surrogate(f)[0]
+        answer = A.T(data.slope(A(f))) + problem.prior_surrogate(f)[0]
         return np.where(free, answer, f).ravel()
 
-    diagonal = majoriser(A, weights)[0] + 2 * problem.prior_surrogate(np.zeros(shape, np.float32))[1]
+    diagonal = (
+        majoriser(A, data.curvature(data.line_integrals))[0]
+        + 2 * problem.prior_surrogate(np.zeros(shape, np.float32))[1]
+    )
     inverse = LinearOperator((g.size, g.size), lambda x: (x.reshape(shape) / np.where(free, diagonal, 1)).ravel())
     x, unfinished = cg(
         LinearOperator((g.size, g.size), hessian, dtype=np.float32),
@@ -133,6 +144,13 @@ def solve_hessian(problem: Problem, weights: Float32, free: Bool, g: Float32) ->
     return np.asarray(x.reshape(shape), np.float32)
 
 
+def pixel_weights(likelihood: Likelihood, l: Float32) -> Float32:
+    """(views, rows, columns): second derivatives by what each pixel shows, which without blur is its line integral."""
+    if isinstance(likelihood, Blurred):
+        return second_derivative(likelihood.pixels, likelihood.seen(l))
+    return second_derivative(likelihood, l)
+
+
 def second_derivative(likelihood: Likelihood, l: Float32) -> Float32:
     """(views, rows, columns), >= 0: h'' at line integrals, by central differences of the slope, which any likelihood has."""
     step = np.float32(STEP)
@@ -141,10 +159,10 @@ def second_derivative(likelihood: Likelihood, l: Float32) -> Float32:
 
 
 def _minimum(problem: Problem, noise: Float32, linear: Float32, start: Float32, most: int) -> Float32:
-    """The minimum of a problem whose gradient is perturbed by −Aᵀ noise − linear."""
-    data = weighted_squares(problem)
+    """The minimum of a problem whose gradient is perturbed by −Aᵀ noise − linear, or −Aᵀ Sᵀ noise where it is blurred."""
+    data = squares(problem)
     shift = np.divide(noise, data.weights, out=np.zeros_like(noise), where=data.weights > 0)
-    data = WeightedLeastSquares(data.line_integrals + shift, data.weights)
+    data = replace(data, line_integrals=data.line_integrals + shift)
     assert problem.linear is not None
     linear = problem.linear + linear
     run = memory_gradient(problem.A, data, problem.prior, problem.beta, start, support=problem.support, linear=linear)
@@ -156,9 +174,9 @@ def _minimum(problem: Problem, noise: Float32, linear: Float32, start: Float32, 
     return values
 
 
-def weighted_squares(problem: Problem) -> WeightedLeastSquares:
+def squares(problem: Problem) -> Squares:
     """The data term of a level."""
-    assert isinstance(problem.likelihood, WeightedLeastSquares)
+    assert isinstance(problem.likelihood, Squares)
     return problem.likelihood
 
 

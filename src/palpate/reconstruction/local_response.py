@@ -15,12 +15,14 @@ from palpate.errors import DataError
 from palpate.reconstruction.circulant_response import CirculantResponse
 from palpate.reconstruction.models.mrf_prior import Prior
 from palpate.reconstruction.projector import Projector, check_upright
+from palpate.scans.blur import Blur
 from palpate.scans.views import Panel, Views
 from palpate.volumes.grid import Grid
 
 SIDE, DEEP = 65, 33  # voxels a side of the window in which the response is computed, and its slices
 WIDEST = 0.15  # of the window: a wider response would feel its rim
 RANGE = (0.1, 1e6)  # of strength × R_jj: how hard the neighbours of a voxel pull, over how hard the data do
+SOFTEST = 1e-4  # its lower end where a blur is in the model, of which a weaker prior takes more back
 POINT = 0.2  # side of a point, in voxels
 POINTS = 9  # of whose widths the mean is taken, since a shadow falls differently between pixels
 CLOSE = 0.01  # relative accuracy of the width
@@ -29,13 +31,17 @@ STEP = 0.5  # of the logarithm of the strength, for the slope of the width
 MOST, SMALL = 60, 0.03  # steps of conjugate gradients; the residual at which they end, relative
 
 
-def strength_for_resolution(prior: Prior, views: Views, grid: Grid, resolution: float) -> float:
+def strength_for_resolution(
+    prior: Prior, views: Views, grid: Grid, resolution: float, blur: Blur | None = None
+) -> float:
     """Return the strength with which a point becomes as wide as is wanted.
 
     The image of a small change e of the object is its local impulse response l = (F + β R)⁻¹ F e, with the Fisher
     information F = AᵀA of rays of equal weight and β = strength × F_jj. So the strength depends on geometry, voxels and
-    neighbours, and on neither dose nor object. Fourier transforms give a first strength. The response in a window in the
-    middle of the grid, by conjugate gradients with these transforms as preconditioner, corrects it.
+    neighbours, and on neither dose nor object. With a blur B in the model F is AᵀBᵀB A, and F_jj is that without it.
+
+    Fourier transforms give a first strength. The response in a window in the middle of the grid, by conjugate gradients
+    with these transforms as preconditioner, corrects it.
 
     Parameters
     ----------
@@ -48,6 +54,8 @@ def strength_for_resolution(prior: Prior, views: Views, grid: Grid, resolution: 
     resolution : float
         Full width at half maximum of the response to a point in the slice, along the wider axis, mm; the mean over points
         in the middle of several voxels.
+    blur : Blur, optional
+        That is in the model; it must have a plane.
 
     Returns
     -------
@@ -64,12 +72,12 @@ def strength_for_resolution(prior: Prior, views: Views, grid: Grid, resolution: 
     Fessler & Rogers, IEEE Trans. Image Process. 5 (1996) 1346. Stayman & Fessler, IEEE TMI 19 (2000) 601.
     """
     part = _window(grid)
-    A = Projector(_views_of(views, part), part)
+    A = Projector(_views_of(views, part, blur), part)
     check_upright(A, "resolution")
     unit = replace(prior, strength=1.0, resolution=None)
-    circulant = CirculantResponse(unit, A.views, part)
+    circulant = CirculantResponse(unit, A.views, part, blur)
     curvature = unit.surrogate(np.zeros((3, 3, 3), np.float32), Grid((3, 3, 3), part.spacing))[1][1, 1, 1]
-    low, high = (math.log(pull / curvature) for pull in RANGE)
+    low, high = (math.log(pull / curvature) for pull in (RANGE[0] if blur is None else SOFTEST, RANGE[1]))
 
     @cache
     def approximate(log_strength: float) -> float:
@@ -78,7 +86,7 @@ def strength_for_resolution(prior: Prior, views: Views, grid: Grid, resolution: 
     widest = min(WIDEST * SIDE * min(part.spacing[1:]), approximate(high))
     wanted = min(max(resolution, approximate(low)), widest)
     log_strength = float(brentq(lambda s: approximate(s) - wanted, low, high, xtol=0.05))
-    correction = _correction(unit, A, circulant, log_strength)
+    correction = _correction(unit, A, circulant, log_strength, blur)
     for _ in range(TRIES if resolution <= widest else 0):
         before, width = log_strength, approximate(log_strength)
         slope = math.log(approximate(log_strength + STEP) / width) / STEP
@@ -97,20 +105,27 @@ def strength_for_resolution(prior: Prior, views: Views, grid: Grid, resolution: 
 
 
 def _correction(
-    unit: Prior, A: Projector, circulant: CirculantResponse, log_strength: float
+    unit: Prior, A: Projector, circulant: CirculantResponse, log_strength: float, blur: Blur | None
 ) -> Callable[[float], float]:
     """Gives the width in the window itself over that of the Fourier transforms: both of several points, whose responses
     overlap alike. Solved with the inverse at the strength given here as preconditioner."""
     grid, inverse, places = A.grid, circulant.inverse(math.exp(log_strength)), _places(A.grid, POINTS)
     (middle,) = _places(grid, 1)
-    load = A.T(np.sum([_shadow(A, at) for at in places], axis=0))
+    taps = None if blur is None else blur.taps(A.views)
+
+    def blurred_twice(l: Float32) -> Float32:
+        """BᵀB, where B is symmetric."""
+        once = l if taps is None else _core.statistics.blur_views(taps, l)
+        return once if taps is None else _core.statistics.blur_views(taps, once)
+
+    load = A.T(blurred_twice(np.sum([_shadow(A, at) for at in places], axis=0)))
     diagonal = _core.icd.diagonal(A.geometry, np.ones(A.range_shape, np.float32), 1, 1)
     information = float(np.mean([diagonal[grid.shape[0] // 2, y, x] for y, x in places]))
 
     @cache
     def factor(log_strength: float) -> float:
         beta = np.float32(math.exp(log_strength) * information)
-        l = _solved(lambda f: A.T(A(f)) + beta * unit.surrogate(f, grid)[0], load, inverse)
+        l = _solved(lambda f: A.T(blurred_twice(A(f))) + beta * unit.surrogate(f, grid)[0], load, inverse)
         alike = circulant.middle_slice(math.exp(log_strength))
         alike = np.sum([np.roll(alike, np.subtract(at, middle), (0, 1)) for at in places], axis=0)
         return _width(l[grid.shape[0] // 2], places, grid) / _width(alike, places, grid)
@@ -176,8 +191,8 @@ def _window(grid: Grid) -> Grid:
     return Grid(shape, grid.spacing, np.array(grid.origin) + first[::-1] * np.array(grid.spacing[::-1]))
 
 
-def _views_of(views: Views, part: Grid) -> Views:
-    """The views with panels that hold the shadow of a window, of pixels of nearly the same pitch.
+def _views_of(views: Views, part: Grid, blur: Blur | None) -> Views:
+    """The views with panels that hold the shadow of a window, blurred too, of pixels of nearly the same pitch.
 
     A voxel is m / 27 pixels, m not divisible by 3: so the shadows of the nine points fall at nine places between pixels, a
     ninth apart. Otherwise their mean would depend on the magnification: where voxels are as wide as a pixel, all fall alike.
@@ -196,7 +211,8 @@ def _views_of(views: Views, part: Grid) -> Views:
         origin = at - moved[k, 0] @ (pitch[:, None] * np.stack([panel.row_axis, panel.column_axis]))
         panels.append(Panel(panel.shape, pitch, origin, panel.row_axis, panel.column_axis))
         landed = Views(views.source[k : k + 1], panels[k]).project(corners)[0]
-        ends.append((np.floor(landed.min(axis=0)) - 1, np.ceil(landed.max(axis=0)) + 1))
+        margin = 1 if blur is None else 1 + np.ceil(2 * blur.widths(views)[k] / pitch)
+        ends.append((np.floor(landed.min(axis=0)) - margin, np.ceil(landed.max(axis=0)) + margin))
     size = np.max([high - low for low, high in ends], axis=0) + 1
     shifted = [
         Panel(size, p.pitch, p.points(first)[0], p.row_axis, p.column_axis)

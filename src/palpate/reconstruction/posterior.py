@@ -14,6 +14,7 @@ from palpate.errors import DataError
 from palpate.reconstruction.default_grid import covering_grid
 from palpate.reconstruction.iterate import Step
 from palpate.reconstruction.laplace_approximation import LaplaceApproximation
+from palpate.reconstruction.local_response import strength_for_resolution
 from palpate.reconstruction.models.mrf_prior import Prior
 from palpate.reconstruction.multiresolution import default_levels
 from palpate.reconstruction.optimizers.coordinate_descent import data_curvature
@@ -193,7 +194,7 @@ def posterior(
     True
     """
     check_sampling(samples, seed, sample_iterations)
-    check_sharp(scan)
+    check_blur(scan, options.get("likelihood", "poisson"))
     options["prior"] = quadratic_prior(options.get("prior"), options.get("resolution"), options.get("method", "map"))
     grid = covering_grid(scan.views, thickness, spacing) if grid is None else grid
     last = deque(iterates(scan, grid, **options), maxlen=1)[0]
@@ -228,10 +229,10 @@ def check_sampling(samples: int, seed: int, iterations: int = ITERATIONS) -> Non
             raise DataError(f"{name}: expected a whole number of at least {least}, got {value!r}")
 
 
-def check_sharp(scan: Scan) -> None:
-    """Raises `DataError` for a scan with blur, which couples pixels that the samples' noise takes for independent."""
-    if scan.blur is not None:
-        raise DataError("samples: not with blur in the model; leave the blur out")
+def check_blur(scan: Scan, likelihood: object) -> None:
+    """Raises `DataError` for a scan with blur and a likelihood whose second derivatives behind it are not known."""
+    if scan.blur is not None and likelihood != "poisson":
+        raise DataError('samples: with blur in the model only of the likelihood "poisson"; leave the blur out')
 
 
 def approximate_posterior(scan: Scan, grid: Grid, last: Step, options: Mapping[str, Any]) -> LaplaceApproximation:
@@ -243,6 +244,8 @@ def approximate_posterior(scan: Scan, grid: Grid, last: Step, options: Mapping[s
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the reconstruction has said it
             inside, scan, _ = chosen_support(support, "map", scan, grid)
+    if scan.blur is not None:
+        scan = replace(scan, blur=scan.blur.through(grid))
     A = Projector(scan.views, grid)
     data = (LIKELIHOODS[likelihood] if isinstance(likelihood, str) else likelihood)(scan)
     prior = last.prior
@@ -251,7 +254,10 @@ def approximate_posterior(scan: Scan, grid: Grid, last: Step, options: Mapping[s
         given = options.get("prior") or Prior("quadratic")
         if options.get("resolution") is not None:
             given = replace(given, resolution=options["resolution"])
-        prior = choose_prior_parameters(given, A, data, known)
+        local = None
+        if given.resolution is not None:
+            local = strength_for_resolution(given, A.views, grid, given.resolution, scan.blur)
+        prior = choose_prior_parameters(given, A, data, known, local)
     assert prior.strength is not None
     problem = Problem(A, data, prior, prior.strength * median_curvature(known), "precomputed", inside)
     levels = options.get("levels")

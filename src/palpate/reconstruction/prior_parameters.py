@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 
 from palpate.arrays import Float32, Float64
-from palpate.reconstruction.local_response import strength_for_resolution
 from palpate.reconstruction.models.likelihood import Likelihood
 from palpate.reconstruction.models.mrf_prior import Prior
 from palpate.reconstruction.optimizers.coordinate_descent import sampled_diagonal
@@ -28,12 +27,12 @@ def choose_prior_parameters(
     from all its neighbours by one edge is √d, the standard deviation of the likelihood's gradient; d is the median of the
     Fisher information over the voxels that some ray meets. Smaller differences are mostly noise, larger ones mostly the
     object. β grows as the square root of the dose, so that a scan of more photons is smoothed less. A quadratic prior
-    uses the edge only to choose the strength. With a resolution β is `strength_for_resolution` (local, if it is known
-    already) times the data's curvature in the object; both the curvature and β are proportional to the dose.
+    uses the edge only to choose the strength. With a resolution β is `strength_for_resolution` (local)
+    times the data's curvature in the object; both the curvature and β are proportional to the dose.
     curvature: see `data_curvature`.
     """
     if prior.resolution is not None:
-        local = strength_for_resolution(prior, A.views, A.grid, prior.resolution) if local is None else local
+        assert local is not None
         share = object_curvature(A, likelihood, curvature) / median_curvature(curvature)
         return replace(prior, strength=local * share, resolution=None)
     edge = prior.edge if prior.edge is not None else SHARE * mean_attenuation(A, likelihood)

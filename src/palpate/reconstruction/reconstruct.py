@@ -175,7 +175,7 @@ def iterates(
         sheet = ", behind a sheet over all of the field" if scan is not measured else ""
         notes["support"] = f"{name}, {(inside > 0).mean():.0%} of the voxels{sheet}"
     if scan.blur is not None:
-        scan = _with_blur_plane(scan, grid, method, prior, resolution)
+        scan = replace(scan, blur=scan.blur.through(grid) if method in ("map", "ml") else None)
         notes |= {} if scan.blur is None else {"blur": str(scan.blur)}
     scans = pyramid(scan, grid, levels if method in ("map", "ml") else 1, downsample)
     A = Projector(scan.views, grid)  # raises GeometryError before any work
@@ -189,7 +189,9 @@ def iterates(
         start = "uniform" if flat else "backprojection"
     rule = StoppingRule(most, tolerance)
     prior = _resolved(prior, resolution, method)
-    local = None if prior.resolution is None else strength_for_resolution(prior, A.views, grid, prior.resolution)
+    local = None
+    if prior.resolution is not None:
+        local = strength_for_resolution(prior, A.views, grid, prior.resolution, scan.blur)
     baseline = _baseline(method, prior, window, cutoff, relaxation)
     return _run(
         scans,
@@ -373,19 +375,6 @@ def _within_support(
         if inside is not None and f[inside == 0].any():
             raise DataError(f"optimizer {name!r} leaves the support; it must hold f = 0 where problem.support is 0")
         yield f, objective
-
-
-def _with_blur_plane(scan: Scan, grid: Grid, method: str, prior: Prior | None, resolution: float | None) -> Scan:
-    """The scan whose blur has a plane; without blur for the methods that have no model of it. Raises `DataError`."""
-    if method not in ("map", "ml"):
-        return replace(scan, blur=None)
-    if resolution is not None or (prior is not None and prior.resolution is not None):
-        raise DataError(
-            "resolution: not with blur in the model, which a point's width depends on; give the prior's strength, or "
-            "leave the blur out"
-        )
-    assert scan.blur is not None
-    return replace(scan, blur=scan.blur.through(grid))
 
 
 def _models_blur(data: Likelihood, scan: Scan) -> Likelihood:

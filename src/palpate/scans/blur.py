@@ -4,15 +4,16 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.special import ive
+from scipy.optimize import brentq
 
-from palpate.arrays import ArrayLike, Float32, Float64, float64
+from palpate.arrays import AnyArray, ArrayLike, Float32, Float64, float64
 from palpate.errors import DataError, GeometryError
 from palpate.scans.views import Views
 from palpate.volumes.grid import Grid
 
 FWHM = 2 * np.sqrt(2 * np.log(2))  # of a normal distribution, over its standard deviation
 TAIL = 1e-5  # of the light that may fall beyond the end of a kernel, on both sides together
+LEAST, NARROW = 0.02, 1e-10  # pixels²: of a normal distribution whose samples are one, and of a blur that is none
 
 
 @dataclass(frozen=True)
@@ -141,8 +142,9 @@ class Blur:
     def taps(self, views: Views) -> Float32:
         """Return the kernels on the pixels: nonnegative, of sum 1, with the variance of the blur at any pitch.
 
-        It is the discrete analogue of the normal distribution, e⁻ᵗ Iₙ(t) with t = σ² / pitch²: where a pixel is wide, a
-        small share t/2 goes to each neighbour. Kernels on coarser pixels are those of the same blur.
+        They are samples of a normal distribution, whose own width is such that their variance is t = σ² / pitch². Where t is
+        above ½ the two widths are the same, and what pixels see of a smooth image is what they see of the blurred one.
+        Where a pixel is wide, a share t/2 goes to each neighbour. Kernels on coarser pixels are those of the same blur.
 
         Parameters
         ----------
@@ -160,17 +162,12 @@ class Blur:
             If the blur is as wide as the panel.
         GeometryError
             As for `widths`.
-
-        References
-        ----------
-        Lindeberg, IEEE Trans. Pattern Anal. Mach. Intell. 12:234, 1990.
         """
         sigma = self.widths(views) / FWHM
         t = np.square(sigma[:, None] / np.array([panel.pitch for panel in views.panels]))  # (views, 2)
         most = max(views.shape[1:])
-        n = np.arange(min(most, int(np.ceil(6 * np.sqrt(t.max()) + 6))) + 1)
-        taps = ive(n, t[:, :, None])
-        taps[:, :, 1:] *= 2  # both sides
+        n = np.arange(int(np.ceil(6 * np.sqrt(t.max()) + 6)) + 1)
+        taps = np.array([[_samples(variance, n) for variance in both] for both in t])
         beyond = 1 - np.cumsum(taps, axis=2)
         enough = np.flatnonzero((beyond <= TAIL).all(axis=(0, 1)))
         if enough.size == 0 or enough[0] >= most:
@@ -178,3 +175,16 @@ class Blur:
         taps = taps[:, :, : enough[0] + 1] / (1 - beyond[:, :, enough[0], None])
         taps[:, :, 1:] /= 2
         return np.ascontiguousarray(taps, np.float32)
+
+
+def _samples(variance: float, n: AnyArray) -> Float64:
+    """Of a normal distribution at 0, ±1, ±2..., whose variance as samples is given, both sides together; of sum 1."""
+
+    def samples(own: float) -> Float64:
+        weights = np.where(n > 0, 2.0, 1.0) * np.exp(-np.square(n, dtype=np.float64) / (2 * own))
+        return np.asarray(weights / weights.sum(), np.float64)
+
+    if variance < NARROW:
+        return samples(LEAST)
+    own = brentq(lambda own: float(samples(own) @ np.square(n)) - variance, LEAST, variance + 1, xtol=1e-12)
+    return samples(float(own))

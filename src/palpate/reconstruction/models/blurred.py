@@ -51,7 +51,7 @@ class Blurred:
     >>> edge = np.zeros(scan.shape, np.float32)
     >>> edge[:, :, 24:] = 1
     >>> likelihood.seen(edge)[0, 20, 22:26].astype(float).round(2).tolist()
-    [0.01, 0.1, 0.77, 0.97]
+    [0.0, 0.13, 0.72, 0.99]
     """
 
     def __init__(self, pixels: Transmission, scan: Scan) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 from palpate import _core
 from palpate.arrays import Float32, UInt8
 from palpate.reconstruction.models.blurred import Blurred
+from palpate.reconstruction.models.blurred_least_squares import BlurredLeastSquares
 from palpate.reconstruction.models.likelihood import Curvature, Likelihood
 from palpate.reconstruction.models.mrf_prior import Prior
 from palpate.reconstruction.optimizers.problem import Problem, value_and_slope
@@ -133,7 +134,7 @@ class _MemoryGradient:
             if self.beta > 0:
                 pairs = self.problem.pairs_before(slab)
                 prior_bends += _core.subspace.prior_curvatures(f, before, u, spacing, *self.law, *pairs)
-        if self.kind == "precomputed" and attempt == 0 and isinstance(self.likelihood, Blurred):
+        if self.kind == "precomputed" and attempt == 0 and isinstance(self.likelihood, Blurred | BlurredLeastSquares):
             bends = np.array(self.likelihood.curvatures_along(self.l, self.l_before, self.spare))
         else:
             bends = np.array(_core.subspace.data_curvatures(self._bend(attempt), self.l, self.l_before, self.spare))
