@@ -30,3 +30,11 @@ def test_one_bad_value_in_many_is_found_and_named(bad, where):
     place = ", ".join(str(i) for i in np.unravel_index(where, array.shape))
     with pytest.raises(DataError, match=rf"1 values are not finite \(first at index \({place}\)"):
         float32("values", array)
+
+
+@pytest.mark.parametrize(
+    "strange", [np.ones(3, complex), np.array(["1", "2"]), np.array(["2026-01-01"], "datetime64[D]")]
+)
+def test_what_holds_no_real_numbers_is_refused(strange):
+    with pytest.raises(DataError, match=r"values: expected real numbers, got dtype .*; convert with \.astype\(float\)"):
+        float32("values", strange)

@@ -232,6 +232,8 @@ def tests_of(name: str) -> tuple[str, ...]:
     """Folders or files of tests that ought to notice a fault in a file."""
     parts = Path(name).parts
     package = parts[1] if parts[0] == "cpp" else parts[2] if len(parts) > 3 else "palpate"
+    if package == "bindings" and Path(name).stem in TESTS:  # of a folder of kernels
+        package = Path(name).stem
     of_all = ["tests/test_core_calls.py"] if parts[0] == "cpp" else []
     return (*TESTS.get(package, [f"tests/{package}"]), *of_all)
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
 from support.wrong_scans import KINDS, disturbed, mistaken, setting
 
 import palpate as pp
@@ -148,6 +149,28 @@ def test_a_view_that_was_shifted_stands_out_after_reconstruction():
     left = pp.residuals(shifted, pp.reconstruct(shifted, grid, levels=1, iterations=40))
     assert left.deviance.argmax() == 2
     assert pp.check_residuals(left)
+
+
+def test_the_picture_shows_the_views_and_after_a_reconstruction_what_is_left_of_them():
+    """In standard deviations of the noise, the worst view among them: there the truth leaves noise, and a shift far more."""
+    scan, grid = small_scan()
+    truth = pp.Volume(np.full(grid.shape, 0.02), grid)
+    mean = 5000 * np.exp(-pp.Projector(scan.views, grid)(truth.values))
+    counts = np.random.default_rng(0).poisson(mean)
+    counts[2] = np.roll(counts[2], 6, axis=1)
+    seen = pp.Scan(counts, 5000, scan.views)
+
+    def pictures(left):
+        figure = pp.plot_check(seen, [], grid, left)
+        frames = [axes for axes in figure.findobj(Axes) if axes.get_title().startswith("view ")]
+        return {int(axes.get_title().split()[1].rstrip(":")): np.asarray(axes.images[0].get_array()) for axes in frames}
+
+    for k, image in pictures(None).items():
+        np.testing.assert_allclose(image, np.log(5000 / counts[k]), rtol=1e-5, atol=1e-6)
+    left = pictures(pp.residuals(seen, truth))
+    assert 2 in left
+    for k, image in left.items():
+        assert (image.std() > 2) if k == 2 else (abs(image.std() - 1) < 5 / np.sqrt(2 * image.size))
 
 
 def test_noise_alone_leaves_nothing_unexplained():
