@@ -206,7 +206,7 @@ def failing(tests: list[str]) -> list[str]:
     run = ended([sys.executable, "-m", "pytest", "-x", "-q", "-rfE", *tests])
     if run is None or run.returncode == 0:
         return [] if run else [test for test in tests if "::" not in test][:1]
-    return re.findall(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", run.stdout, re.M) or tests
+    return re.findall(r"^(?:FAILED|ERROR) (tests/.+?)(?: - .*)?$", run.stdout, re.M) or tests
 
 
 @cache

@@ -173,9 +173,11 @@ def body_in_air():
     return pp.simulate_scan(body, views, incident=5000, seed=1), grid, body.volume(grid).values
 
 
-def test_coarser_levels_only_give_a_start():
+@pytest.mark.parametrize("blur", [None, pp.Blur(panel=3.0)])
+def test_coarser_levels_only_give_a_start(blur):
     """Converged draws are the same from one level and from three; on the way the start is nearer."""
     scan, grid, _ = body_in_air()
+    scan = replace(scan, blur=blur)
     options = {"prior": pp.Prior("quadratic", 1.0), "samples": 2, "iterations": 100, "tolerance": 0}
     one, three = (pp.posterior(scan, grid, levels=levels, **options).laplace for levels in (1, 3))
     three = LaplaceApproximation([one.levels[0], *three.levels[1:]])  # one centre
