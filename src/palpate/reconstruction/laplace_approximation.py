@@ -29,6 +29,9 @@ from palpate.volumes.volume import Volume
 STEP = 0.02  # of a line integral, for the difference quotient of a likelihood's slope
 PRECISE = 1e-5  # residual at which conjugate gradients end, relative
 MOST = 2000  # of their steps
+# Behind a blur fine detail of a draw converges slowly where the prior is weak: it goes on until a step is that small, of
+# what the draw differs by from the centre, at most so many times the iterations that are asked for.
+STILL, LONGER = 0.02, 50
 Squares = WeightedLeastSquares | BlurredLeastSquares
 
 
@@ -79,7 +82,8 @@ class LaplaceApproximation:
     def draw(self, seed: int, number: int, iterations: int) -> Float32:
         """Draw a volume, (z, y, x) 1/mm. Equal seeds and numbers give equal draws.
 
-        iterations: on the finest level; three times as many on level 1, and twice as many on each coarser one.
+        iterations: on the finest level; three times as many on level 1, and twice as many on each coarser one. Behind a blur
+        more, until the draw hardly moves.
         """
         (_, fine), *_ = self.levels
         stream = np.random.Generator(np.random.SFC64([seed, number, 0]))
@@ -99,7 +103,7 @@ class LaplaceApproximation:
                 start = np.maximum(centre + resample(change, problem.A.grid, "linear").values, 0)
                 start = start if problem.support is None else start * (problem.support > 0)
             most = iterations if level == 0 else 3 * iterations * 2 ** (level - 1)
-            values = _minimum(problem, noise, linear, start, most)
+            values = _minimum(problem, noise, linear, start, most, centre)
             change = Volume(values - centre, problem.A.grid)
         return values
 
@@ -158,7 +162,9 @@ def second_derivative(likelihood: Likelihood, l: Float32) -> Float32:
     return np.asarray(np.maximum(difference / (2 * step), 0), np.float32)
 
 
-def _minimum(problem: Problem, noise: Float32, linear: Float32, start: Float32, most: int) -> Float32:
+def _minimum(
+    problem: Problem, noise: Float32, linear: Float32, start: Float32, least_iterations: int, centre: Float32
+) -> Float32:
     """The minimum of a problem whose gradient is perturbed by −Aᵀ noise − linear, or −Aᵀ Sᵀ noise where it is blurred."""
     data = squares(problem)
     shift = np.divide(noise, data.weights, out=np.zeros_like(noise), where=data.weights > 0)
@@ -167,10 +173,14 @@ def _minimum(problem: Problem, noise: Float32, linear: Float32, start: Float32, 
     linear = problem.linear + linear
     run = memory_gradient(problem.A, data, problem.prior, problem.beta, start, support=problem.support, linear=linear)
     values, least = start, math.inf
-    for f, objective in islice(run, most):
+    most = least_iterations if isinstance(data, WeightedLeastSquares) else LONGER * least_iterations
+    for iteration, (f, objective) in enumerate(islice(run, most), 1):
         if objective >= least:
             break
+        settled = iteration > least_iterations and np.linalg.norm(f - values) < STILL * np.linalg.norm(f - centre)
         values, least = f, objective
+        if settled:
+            break
     return values
 
 

@@ -22,13 +22,14 @@ from palpate.volumes.grid import Grid
 SIDE, DEEP = 65, 33  # voxels a side of the window in which the response is computed, and its slices
 WIDEST = 0.15  # of the window: a wider response would feel its rim
 RANGE = (0.1, 1e6)  # of strength × R_jj: how hard the neighbours of a voxel pull, over how hard the data do
-SOFTEST = 1e-4  # its lower end where a blur is in the model, of which a weaker prior takes more back
+SOFTEST = 0.01  # its lower end where a blur is in the model, of which a weaker prior takes more back
 POINT = 0.2  # side of a point, in voxels
 POINTS = 9  # of whose widths the mean is taken, since a shadow falls differently between pixels
 CLOSE = 0.01  # relative accuracy of the width
 TRIES, SETTLED = 4, 0.5  # what corrects the width changes by about 1 % where the strength changes by a factor e
 STEP = 0.5  # of the logarithm of the strength, for the slope of the width
-MOST, SMALL = 60, 0.03  # steps of conjugate gradients; the residual at which they end, relative
+MOST, SMALL = 300, 0.03  # steps of conjugate gradients; the residual at which they end, relative
+SMALLER = 0.003  # where a blur is in the model, whose inverse is steep
 
 
 def strength_for_resolution(
@@ -125,7 +126,8 @@ def _correction(
     @cache
     def factor(log_strength: float) -> float:
         beta = np.float32(math.exp(log_strength) * information)
-        l = _solved(lambda f: A.T(blurred_twice(A(f))) + beta * unit.surrogate(f, grid)[0], load, inverse)
+        end = SMALL if blur is None else SMALLER
+        l = _solved(lambda f: A.T(blurred_twice(A(f))) + beta * unit.surrogate(f, grid)[0], load, inverse, end)
         alike = circulant.middle_slice(math.exp(log_strength))
         alike = np.sum([np.roll(alike, np.subtract(at, middle), (0, 1)) for at in places], axis=0)
         return _width(l[grid.shape[0] // 2], places, grid) / _width(alike, places, grid)
@@ -133,12 +135,14 @@ def _correction(
     return factor
 
 
-def _solved(matrix: Callable[[Float32], Float32], load: Float32, inverse: Callable[[Float32], Float32]) -> Float32:
-    """Preconditioned conjugate gradients from 0."""
+def _solved(
+    matrix: Callable[[Float32], Float32], load: Float32, inverse: Callable[[Float32], Float32], end: float
+) -> Float32:
+    """Preconditioned conjugate gradients from 0, to a relative residual."""
     x, r = np.zeros_like(load), load.copy()
     p = z = inverse(r)
     size = _dot(r, z)
-    enough = SMALL**2 * size
+    enough = end**2 * size
     for _ in range(MOST):
         q = matrix(p)
         step = np.float32(size / _dot(p, q))

@@ -165,7 +165,8 @@ def posterior(
         Keep the samples, 4 bytes a voxel each, for `Posterior.interval`.
     sample_iterations : int, optional
         On the finest level, for each sample; more on coarser levels. Voxels and small structures need few. More make the
-        spread of what is broad, such as the mean of many slices, more accurate.
+        spread of what is broad, such as the mean of many slices, more accurate. Behind a blur, whose fine detail comes
+        last, each sample goes on until it hardly moves.
     thickness, spacing : float, optional
         Of the default grid, as for `reconstruct`.
     **options
