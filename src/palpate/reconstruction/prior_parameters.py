@@ -27,9 +27,9 @@ def choose_prior_parameters(
     from all its neighbours by one edge is √d, the standard deviation of the likelihood's gradient; d is the median of the
     Fisher information over the voxels that some ray meets. Smaller differences are mostly noise, larger ones mostly the
     object. β grows as the square root of the dose, so that a scan of more photons is smoothed less. A quadratic prior
-    uses the edge only to choose the strength. With a resolution β is `strength_for_resolution` (local)
-    times the data's curvature in the object; both the curvature and β are proportional to the dose.
-    curvature: see `data_curvature`.
+    uses the edge only to choose the strength. With a resolution β is `local` times the data's curvature in the object;
+    both the curvature and β are proportional to the dose. curvature: see `data_curvature`. local: what
+    `strength_for_resolution` gives, needed with a resolution alone.
     """
     if prior.resolution is not None:
         assert local is not None

@@ -77,9 +77,7 @@ class RoomClaim:
         self._opened: asyncio.Task[None] | None = None  # keeps the room open while this host has it
         self._now = asyncio.get_running_loop().time
         self._seen_elsewhere = False  # whether another host was ever seen to have it
-        self._free_since: float | None = (
-            self._now()
-        )  # when it was first seen to be nobody's, or None while it is another's
+        self._free_since: float | None = self._now()  # when it was first seen free, or None while another host has it
 
     @property
     def failed(self) -> bool:
