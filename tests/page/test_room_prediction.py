@@ -110,9 +110,9 @@ def test_after_a_cut_the_page_predicts_the_cut_organ(far, tissue):
     teacher.page.mouse.move(*(start + (160, 0)), steps=20)
     teacher.page.mouse.up()
     teacher.wait("palpate.scene.made === 1")
-    teacher.page.wait_for_timeout(1500)  # the cut has followed the stroke to its end
-    predicting = "document.getElementById('predict').getAttribute('aria-pressed') === 'true'"
-    trainee.wait(f"palpate.scene.made === 1 && {predicting}")
+    teacher.settle(1500)  # the cut has followed the stroke to its end: a body for each part of it
+    predicting = "['Predict', 'true'].join() === [predict.textContent, predict.getAttribute('aria-pressed')].join()"
+    trainee.wait(f"palpate.scene.body === {teacher.see('palpate.frame.body')} && {predicting}")
     hold(trainee, LEFT, (0, 0, 2.0))
     trainee.settle(1500)
     assert trainee.see(predicting)
