@@ -7,6 +7,7 @@ do, by 2 % of the force on kidneys of 6 mm edges at ν = 0.49, and bisection und
 """
 
 import logging
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,14 @@ def compliance(tissue: pp.Tissue, point: Array, radius: float, levels: int = 1, 
     levels: how often the tets nearer than `reach` radii are bisected, the later ones nearer than that. φ = (1 − d²/r²)²
     with d² twice the squared distance over 1 + n·n_q, as the models define it.
     """
+    return compliances([tissue], point, radius, levels, reach)[0]
+
+
+def compliances(
+    tissues: Sequence[pp.Tissue], point: Array, radius: float, levels: int = 1, reach: float = 1.7
+) -> list[Array]:
+    """`compliance` of tissues of one mesh and support, the shear moduli of which are in proportion: one factor serves all."""
+    tissue = tissues[0]
     hit = tissue.surface.closest(np.ascontiguousarray(point))
     coarse = _mesh(tissue)
     mesh = coarse
@@ -43,11 +52,23 @@ def compliance(tissue: pp.Tissue, point: Array, radius: float, levels: int = 1, 
     parent, _ = _located(coarse, mesh.p[:, mesh.t].mean(axis=1))
     space = skfem.Basis(mesh, skfem.ElementVector(skfem.ElementTetP2()), intorder=2)
     free, load = _free(space, held), _loads(space, align, hit.point, radius)
-    E, nu = tissue.young[parent] * 1e-3, tissue.poisson[parent]
-    lam, mu = E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
-    shear, (B, C, like) = _shear_stiffness(space, mu), _pressure(space, lam, mu, tissue.mesh.region[parent])
-    factors = Factors(shear[free][:, free], space.doflocs[:, free[::3]].T)
-    return np.asarray(load[free].T @ _solved(factors, csr_array(B[:, free]), C, like, load[free]))
+    first = _lame(tissue)[1]
+    shear = _shear_stiffness(space, first[parent])
+    factors, found = Factors(shear[free][:, free], space.doflocs[:, free[::3]].T), []
+    for each in tissues:
+        lam, mu = _lame(each)
+        stiffer = mu[0] / first[0]
+        np.testing.assert_allclose(mu, stiffer * first, rtol=1e-12)
+        B, C, like = _pressure(space, lam[parent] / stiffer, first[parent], tissue.mesh.region[parent])
+        u = _solved(factors, csr_array(B[:, free]), C, like, load[free])
+        found.append(np.asarray(load[free].T @ u) / stiffer)
+    return found
+
+
+def _lame(tissue: pp.Tissue) -> tuple[Array, Array]:
+    """λ and μ of each tet, N/mm²."""
+    E, nu = tissue.young * 1e-3, tissue.poisson
+    return E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
 
 
 def _solved(factors: Factors, B: csr_array, C: csr_array, like: Array, load: Array) -> Array:

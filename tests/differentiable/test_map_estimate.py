@@ -110,3 +110,9 @@ def test_what_cannot_be_is_refused(scan, estimate):
         MapEstimate(projector(), scan[:2], 1.0)
     with pytest.raises(DataError, match=r"counts: .* measured pixels are negative"):
         estimate.volume(np.array(scan.counts) - 1000)
+
+
+def test_where_nothing_was_absorbed_the_estimate_is_air(scan, estimate):
+    """Counts above what air lets through: by noise, or by a dose that was higher than told."""
+    air = np.where(scan.mask, 1.05 * scan.incident + scan.background, scan.counts)
+    np.testing.assert_array_equal(estimate.volume(air), 0)
