@@ -261,7 +261,6 @@ def test_ctrl_c_keeps_the_last_iterate_and_says_how_to_go_on(folder, whole):
         ({"--tolerance": "--blur 400 --tolerance"}, ("--blur", "wider than the panel", "units")),
         ({"--tolerance": "--blur 0.5 --likelihood least-squares --tolerance"}, ("--blur", "WeightedLeastSquares")),
         ({"--tolerance": "--blur 0.5 --samples 3 --likelihood gaussian --tolerance"}, ("--samples", "blur", "poisson")),
-        ({"--tolerance": "--blur 0.5 --region=-6,6,-5,5,0,30 --tolerance"}, ("--blur", "region")),
         ({"--tolerance": "--bones first.nii.gz --tolerance"}, ("bones", "weight,soft,bone")),
         ({"--tolerance": "--hardening 1 --bones first.nii.gz --tolerance"}, ("first.nii.gz",)),
         ({"--tolerance": "--region=-6,6,-5,5,0,30 --halvings -1 --tolerance"}, ("halvings", "at least 0", "-1")),
@@ -303,6 +302,11 @@ def test_the_baselines_and_a_region_are_a_word_away(folder):
     assert done.returncode == 0, done.stderr
     finer = pp.read_volume(folder / "finer.nii.gz").values
     assert 1e-4 < np.linalg.norm(finer - part.values) / np.linalg.norm(finer) < 0.2
+    done = run(folder, "--region", "-6,6,-5,5,0,30", "--blur", "0.8", output="blurred.nii.gz")
+    assert done.returncode == 0, done.stderr
+    blurred = pp.read_volume(folder / "blurred.nii.gz")
+    assert blurred.notes["blur"].startswith("panel 0.8 mm")
+    assert 1e-3 < np.linalg.norm(blurred.values - part.values) / np.linalg.norm(part.values) < 0.2
 
 
 def test_the_command_and_the_function_have_the_same_options():

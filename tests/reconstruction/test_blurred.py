@@ -451,8 +451,6 @@ def test_what_has_no_blur_in_its_model_says_so():
             pp.reconstruct(scan, A.grid, levels=1, likelihood=likelihood)
     with pytest.raises(DataError, match=r"samples: with blur in the model only of the likelihood .poisson"):
         pp.posterior(scan, A.grid, samples=2, likelihood=pp.Blurred.of)
-    with pytest.raises(DataError, match=r"blur: not with a region"):
-        pp.local_scan(scan, A.grid, pp.region_grid(A.grid, (-2, -2, 15), (2, 2, 20)))
     for method in ("fbp", "sirt"):
         plain, given = (
             pp.reconstruct(s, A.grid, method=method, iterations=2) for s in (replace(scan, blur=None), scan)

@@ -4,6 +4,8 @@ from itertools import islice
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
+from support.blurred_scans import FWHM, magnifying_scan
 
 import palpate as pp
 from palpate.errors import DataError, GeometryError
@@ -105,6 +107,55 @@ def test_likelihoods_of_the_region_are_those_of_the_rest_of_the_line_integral(sc
             kind.of(local).line_integrals, kind.of(bare).line_integrals - outside, rtol=1e-4, atol=1e-5
         )
     assert (WeightedLeastSquares.of(local).weights == WeightedLeastSquares.of(bare).weights).all()
+
+
+def test_behind_a_blur_the_light_of_the_region_is_that_of_the_whole(region):
+    """Against SciPy's Gaussian of the whole's light: exact where light of the region falls, if the volume is as told."""
+    views = pp.circular_views(pp.Panel((130, 130), (0.8, 0.8), (-51.6, -51.6, 0)), radius=250, height=1000, count=3)
+    scan = pp.Scan(np.full(views.shape, 90.0), np.linspace(100, 200, 3), views, 3, blur=pp.Blur(panel=2.5))
+    volume = random_volume(GRID)
+    local = pp.local_scan(scan, GRID, region, volume)
+    part = pp.Volume(volume.values[:, 28:52, 28:52], region)
+    whole = scan.incident * gaussian_filter(
+        np.exp(-pp.Projector(views, GRID)(volume.values)), (0, *2 * [2.5 / FWHM / 0.8]), truncate=8
+    )
+    l = pp.Projector(local.views, region)(part.values)
+    mine = local.incident * np.exp(-pp.Blurred.of(local).seen(l))
+    sharp = local.incident * np.exp(-l)
+    shadow = pp.Projector(local.views, region)(np.ones(region.shape, np.float32)) > 0
+    lit = gaussian_filter(shadow.astype(float), (0, *2 * [2.5 / FWHM / 0.8])) > 1e-3
+    assert lit.sum() > 1.1 * shadow.sum()
+    rows, columns = local.shape[1:]
+    for k, (panel, window) in enumerate(zip(views.panels, local.views.panels, strict=True)):
+        shift = window.origin - panel.origin
+        v, u = np.rint([shift @ panel.row_axis / 0.8, shift @ panel.column_axis / 0.8]).astype(int)
+        theirs = whole[k, v : v + rows, u : u + columns][lit[k]]
+        np.testing.assert_allclose(mine[k][lit[k]], theirs, rtol=2e-4)
+        assert np.abs(sharp[k][lit[k]] / theirs - 1).max() > 0.02  # the blur matters here
+
+
+def test_behind_a_blur_the_region_is_as_in_the_full_volume():
+    """Specks beside and above a speck, through a real focal spot: the model shares nothing with what made the counts."""
+    centre = np.array([0.68, 0.44, 0.04])
+    specks = [
+        (centre, 0.1, 1.0),
+        ((-0.9, 0.3, 0.1), 0.25, 1.0),
+        ((0.7, -0.9, 0.5), 0.3, 1.0),
+        ((0.6, 0.4, 1.3), 0.25, 1.0),
+    ]
+    scan = magnifying_scan([(np.zeros(3), 2.0, 0.05), *specks], photons=2e4)
+    grid = pp.Grid.centred((48, 56, 56), (0.08, 0.08, 0.08))
+    region = pp.region_grid(grid, centre - 0.55, centre + 0.55)
+    options = {"levels": 2, "prior": pp.Prior("quadratic", strength=0.4), "iterations": 40, "tolerance": 0}
+    full = pp.reconstruct(scan, grid, **options)
+    known = pp.reconstruct(pp.local_scan(scan, grid, region, full), region, **options).values
+    modelled = pp.reconstruct(pp.local_scan(scan, grid, region, **options), region, **options).values
+    ignored = pp.reconstruct(crop_to_region(scan, region), region, **options).values
+    cut = average_onto(full, region)
+    assert np.linalg.norm(known - cut) < 0.1 * np.linalg.norm(cut)
+    assert np.linalg.norm(modelled - cut) < 0.04 * np.linalg.norm(ignored - cut)
+    z, y, x = region.indices(centre)[0].round().astype(int)
+    np.testing.assert_allclose([known[z, y, x], modelled[z, y, x]], cut[z, y, x], rtol=0.1)
 
 
 def test_the_windows_hold_all_of_the_shadow_and_little_else(scan, region):

@@ -10,6 +10,7 @@ import numpy as np
 from palpate.arrays import AnyArray, ArrayLike, Float32, Float64, float64
 from palpate.errors import DataError, GeometryError
 from palpate.reconstruction.iterate import Step
+from palpate.reconstruction.models.blurred import Blurred
 from palpate.reconstruction.multiresolution import default_levels, pyramid
 from palpate.reconstruction.projector import Projector
 from palpate.reconstruction.reconstruct import iterates
@@ -73,6 +74,10 @@ def local_scan(scan: Scan, grid: Grid, region: Grid, outside: Volume | None = No
     The incident beam is attenuated by all that lies outside the region: incident · e⁻ˡ with the line integrals l of the
     outside. The counts stay as they are and stay Poisson. Reconstruct the region from the result with any method.
 
+    Behind a blur B the incident beam is that times B e⁻ˡ⁻ᵐ / B e⁻ᵐ, where m are the line integrals of the region as
+    `outside` has it. So the model of the counts is exact where the region is as told, and off where it is not, by the
+    covariance of the error of e⁻ᵐ and of e⁻ˡ within a blur's width.
+
     Parameters
     ----------
     scan : Scan
@@ -114,9 +119,13 @@ def local_scan(scan: Scan, grid: Grid, region: Grid, outside: Volume | None = No
     if outside is None:
         outside = deque(reconstruct_full_field(scan, grid, **options), maxlen=1)[0].volume
     inside = average_onto(outside, region)
-    l = Projector(local.views, outside.grid)(outside.values) - Projector(local.views, region)(inside)
-    incident = local.incident * np.exp(-np.clip(l, 0, OPAQUE))
-    return Scan(local.counts, incident, local.views, local.background, local.mask, local.notes)
+    whole = Projector(local.views, outside.grid)(outside.values)
+    part = Projector(local.views, region)(inside)
+    if local.blur is not None:
+        seen = Blurred.of(local).seen
+        whole, part = seen(whole), seen(part)
+    incident = local.incident * np.exp(-np.clip(whole - part, 0, OPAQUE))
+    return Scan(local.counts, incident, local.views, local.background, local.mask, local.notes, local.blur)
 
 
 def reconstruct_full_field(
@@ -144,20 +153,19 @@ def reconstruct_full_field(
 def crop_to_region(scan: Scan, region: Grid) -> Scan:
     """The pixels that the region's shadow meets: one window a view, all of one size. Nothing is said of what lies around.
 
-    Raises `GeometryError` if the shadow misses every panel, `DataError` for a scan with blur.
+    A blur is that through the middle of the region. It makes the window wider by twice its reach: all of the light that
+    has met the region is then seen with all of the light around it. Raises `GeometryError` if the shadow misses every panel.
     """
+    views, blur, border = scan.views, None, BORDER
     if scan.blur is not None:
-        raise DataError(
-            "blur: not with a region, whose incident beam has the sharp shadow of what lies outside; reconstruct the whole, "
-            "or leave the blur out"
-        )
-    views = scan.views
+        blur = scan.blur.through(region)
+        border += 2 * (blur.taps(views).shape[2] - 1)
     low, high = region.bounds
     corners = [(x, y, z) for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
     landed = views.project(corners)
     shape = np.array(views.shape[1:])
-    first = np.floor(landed.min(axis=1) + 0.5).astype(int) - BORDER
-    last = np.ceil(landed.max(axis=1) + 0.5).astype(int) + BORDER
+    first = np.floor(landed.min(axis=1) + 0.5).astype(int) - border
+    last = np.ceil(landed.max(axis=1) + 0.5).astype(int) + border
     if ((last <= 0) | (first >= shape)).any(axis=1).all():
         raise GeometryError("region: its shadow misses every panel; choose it where the views see the object")
     size = (np.minimum(last, shape) - np.maximum(first, 0)).max(axis=0)
@@ -170,7 +178,7 @@ def crop_to_region(scan: Scan, region: Grid) -> Scan:
         np.stack([a[k, v : v + size[0], u : u + size[1]] for k, (v, u) in enumerate(first)])
         for a in (scan.counts, scan.incident, scan.background, scan.mask)
     )
-    return Scan(y, b, Views(views.source, panels, views.direction), r, mask, scan.notes)
+    return Scan(y, b, Views(views.source, panels, views.direction), r, mask, scan.notes, blur)
 
 
 def average_onto(volume: Volume, grid: Grid) -> Float32:
