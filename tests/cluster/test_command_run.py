@@ -63,6 +63,17 @@ def test_a_file_that_an_option_names_counts_by_its_contents(tmp_path):
     assert run_key(run) != before
 
 
+def test_a_plugin_counts_by_its_contents(tmp_path):
+    plugin, scan = tmp_path / "mine.py", tmp_path / "scan.h5"
+    plugin.write_bytes(b"1")
+    scan.write_bytes(b"1")
+    runs = [pp.CommandRun("reconstruct", scan, tmp_path / "out.nii.gz", (), plugins) for plugins in ((), (plugin,))]
+    keys = [run_key(run) for run in runs]
+    plugin.write_bytes(b"2")
+    assert run_key(runs[0]) == keys[0]
+    assert len({*keys, run_key(runs[1])}) == 3
+
+
 def test_a_folder_counts_by_the_names_and_contents_of_its_files(tmp_path):
     (tmp_path / "series/more").mkdir(parents=True)
     first, second = tmp_path / "series/1.dcm", tmp_path / "series/more/2.dcm"
