@@ -1,9 +1,12 @@
 """The timeline of a replay in a real Chromium: seeking by pointer and keys, pausing, speeds, two sessions side by side."""
 
+from urllib.parse import urlsplit
+
 import numpy as np
 import pytest
 from axe_playwright_python.sync_playwright import Axe
 from support.browser import LAPTOP, PHONE
+from support.delayed_link import delayed_link
 from support.example_organs import organ
 from support.touch_page import Touched
 
@@ -58,7 +61,7 @@ class Replayed(Touched):
 def opened(browser, tissue):
     closing, pages = [], []
 
-    def open_page(records, viewport=LAPTOP, scheme="light", of=None):
+    def open_page(records, viewport=LAPTOP, scheme="light", of=None, delay=None):
         live = replayed(records, {"organ": of or tissue}, 0.0, ())
         served = running_session(live, loopback_socket(None))
         touch = viewport is not LAPTOP
@@ -67,7 +70,13 @@ def opened(browser, tissue):
         page.live = live
         closing.extend([context.close, lambda: served.__exit__(None, None, None)])
         pages.append(page)
-        page.open(served.__enter__())
+        address = served.__enter__()
+        if delay is not None:
+            parts = urlsplit(address)
+            link = delayed_link(parts.port, delay, loss=0.0)
+            address = parts._replace(netloc=f"{parts.hostname}:{link.__enter__().port}").geturl()
+            closing.insert(-1, lambda: link.__exit__(None, None, None))
+        page.open(address)
         page.wait("!document.getElementById('timeline').hidden")
         return page
 
@@ -123,6 +132,34 @@ def test_seeking_by_pointer_and_keys_shows_the_state_of_playing(opened, records,
     session = session_of(tissue, limit=1.0)
     session.step(PRESS[:1500])
     assert page.live.player.session.displacement.tobytes() == session.displacement.tobytes()
+
+
+SLOWER_THEN_SEEK = """new Promise((done) => {
+    const speed = document.getElementById('play-speed'), slider = document.getElementById('seek'), seen = [];
+    speed.value = '0.5';
+    speed.dispatchEvent(new Event('change'));
+    setTimeout(() => {
+        slider.value = '1200';
+        slider.dispatchEvent(new Event('input'));
+        const look = () => {
+            seen.push(Number(slider.value));
+            if (palpate.frame.tick === 1200) done(seen);
+            else requestAnimationFrame(look);
+        };
+        look();
+    }, 150);
+})"""
+
+
+def test_the_slider_stays_where_it_was_put(opened, records):
+    """While an answer to what was asked before is still on its way."""
+    page = opened({"mine": records["mine"]}, delay=0.2)
+    pause(page)
+    page.seek(700)
+    assert set(page.see(SLOWER_THEN_SEEK)) == {1200}
+    page.page.keyboard.press("j")
+    page.arrive(200)
+    assert page.see("document.getElementById('play-speed').value") == "0.5"
 
 
 def test_it_plays_to_the_end_and_from_the_start_again_at_the_speed_that_is_chosen(opened, records):

@@ -2,6 +2,7 @@
 
 import asyncio
 import struct
+import time
 from itertools import pairwise
 from types import SimpleNamespace
 
@@ -77,6 +78,48 @@ def test_a_page_goes_to_a_tick_and_playing_goes_on_from_there(shown):
     _, ticks = shown(Play(PlayStep.seek, 2000.0), Play(PlayStep.seek, 100.0))
     assert 2000 <= ticks[1] <= 2100
     assert 100 <= ticks[2] <= 200 < ticks[-1] < 1000
+
+
+def test_no_page_is_told_that_it_is_there_before_it_is(live, monkeypatch):
+    """On a slow machine a short way takes long too. Playing on is no way of which pages are told."""
+    monkeypatch.setattr(playback, "TELL_INTERVAL", 0.01)
+    live.pages = {object(): asyncio.Event()}
+    go, log = live.player.go_to, []
+
+    def slow(tick, goes_on):
+        time.sleep(0.04)
+        return go(tick, goes_on)
+
+    async def play():
+        async def tell(what):
+            log.append(struct.unpack(code(Position), what)[1:])
+
+        monkeypatch.setattr(live.player, "go_to", slow)
+        monkeypatch.setattr(live, "tell", tell)
+        player = Playback([live])
+        player.obey(Play(PlayStep.pause, 0.0))
+
+        def publish():
+            log.append(live.player.tick)
+            if log == [0]:
+                player.obey(Play(PlayStep.seek, 600.0))
+
+        monkeypatch.setattr(live, "publish_replay", publish)
+        running = asyncio.create_task(player.run())
+        while log[-1:] != [(0, 1.0, 600.0, 1.0, 1)]:
+            await asyncio.sleep(0.01)
+        player.obey(Play(PlayStep.play, 0.0))
+        while not isinstance(log[-1], int) or log[-1] <= 700:
+            await asyncio.sleep(0.01)
+        running.cancel()
+
+    asyncio.run(asyncio.wait_for(play(), 60))
+    there = log.index(600)
+    before = [one for one in log[:there] if isinstance(one, tuple) and one[-1] == 1]
+    assert len(before) >= 2
+    assert all(share < 1 for *_, share, _ in before)
+    after = [one for one in log[there:] if isinstance(one, tuple)]
+    assert [share for *_, share, _ in after] == [1.0, 1.0]  # at the pause's tick, and once as it plays
 
 
 def test_it_stops_at_the_end_and_begins_again(shown):

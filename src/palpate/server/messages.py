@@ -138,12 +138,16 @@ class Play:
 
 @dataclass(frozen=True)
 class Position:
-    """Server to page: where a replay is. there: share of the way to `tick` that is computed; less than 1: not there yet."""
+    """Server to page: where a replay is. there: share of the way to `tick` that is computed; less than 1: not there yet.
+
+    sought: how often pages have asked for a tick. One that has asked knows its answer by that.
+    """
 
     playing: U8
     speed: F32
     tick: F64
     there: F32
+    sought: U32
 
 
 @dataclass(frozen=True)

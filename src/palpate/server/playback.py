@@ -17,7 +17,6 @@ from palpate.simulation.session_compatibility import recorded_settings
 
 FRAME_TIME = 1 / 60  # s between frames
 MOST_BEHIND = 0.25  # s: what a slow machine loses more, it does not catch up
-SEEK_TICKS = 2000  # of a longer way the pages are told how far it has come
 TELL_INTERVAL, CURVE_INTERVAL = 0.25, 1.0  # s
 PULSE = 0.5  # s between frames of a pause in a room: its pages take a server that is silent for lost (room-liveness.ts)
 
@@ -64,7 +63,7 @@ class Playback:
 
     def where(self, there: float) -> bytes:
         """The position as a message. there: share of the way to it that is computed."""
-        return encode(Position(int(self.playing), self.speed, self.position, there))
+        return encode(Position(int(self.playing), self.speed, self.position, there, self.sought))
 
     def timeline(self) -> bytes:
         """The timeline as a message."""
@@ -77,7 +76,7 @@ class Playback:
 
     async def run(self) -> None:
         """Plays until it is cancelled."""
-        before, shown = time.monotonic(), None
+        before, shown, arrived = time.monotonic(), None, 0
         try:
             while True:
                 now = time.monotonic()
@@ -85,9 +84,10 @@ class Playback:
                 if going:
                     self.position = min(self.length, self.position + self.speed * RATE * min(now - before, MOST_BEHIND))
                 before, sought = now, self.sought
-                await self._show(int(self.position), sought)
+                await self._show(int(self.position), sought, tells=sought != arrived)
                 if self.position >= self.length:
                     self.playing = False
+                arrived = sought
                 state = self.playing, self.speed, self.sought
                 if state != shown and sought == self.sought:
                     shown = state
@@ -98,15 +98,18 @@ class Playback:
         finally:
             self.sought += 1  # a way that is being computed ends
 
-    async def _show(self, tick: int, sought: int) -> None:
-        """Goes to a tick and publishes its frames, unless another one is asked for meanwhile."""
+    async def _show(self, tick: int, sought: int, tells: bool) -> None:
+        """Goes to a tick and publishes its frames, unless another one is asked for meanwhile.
+
+        tells: the pages, how far a way has come that takes long.
+        """
         for live, player in zip(self.lives, self.players, strict=True):
             goal = min(tick, player.record.length)
-            far = goal < player.tick or goal > player.tick + SEEK_TICKS
+            start = player.tick if player.tick <= goal else 0
             way = asyncio.create_task(asyncio.to_thread(player.go_to, goal, lambda: sought == self.sought))
             while not (await asyncio.wait([way], timeout=TELL_INTERVAL))[0]:
-                there = min(0.99, player.tick / max(goal, 1)) if far else 1.0
-                for each in self.lives:
+                there = max(0.0, min(0.99, (player.tick - start) / max(goal - start, 1)))
+                for each in self.lives if tells else ():
                     await each.tell(self.where(there))
             if await way:
                 live.publish_replay()

@@ -420,8 +420,9 @@ export interface Position {
   speed: number;
   tick: number;
   there: number;
+  sought: number;
 }
-export const POSITION_KIND = 13, POSITION_BYTES = 20;
+export const POSITION_KIND = 13, POSITION_BYTES = 24;
 export function encodePosition(message: Position): ArrayBuffer {
   const view = new DataView(new ArrayBuffer(POSITION_BYTES));
   view.setUint8(0, 13);
@@ -429,6 +430,7 @@ export function encodePosition(message: Position): ArrayBuffer {
   view.setFloat32(2, message.speed, true);
   view.setFloat64(6, message.tick, true);
   view.setFloat32(14, message.there, true);
+  view.setUint32(18, message.sought, true);
   return view.buffer;
 }
 export function decodePosition(view: DataView): Position {
@@ -438,6 +440,7 @@ export function decodePosition(view: DataView): Position {
     speed: view.getFloat32(2, true),
     tick: view.getFloat64(6, true),
     there: view.getFloat32(14, true),
+    sought: view.getUint32(18, true),
   };
 }
 

@@ -16,9 +16,10 @@ const SMALLEST_TOP = 0.1; // N
 export class Timeline {
   private tracks: TimelineTrack[] = [];
   private tick = 0;
-  private position: Position = { playing: 0, speed: 1, tick: 0, there: 1 };
+  private position: Position = { playing: 0, speed: 1, tick: 0, there: 1, sought: 0 };
   private follows = false; // somebody else plays
   private asked: number | null = null; // tick that was asked for and is not shown yet
+  private answer = 0; // `sought` of the server's answer to that
   private readonly slider = element<HTMLInputElement>("seek");
   private readonly canvas = element<HTMLCanvasElement>("timeline-plot");
   private readonly speed = element<HTMLSelectElement>("play-speed");
@@ -71,8 +72,9 @@ export class Timeline {
   }
 
   setPosition(position: Position): void {
+    if (position.sought < this.position.sought) this.answer = 0; // another server, that was asked nothing
     this.position = position;
-    if (position.there >= 1) this.asked = null;
+    if (position.there >= 1 && position.sought >= this.answer) this.asked = null;
     const button = element("play");
     button.textContent = position.playing ? "Pause" : "Play";
     this.speed.value = String(position.speed);
@@ -110,6 +112,7 @@ export class Timeline {
     if (!this.tracks.length || this.follows) return;
     this.asked = Math.round(Math.max(0, Math.min(this.length, tick)));
     this.slider.value = String(this.asked);
+    this.answer = Math.max(this.answer, this.position.sought) + 1;
     this.play(PlayStep.seek, this.asked);
     this.tell();
     this.draw();
