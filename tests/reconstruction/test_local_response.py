@@ -1,5 +1,7 @@
 """The resolution of a quadratic prior, measured on small spheres in converged reconstructions of analytic scans."""
 
+import warnings
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -93,6 +95,26 @@ def test_it_is_so_behind_a_blur_that_is_in_the_model(name, pitch, resolution, bl
         strength_for_resolution(pp.Prior("quadratic"), where, GRID, resolution, b) for b in (pp.Blur(panel=blur), None)
     )
     assert weaker < 0.5 * plain
+
+
+def test_noise_that_a_blur_makes_large_is_said():
+    """As many times as of two scans of one dose, one sharp and one blurred, at the same resolution."""
+    where, solid = views("circle", 0.5), Phantom([(Box((0, 0, 25), tuple(0.95 * SIDES)), 0.02)])
+    rng, deviation = np.random.default_rng(4), []
+    for blur in (0.0, 1.2):
+        sharp = pp.simulate_scan(solid, where, incident=2e5, seed=None)
+        clean = soft_scan(solid, where, 2e5, blur) if blur else sharp
+        pair = [replace(clean, counts=rng.poisson(clean.counts).astype(np.float32)) for _ in range(2)]
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            options = {"resolution": 0.9, "levels": 1, "iterations": 150, "tolerance": 0}
+            a, b = (pp.reconstruct(scan, GRID, **options).values for scan in pair)
+        told = [str(one.message) for one in told if "times the noise" in str(one.message)]
+        assert len(told) == (2 if blur else 0)
+        middle = tuple(slice(n // 2 - n // 6, n // 2 + n // 6) for n in GRID.shape)
+        deviation.append((a - b)[middle].std())
+    times = float(told[0].split(" has ")[1].split()[0])
+    assert times == pytest.approx(deviation[1] / deviation[0], rel=0.2)
 
 
 def test_the_dose_does_not_matter():

@@ -9,7 +9,7 @@ import scipy.fft
 from palpate.arrays import Float32, Float64
 from palpate.errors import GeometryError
 from palpate.reconstruction.models.mrf_prior import Prior
-from palpate.scans.blur import FWHM, Blur
+from palpate.scans.blur import Blur
 from palpate.scans.views import Views
 from palpate.volumes.grid import Grid
 
@@ -47,7 +47,7 @@ class CirculantResponse:
         point = np.zeros((2 * nz - 1, *frequencies), np.complex64)  # Aᵀ of a point's shadow, from -nz + 1 slices up
         sharp = np.zeros(frequencies, np.float32)  # F(z, z) without blur
         each = [(*view, y, x) for view in shadows(views, grid, blur) for y in (0, -1, 1) for x in (0, -1, 1)]
-        for (down, across), (tx, ty), long, dense, spread, my, mx in each:
+        for (down, across), (tx, ty), long, dense, taps, my, mx in each:
             x, y = kx + 2 * np.pi * mx / hx, ky + 2 * np.pi * my / hy
             along = x * tx + y * ty
             phases = x * down[0] + y * down[1], x * across[0] + y * across[1]
@@ -57,7 +57,8 @@ class CirculantResponse:
             if np.abs(weight * shadow).max() < FAINT * dense * long**2 * dz:
                 continue
             sharp += weight * shadow * dz * hx * hy
-            weight = weight * np.exp(-2 * sum(t * (1 - np.cos(phase)) for t, phase in zip(spread, phases, strict=True)))
+            for kernel, phase in zip(taps, phases, strict=True):
+                weight = weight * _spectrum(kernel, phase) ** 2
             step = np.exp(-1j * along * dz).astype(np.complex64)
             turn = np.ones_like(step)
             for lag in range(nz):
@@ -79,6 +80,14 @@ class CirculantResponse:
         l = np.linalg.solve(self.data + np.float32(strength) * self.penalty, self.load)[..., self.middle, 0]
         return np.fft.fftshift(np.fft.irfft2(l, s=self.side))
 
+    def noise(self, strength: float) -> float:
+        """Standard deviation of a voxel in the middle for rays of variance 1: of (F + β R)⁻¹ F (F + β R)⁻¹, its root."""
+        unit = np.zeros((self.data.shape[-1], 1), np.float32)
+        unit[self.middle] = 1
+        column = np.linalg.solve(self.data + np.float32(strength) * self.penalty, unit)
+        variance = (np.conj(column) * (self.data @ column)).sum(axis=(2, 3)).real
+        return math.sqrt(_mean(variance, self.side[1]))
+
     def inverse(self, strength: float) -> Callable[[Float32], Float32]:
         """(F + β R)⁻¹, to be applied to a volume."""
         matrices = np.linalg.inv(self.data + np.float32(strength) * self.penalty)
@@ -91,22 +100,19 @@ class CirculantResponse:
         return apply
 
 
-def shadows(views: Views, grid: Grid, blur: Blur | None = None) -> list[tuple[Float64, Float64, float, float, Float64]]:
+def shadows(views: Views, grid: Grid, blur: Blur | None = None) -> list[tuple[Float64, Float64, float, float, Float32]]:
     """Of each view at the grid's middle: the two sides (x, y) of a pixel's shadow in the slice, mm; the ray's shift (x, y)
-    per depth; the ray's length per depth; pixels per mm² of the slice; the blur's variance across rows and columns, in
-    pixels. Views whose rays are flat are left out."""
+    per depth; the ray's length per depth; pixels per mm² of the slice; the blur's kernels across rows and columns, see
+    `Blur.taps`. Views whose rays are flat are left out."""
     middle = grid.bounds.mean(axis=0)
     step = 0.01 * min(grid.spacing)
     landed = views.project(middle + step * np.concatenate([np.zeros((1, 3)), np.eye(3)]))
     moved = np.moveaxis(landed[:, 1:] - landed[:, :1], 1, 2) / step  # (views, (row, column), (x, y, z)), pixels per mm
     rays = middle - views.source
     long = np.linalg.norm(rays, axis=1) / np.maximum(np.abs(rays[:, 2]), 1e-9)
-    pitch = np.array([panel.pitch for panel in views.panels])
-    spread = np.zeros_like(pitch) if blur is None else np.square(blur.widths(views)[:, None] / FWHM / pitch)
+    taps = np.ones((len(views), 2, 1), np.float32) if blur is None else blur.taps(views)
     steep = [
-        (m, np.linalg.inv(m[:, :2]), float(l), t)
-        for m, l, t in zip(moved, long, spread, strict=True)
-        if l < 1 / FLATTEST
+        (m, np.linalg.inv(m[:, :2]), float(l), t) for m, l, t in zip(moved, long, taps, strict=True) if l < 1 / FLATTEST
     ]
     if not steep:
         raise GeometryError("prior resolution: all rays are nearly parallel to the slices; give a strength instead")
@@ -134,6 +140,12 @@ def _prior_matrices(prior: Prior, grid: Grid, kx: Float64, ky: Float64) -> Float
 def _box(phase: Float64) -> Float64:
     """Spectrum of a box of area 1; phase: frequency times width."""
     return np.asarray(np.sinc(phase / (2 * math.pi)))
+
+
+def _spectrum(taps: Float32, phase: Float64) -> Float64:
+    """Of a symmetric kernel on pixels, given from its middle outwards; phase: of one pixel."""
+    sides = sum((2 * tap * np.cos(n * phase) for n, tap in enumerate(taps[1:].tolist(), 1)), np.zeros(()))
+    return np.asarray(float(taps[0]) + sides)
 
 
 def _mean(half: Float32, columns: int) -> float:

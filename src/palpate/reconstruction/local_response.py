@@ -1,6 +1,7 @@
 """The local impulse response of a quadratic prior: how wide a point becomes, and the strength for a wanted width."""
 
 import math
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -30,6 +31,7 @@ TRIES, SETTLED = 4, 0.5  # what corrects the width changes by about 1 % where th
 STEP = 0.5  # of the logarithm of the strength, for the slope of the width
 MOST, SMALL = 300, 0.03  # steps of conjugate gradients; the residual at which they end, relative
 SMALLER = 0.003  # where a blur is in the model, whose inverse is steep
+NOISY = 10.0  # times the noise of views without blur, of which a word is said
 
 
 def strength_for_resolution(
@@ -68,6 +70,11 @@ def strength_for_resolution(
     DataError
         If no strength gives that width.
 
+    Warns
+    -----
+    UserWarning
+        If the width behind a blur has far more noise than it would have without.
+
     References
     ----------
     Fessler & Rogers, IEEE Trans. Image Process. 5 (1996) 1346. Stayman & Fessler, IEEE TMI 19 (2000) 601.
@@ -80,13 +87,20 @@ def strength_for_resolution(
     curvature = unit.surrogate(np.zeros((3, 3, 3), np.float32), Grid((3, 3, 3), part.spacing))[1][1, 1, 1]
     low, high = (math.log(pull / curvature) for pull in (RANGE[0] if blur is None else SOFTEST, RANGE[1]))
 
+    def width_by(response: CirculantResponse, log_strength: float) -> float:
+        return _width(response.middle_slice(math.exp(log_strength)), _places(part, 1), part)
+
+    def strength_by(response: CirculantResponse, wanted: float) -> float:
+        """Its logarithm."""
+        return float(brentq(lambda s: width_by(response, s) - wanted, low, high, xtol=0.05))
+
     @cache
     def approximate(log_strength: float) -> float:
-        return _width(circulant.middle_slice(math.exp(log_strength)), _places(part, 1), part)
+        return width_by(circulant, log_strength)
 
     widest = min(WIDEST * SIDE * min(part.spacing[1:]), approximate(high))
     wanted = min(max(resolution, approximate(low)), widest)
-    log_strength = float(brentq(lambda s: approximate(s) - wanted, low, high, xtol=0.05))
+    log_strength = strength_by(circulant, wanted)
     correction = _correction(unit, A, circulant, log_strength, blur)
     for _ in range(TRIES if resolution <= widest else 0):
         before, width = log_strength, approximate(log_strength)
@@ -101,6 +115,16 @@ def strength_for_resolution(
             raise DataError(
                 f"prior resolution: {resolution:g} mm; with voxels of {grid.spacing[1]:g} mm in the slice and this geometry "
                 f"a point becomes {least:.2g} to {widest:.2g} mm wide; choose a width in between, or other voxels (--spacing)"
+            )
+    if blur is not None:
+        sharp = CirculantResponse(unit, A.views, part)
+        alike = strength_by(sharp, max(approximate(log_strength), width_by(sharp, low)))
+        times = circulant.noise(math.exp(log_strength)) / sharp.noise(math.exp(alike))
+        if times > NOISY:
+            warnings.warn(
+                f"prior resolution: behind a blur of {blur}, {resolution:g} mm has {float(f"{times:.2g}"):g} times the noise that it would "
+                "have without blur; choose a larger width unless the dose is high",
+                stacklevel=3,
             )
     return float(f"{math.exp(log_strength):.3g}")
 
