@@ -119,11 +119,11 @@ def strength_for_resolution(
     if blur is not None:
         sharp = CirculantResponse(unit, A.views, part)
         alike = strength_by(sharp, max(approximate(log_strength), width_by(sharp, low)))
-        times = circulant.noise(math.exp(log_strength)) / sharp.noise(math.exp(alike))
+        times = float(f"{circulant.noise(math.exp(log_strength)) / sharp.noise(math.exp(alike)):.2g}")
         if times > NOISY:
             warnings.warn(
-                f"prior resolution: behind a blur of {blur}, {resolution:g} mm has {float(f"{times:.2g}"):g} times the noise that it would "
-                "have without blur; choose a larger width unless the dose is high",
+                f"prior resolution: behind a blur of {blur}, {resolution:g} mm has {times:g} times the noise that it would have "
+                "without blur; choose a larger width unless the dose is high",
                 stacklevel=3,
             )
     return float(f"{math.exp(log_strength):.3g}")
