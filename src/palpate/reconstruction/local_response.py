@@ -122,8 +122,8 @@ def strength_for_resolution(
         times = float(f"{circulant.noise(math.exp(log_strength)) / sharp.noise(math.exp(alike)):.2g}")
         if times > NOISY:
             warnings.warn(
-                f"prior resolution: behind a blur of {blur}, {resolution:g} mm has {times:g} times the noise that it would have "
-                "without blur; choose a larger width unless the dose is high",
+                f"prior resolution: behind a blur of {blur}, {resolution:g} mm has {times:g} times the noise that it would "
+                "have without blur; choose a larger width unless the dose is high",
                 stacklevel=3,
             )
     return float(f"{math.exp(log_strength):.3g}")
