@@ -90,7 +90,8 @@ def test_a_stroke_cuts_while_it_goes_on_and_the_cut_opens(opened, album):
     assert len(mesh.nodes) > len(touched.session.first.tissue.mesh.nodes)
     assert mesh.volumes.sum() == pytest.approx(touched.session.first.tissue.mesh.volumes.sum())
     touched.wait("document.getElementById('about').textContent.includes('1 cut')")
-    touched.page.wait_for_timeout(600)
+    touched.settle()
+    touched.still()
     touched.page.screenshot(path=album / "cut.png")
     moved = np.abs(organ_picture(touched) - before).max(axis=2) > 40
     assert np.count_nonzero(moved) > 800, "it gapes"

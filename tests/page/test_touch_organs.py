@@ -55,8 +55,7 @@ def test_organs_have_colours_of_their_own(touched):
     assert touched.page.evaluate("palpate.scene.beside") == ["front", "behind"]
     touched.drag(np.array([100.0, 500.0]), np.array([240.0, 0.0]))  # the view turns, so that both are seen
     touched.page.mouse.up()
-    touched.page.wait_for_timeout(500)
-    r, g, b = touched.pixels("#view")[150:650, 150:800, :3].astype(int).transpose(2, 0, 1)
+    r, g, b = touched.still()[150:650, 150:800, :3].astype(int).transpose(2, 0, 1)
     red = (r > 1.6 * g) & (r > 60)
     ochre = (r > 1.15 * g) & (r < 1.55 * g) & (g > 1.3 * b)
     assert red.sum() > 2000

@@ -230,8 +230,7 @@ def test_two_sessions_are_played_side_by_side_with_one_camera(opened, records, a
     page.page.mouse.down()
     page.page.mouse.move(x + 270, 330, steps=5)
     page.page.mouse.up()
-    page.page.wait_for_timeout(500)
-    turned = [page.pixels("#view"), page.pixels("#second-view")]
+    turned = [page.still("#view"), page.still("#second-view")]
     for before, after in zip((left, right), turned, strict=True):
         assert (np.abs(before - after).max(axis=2) > 20).mean() > 0.01
     page.wait("document.getElementById('timeline-key').textContent.includes('force limit')")

@@ -362,8 +362,7 @@ def test_rendering_is_fetched_only_when_asked_for(opened):
     viewed.page.click("text=Render in 3D")
     viewed.wait("viewer.rendered")
     assert any("/static/view-" in url for url in fetched)
-    viewed.page.wait_for_timeout(300)
-    assert (viewed.pixels(".render canvas").max(axis=2) > 30).mean() > 0.02
+    assert (viewed.still(".render canvas").max(axis=2) > 30).mean() > 0.02
 
 
 def test_projections_step_and_play(opened, album):

@@ -104,3 +104,14 @@ class Seen:
         from skimage.io import imread
 
         return imread(io.BytesIO(self.page.locator(what).screenshot()))[..., :3].astype(float)
+
+    def still(self, what="#view"):
+        """That picture once two looks at it are alike, between which the page has drawn twice: a busy one draws late."""
+        before = None
+        for _ in range(10 * PATIENCE):
+            now = self.pixels(what)
+            if before is not None and (now == before).all():
+                return now
+            before = now
+            self.see(f"new Promise((done) => {2 * 'requestAnimationFrame(() => '}setTimeout(done, 100))))")
+        pytest.fail(f"{what} is never still")
