@@ -258,6 +258,7 @@ def ended_well(command: list[str]) -> bool:
 def ended(command: list[str]) -> "subprocess.CompletedProcess[str] | None":
     """A command that has ended; None if it takes too long."""
     environment = {**os.environ, "PYTHONPATH": f"{TREE / 'src'}", "PYTHONDONTWRITEBYTECODE": "1"}
+    environment |= {"OPENBLAS_NUM_THREADS": "1", "PALPATE_THREADS": "1"}  # as in the gate
     try:
         return subprocess.run(command, cwd=TREE, env=environment, capture_output=True, text=True, timeout=LONGEST)
     except subprocess.TimeoutExpired:
