@@ -50,8 +50,11 @@ def test_the_force_of_a_press_is_that_of_push(touched):
     touched.drag(touched.place(), np.array((40, 10)))
     touched.settle()
     touched.until("v._touched && Math.hypot(...v._touched.force) > 0.1")
-    touched.page.wait_for_timeout(200)
-    told = {name: np.array(value) for name, value in touched.value("_touched").items()}
+    told, before = touched.value("_touched"), None
+    while told != before:  # until the newest is there
+        touched.page.wait_for_timeout(500)
+        told, before = touched.value("_touched"), told
+    told = {name: np.array(value) for name, value in told.items()}
     radius = session_of(TISSUE).settings.radius
     expected = pp.model(TISSUE, "compliance").push(told["point"], told["displacement"], radius, tolerance=1e-6).force
     assert np.linalg.norm(expected) > 0.1

@@ -391,29 +391,34 @@ def test_error_against_finite_elements(touched, album):
     touched.page.click("#color-mode >> text=Error")
     touched.wait("document.getElementById('error-values').textContent.startsWith('At most 0.000 mm')")
     assert turns_dark(touched)  # the organ, all of it
-    told = {}
+    tissue, radius = touched.live.organs["coarse"], touched.session.settings.radius
+
+    def told():
+        """mm, % of the force."""
+        words = touched.page.locator("#error-values").inner_text().split()
+        return float(words[2]), float(words[words.index("force") + 1])
+
     for name in ("springs", "compliance"):
         touched.page.select_option("#model", name)
         touched.wait(f"palpate.scene.models[palpate.frame.model] === '{name}'")
         touched.page.wait_for_timeout(400)
         touched.drag(touched.place(), np.array((40, 10)))
         touched.settle()
-        touched.page.wait_for_timeout(700)  # for the newest figures
-        words = touched.page.locator("#error-values").inner_text().split()
-        told[name] = float(words[2]), float(words[words.index("force") + 1])
         point, displacement = touched.tool()[:2]
+        if name == "springs":
+            truth = pp.finite_elements(tissue).push(point, displacement, radius)
+            mine = pp.model(tissue, "springs").push(point, displacement, radius, tolerance=1e-4)
+            most = np.linalg.norm(mine.displacement - truth.displacement, axis=1)[touched.session.shown].max()
+            off = 100 * np.linalg.norm(mine.force - truth.force) / np.linalg.norm(truth.force)
+            assert most > 0.1
+            until(lambda: told() == (pytest.approx(most, rel=0.02), pytest.approx(off, abs=0.5)))  # noqa: B023
+        else:
+            last_digit = 5e-4
+            most = 2e-4 * np.linalg.norm(displacement) + last_digit
+            until(lambda: told()[0] < most and told()[1] < 0.1)  # noqa: B023
         touched.page.screenshot(path=album / f"error-{name}.png")
         touched.page.mouse.up()
         touched.until_home()
-    tissue, radius = touched.live.organs["coarse"], touched.session.settings.radius
-    truth = pp.finite_elements(tissue).push(point, displacement, radius)
-    mine = pp.model(tissue, "springs").push(point, displacement, radius, tolerance=1e-4)
-    most = np.linalg.norm(mine.displacement - truth.displacement, axis=1)[touched.session.shown].max()
-    off = 100 * np.linalg.norm(mine.force - truth.force) / np.linalg.norm(truth.force)
-    assert most > 0.1
-    assert told["springs"] == (pytest.approx(most, rel=0.02), pytest.approx(off, abs=0.5))
-    assert told["compliance"][0] < 2e-4 * np.linalg.norm(displacement) + 5e-4  # the last digit told
-    assert told["compliance"][1] < 0.1
     touched.page.select_option("#organ", "fine")
     touched.wait("palpate.scene.organ === 1")
     touched.wait("document.getElementById('error-values').textContent.startsWith('At most 0.000 mm')")
