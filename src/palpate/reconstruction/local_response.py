@@ -119,14 +119,18 @@ def strength_for_resolution(
     if blur is not None:
         sharp = CirculantResponse(unit, A.views, part)
         alike = strength_by(sharp, max(approximate(log_strength), width_by(sharp, low)))
-        times = float(f"{circulant.noise(math.exp(log_strength)) / sharp.noise(math.exp(alike)):.2g}")
-        if times > NOISY:
-            warnings.warn(
-                f"prior resolution: behind a blur of {blur}, {resolution:g} mm has {times:g} times the noise that it would "
-                "have without blur; choose a larger width unless the dose is high",
-                stacklevel=3,
-            )
+        _tell_noise(blur, resolution, circulant.noise(math.exp(log_strength)) / sharp.noise(math.exp(alike)))
     return float(f"{math.exp(log_strength):.3g}")
+
+
+def _tell_noise(blur: Blur, resolution: float, times: float) -> None:
+    """Warns of a width that has many times the noise of views without blur."""
+    if times > NOISY:
+        warnings.warn(
+            f"prior resolution: behind a blur of {blur}, {resolution:g} mm has {float(f'{times:.2g}'):g} times the noise that it "
+            "would have without blur; choose a larger width unless the dose is high",
+            stacklevel=4,
+        )
 
 
 def _correction(
