@@ -127,8 +127,8 @@ def _tell_noise(blur: Blur, resolution: float, times: float) -> None:
     """Warns of a width that has many times the noise of views without blur."""
     if times > NOISY:
         warnings.warn(
-            f"prior resolution: behind a blur of {blur}, {resolution:g} mm has {float(f'{times:.2g}'):g} times the noise that it "
-            "would have without blur; choose a larger width unless the dose is high",
+            f"prior resolution: behind a blur of {blur}, {resolution:g} mm has {float(f'{times:.2g}'):g} times the noise "
+            "that it would have without blur; choose a larger width unless the dose is high",
             stacklevel=4,
         )
 
