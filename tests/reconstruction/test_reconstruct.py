@@ -235,6 +235,19 @@ def test_a_stopped_run_keeps_its_last_iterate(scan, tmp_path):
     assert (again.volume.values == kept.volume.values).all()
 
 
+def test_what_a_killed_run_has_lost_is_no_more_than_was_asked(scan, tmp_path):
+    """After a kill nothing more is written: the file holds the last third iterate, or the last of a level."""
+    path, run = tmp_path / "run.h5", fingerprint(scan, {"levels": 2})
+    steps = pp.iterates(scan, GRID, levels=2, prior=PRIOR, iterations=[7, 5], tolerance=0)
+    held = []
+    for step in with_checkpoints(steps, path, run, every=3):
+        there = read_checkpoint(path, run) if path.exists() else None
+        held.append((step.level, step.iteration, there and (there.level, there.iteration)))
+    coarse = [None, None, (1, 3), (1, 3), (1, 5)]
+    fine = [(0, 1), (0, 1), (0, 1), (0, 4), (0, 4), (0, 4), (0, 7)]  # iterates 6, 9 and 12 of the run
+    assert [one for *_, one in held] == coarse + fine
+
+
 def test_checkpoints_of_another_run_or_damaged_are_refused(scan, tmp_path):
     path, run = tmp_path / "run.h5", fingerprint(scan, {"levels": 1})
     with pytest.raises(FileError, match=r"run.h5: there is no checkpoint .* leave out --resume"):
