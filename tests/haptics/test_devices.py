@@ -1,5 +1,6 @@
 """Devices of makers whose libraries are found at run time, against stand-ins, from start to fault."""
 
+import ctypes
 import itertools
 import subprocess
 import sys
@@ -96,6 +97,18 @@ def test_device_that_refuses_to_start(bench):
     with pytest.raises(DeviceError) as caught:
         bench.start()
     assert caught.value.fault == "device-fault"
+
+
+def test_what_went_wrong_before_the_start_does_not_hinder_it(libraries):
+    """OpenHaptics keeps errors on a stack until somebody asks."""
+    bench = Bench("libHD", libraries["libHD"])
+    try:
+        bench.device = bench.make()
+        bench.library.hdGetDoublev(ctypes.c_uint(0x9999), (ctypes.c_double * 16)())  # it knows of no such value
+        bench.device.start()
+        until(lambda: bench.device.status().fault == "waiting")  # for a solver, and for nothing else
+    finally:
+        bench.stop()
 
 
 def test_device_unplugged_in_contact(bench):
