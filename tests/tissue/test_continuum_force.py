@@ -45,3 +45,18 @@ def test_the_force_is_that_of_the_continuum(poisson, stiff, normal, sideways):
     assert (np.diag(linear) / true - 1 > 0.2).all()  # P1 locks
     # The fine mesh's functions hold the coarse P1 ones, so P1 is too stiff for every push, and never too soft.
     assert np.linalg.eigvalsh(truth - np.linalg.inv(linear)).min() > 0
+
+
+# Measured: the force is 3 and 5 % too large, corrected 0.4 %; what the lump adds is 19 % too large, corrected 1 %.
+def test_what_a_lump_adds_is_that_of_the_continuum_once_the_meshs_error_is_taken_out():
+    """On one mesh, with the lump and without."""
+    felt, corrected, true = [], [], []
+    for stiff in (8, 1):
+        answer = pp.model(solid(0.45, "smoothed", stiff), "compliance").push(PLACE, (0, 0, -1), RADIUS, tolerance=1e-6)
+        truth = np.linalg.inv(compliance(solid(0.45, "P1", stiff), PLACE, RADIUS, levels=3))
+        felt.append(answer.force[2])
+        corrected.append(answer.corrected_force[2])
+        true.append(truth[2, 2])
+    added, better, truly = (one[0] - one[1] for one in (felt, corrected, true))
+    assert abs(better / truly - 1) < 0.05 < abs(added / truly - 1)
+    assert abs(corrected[0] / true[0] - 1) < 0.5 * abs(felt[0] / true[0] - 1)

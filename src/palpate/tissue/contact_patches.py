@@ -45,6 +45,12 @@ class Answer:
         return ForceEstimate(mesh, self.error, linearisation)
 
     @property
+    def corrected_force(self) -> Float64 | None:
+        """`force` without the mesh's estimated error, N: nearer to the continuum, and most so for differences of two
+        forces on one mesh, such as what a lump adds. None where `estimate` is."""
+        return None if self.estimate is None else self.force / (1 + self.estimate.mesh)
+
+    @property
     def surface_displacement(self) -> Float64:
         """(S, 3) mm, of the nodes `surface_nodes`, which are the mesh's."""
         return self.displacement[self.surface_nodes]
