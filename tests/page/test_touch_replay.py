@@ -1,5 +1,6 @@
 """The timeline of a replay in a real Chromium: seeking by pointer and keys, pausing, speeds, two sessions side by side."""
 
+from contextlib import ExitStack
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -59,32 +60,29 @@ class Replayed(Touched):
 
 @pytest.fixture
 def opened(browser, tissue):
-    closing, pages = [], []
+    """Gives what opens a page of a replay. delay: s, of the way to it and back each."""
+    with ExitStack() as closing:
+        pages = []
 
-    def open_page(records, viewport=LAPTOP, scheme="light", of=None, delay=None):
-        live = replayed(records, {"organ": of or tissue}, 0.0, ())
-        served = running_session(live, loopback_socket(None))
-        touch = viewport is not LAPTOP
-        context = browser.new_context(viewport=viewport, color_scheme=scheme, has_touch=touch, is_mobile=touch)
-        page = Replayed(live.session, context.new_page())
-        page.live = live
-        closing.extend([context.close, lambda: served.__exit__(None, None, None)])
-        pages.append(page)
-        address = served.__enter__()
-        if delay is not None:
-            parts = urlsplit(address)
-            link = delayed_link(parts.port, delay, loss=0.0)
-            address = parts._replace(netloc=f"{parts.hostname}:{link.__enter__().port}").geturl()
-            closing.insert(-1, lambda: link.__exit__(None, None, None))
-        page.open(address)
-        page.wait("!document.getElementById('timeline').hidden")
-        return page
+        def open_page(records, viewport=LAPTOP, scheme="light", of=None, delay=None):
+            live = replayed(records, {"organ": of or tissue}, 0.0, ())
+            address = closing.enter_context(running_session(live, loopback_socket(None)))
+            if delay is not None:
+                parts = urlsplit(address)
+                link = closing.enter_context(delayed_link(parts.port, delay, loss=0.0))
+                address = parts._replace(netloc=f"{parts.hostname}:{link.port}").geturl()
+            touch = viewport is not LAPTOP
+            context = browser.new_context(viewport=viewport, color_scheme=scheme, has_touch=touch, is_mobile=touch)
+            closing.callback(context.close)
+            page = Replayed(live.session, context.new_page())
+            page.live = live
+            pages.append(page)
+            page.open(address)
+            page.wait("!document.getElementById('timeline').hidden")
+            return page
 
-    yield open_page
-    for close in closing:
-        close()
-    for page in pages:
-        assert page.problems == []
+        yield open_page
+    assert [page.problems for page in pages if page.problems] == []
 
 
 PAUSE_IF_PLAYING = """(() => {

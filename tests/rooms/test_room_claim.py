@@ -14,60 +14,47 @@ from palpate.rooms.room_process import RoomProcess
 
 
 class Memory:
-    """A registry as Redis is one: claims and hosts that run out. slow: s, the longest way there, and the longest back."""
+    """A registry as Redis is one: claims and hosts that run out. slow: s, the longest way to it."""
 
     def __init__(self, slow=0.0):
         self.claims, self.seen, self.answers = {}, {}, True
         self.slow, self.rng = slow, np.random.default_rng(5)
 
-    def __getattribute__(self, name):
-        """Every answer takes its time."""
-        found = super().__getattribute__(name)
-        if not asyncio.iscoroutinefunction(found):
-            return found
-
-        async def later(*told):
-            there, back = self.slow * self.rng.random(2)
-            await asyncio.sleep(there)
-            answer = await found(*told)
-            await asyncio.sleep(back)
-            return answer
-
-        return later
-
-    def _now(self):
+    async def _asked(self):
+        """When a question arrives, s."""
+        await asyncio.sleep(self.slow * self.rng.random())
         if not self.answers:
             raise RegistryLost
         return asyncio.get_running_loop().time()
 
     async def claim(self, room, host):
-        now = self._now()
+        now = await self._asked()
         owner, until = self.claims.get(room, (host, 0.0))
         if owner == host or until <= now:
             self.claims[room] = (host, now + LEASE)
         return self.claims[room][0]
 
     async def owner(self, room):
-        now = self._now()
+        now = await self._asked()
         owner, until = self.claims.get(room, ("", 0.0))
         return owner if until > now else ""
 
     async def hosts(self, host):
-        now = self._now()
+        now = await self._asked()
         self.seen[host] = now + LEASE
         return sum(until > now for until in self.seen.values())
 
     async def release(self, room, host):
-        self._now()
+        await self._asked()
         if self.claims.get(room, ("", 0.0))[0] == host:
             del self.claims[room]
 
     async def keep(self, room, host, state):
-        self._now()
+        await self._asked()
         return True
 
     async def kept(self, room):
-        self._now()
+        await self._asked()
         return b""
 
 

@@ -81,7 +81,7 @@ class CirculantResponse:
         return np.fft.fftshift(np.fft.irfft2(l, s=self.side))
 
     def noise(self, strength: float) -> float:
-        """Standard deviation of a voxel in the middle for rays of variance 1: of (F + β R)⁻¹ F (F + β R)⁻¹, its root."""
+        """Standard deviation of a voxel in the middle for rays of variance 1: (F + β R)⁻¹ F (F + β R)⁻¹ is the covariance."""
         unit = np.zeros((self.data.shape[-1], 1), np.float32)
         unit[self.middle] = 1
         column = np.linalg.solve(self.data + np.float32(strength) * self.penalty, unit)

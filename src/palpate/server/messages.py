@@ -140,7 +140,7 @@ class Play:
 class Position:
     """Server to page: where a replay is. there: share of the way to `tick` that is computed; less than 1: not there yet.
 
-    sought: how often pages have asked for a tick. One that has asked knows its answer by that.
+    sought: how often pages have asked for a tick. A page that has asked knows by this count which message answers it.
     """
 
     playing: U8

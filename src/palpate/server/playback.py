@@ -101,7 +101,7 @@ class Playback:
     async def _show(self, tick: int, sought: int, tells: bool) -> None:
         """Goes to a tick and publishes its frames, unless another one is asked for meanwhile.
 
-        tells: the pages, how far a way has come that takes long.
+        tells: whether the pages hear how far the way has come, if it takes long.
         """
         for live, player in zip(self.lives, self.players, strict=True):
             goal = min(tick, player.record.length)

@@ -46,8 +46,9 @@ class Answer:
 
     @property
     def corrected_force(self) -> Float64 | None:
-        """`force` without the mesh's estimated error, N: nearer to the continuum, and most so for differences of two
-        forces on one mesh, such as what a lump adds. None where `estimate` is."""
+        """(m, 3) N: `force` over 1 + `estimate.mesh`, without the mesh's estimated error. It is nearer to the continuum,
+        and most so in a difference of two forces on one mesh, such as what a lump adds. None where `estimate` is.
+        Such corrections of a functional: Pierce & Giles, SIAM Rev. 42:247, 2000."""
         return None if self.estimate is None else self.force / (1 + self.estimate.mesh)
 
     @property
