@@ -304,6 +304,13 @@ def test_the_baselines_and_a_region_are_a_word_away(folder):
     assert 1e-4 < np.linalg.norm(finer - part.values) / np.linalg.norm(finer) < 0.2
     done = run(folder, "--region", "-6,6,-5,5,0,30", "--blur", "0.8", output="blurred.nii.gz")
     assert done.returncode == 0, done.stderr
+    assert "--halvings" not in done.stderr
+    poor = [
+        run(folder, "--region", "-6,6,-5,5,0,30", "--prior", "quadratic", "--strength", "1e4", "--halvings", h).stderr
+        for h in "10"
+    ]
+    assert ["poor fit" in said for said in poor] == [True, True]
+    assert ["try --halvings 0" in said for said in poor] == [True, False]
     blurred = pp.read_volume(folder / "blurred.nii.gz")
     assert blurred.notes["blur"].startswith("panel 0.8 mm")
     assert 1e-3 < np.linalg.norm(blurred.values - part.values) / np.linalg.norm(part.values) < 0.2

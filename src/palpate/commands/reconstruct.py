@@ -293,6 +293,10 @@ def reconstruct_command(
     if left is not None:
         found = [*found, *(after := pp.check_residuals(left))]
         warn(after)
+        if after and part is not None and halvings:
+            typer.echo(
+                "note: what lies around the region is coarse, which may be the cause; try --halvings 0", err=True
+            )
     if report is not None:
         write_report(report, report_figures(measured, last, found, left))
     shape = " x ".join(str(n) for n in grid.shape)
