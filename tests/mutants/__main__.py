@@ -1,4 +1,4 @@
-"""Puts faults into a copy of the last commit, one at a time, and runs the tests of the folder that the fault is in.
+"""Puts faults into a copy of the last commit, one at a time, and runs the tests of its folder, then those that name it.
 
     cd tests && python -m mutants --seed 1 -n 100
     cd tests && python -m mutants --seed 1 -n 50 --first 50   # the second half of them
@@ -193,12 +193,25 @@ def kernel_tests(name: str) -> str:
 
 
 def failing_tests(name: str, left_out: list[str]) -> list[str]:
-    """The tests of a file's folders that fail, at most the first few. Those that name the file go first."""
+    """The tests of a file's folders that fail, at most the first few; if none does, those elsewhere that name the file.
+
+    In the folders, too, those that name it go first.
+    """
     words = {Path(name).stem, *re.findall(r"^(?:def|class) ([A-Za-z]\w+)", (TREE / name).read_text(), re.M)}
-    files = [path for where in tests_of(name) for path in sorted((TREE / where).rglob("test_*.py")) or [TREE / where]]
-    files.sort(key=lambda path: not words & set(re.findall(r"\w+", path.read_text())))
+    holds = {path: set(re.findall(r"\w+", path.read_text())) for path in sorted((TREE / "tests").rglob("test_*.py"))}
+    own = [path for where in tests_of(name) for path in sorted((TREE / where).rglob("test_*.py")) or [TREE / where]]
+    own.sort(key=lambda path: not words & holds[path])
+    apart = [path for path in holds if path not in own and distinct(words) & holds[path]]
     deselected = [word for test in left_out for word in ("--deselect", test)]
-    return failing([*(str(path.relative_to(TREE)) for path in files), *deselected])
+    for files in (own, apart):
+        if files and (failed := failing([*(str(path.relative_to(TREE)) for path in files), *deselected])):
+            return failed
+    return []
+
+
+def distinct(words: set[str]) -> set[str]:
+    """Those of more than one word: `mesh` stands in most tests, `mesh_within` in those that are about it."""
+    return {word for word in words if re.search(r"[a-z]_?[A-Z_]", word)}
 
 
 def failing(tests: list[str]) -> list[str]:
