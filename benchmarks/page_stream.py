@@ -103,6 +103,7 @@ class Stream:
             insertion=tuple(inside.tolist()),
             chosen=self.model,
             mesh_error=float("nan"),
+            stiffness_spread=float("nan"),
             linearisation=float("nan"),
             least_volume=float("nan"),
             solution_age=0.0,

@@ -22,7 +22,7 @@ TELLS = 4.0  # s between lines
 ROUND, LOOSE = 27.0, 3.0  # s: all hands play, then all let go
 AWAY, HOLD, NEEDLE, FREE = range(4)
 LAYOUT = messages.code(messages.Frame)
-UNKNOWN = ("mesh_error", "linearisation", "least_volume")  # NaN where there is no estimate
+UNKNOWN = ("mesh_error", "linearisation", "stiffness_spread", "least_volume")  # NaN where there is no estimate
 
 
 class Hand:

@@ -24,7 +24,8 @@ pp.tissue_properties("liver").fracture_energy
 
 Numbers that you give win over the table: `--young`, `--poisson`, `--region-young`, `--region-poisson`. One exception is
 `--region-tissue`, which wins over the general `--young` in its region. `palpate fit` prints the source of each number
-that it takes. The tissue file keeps the names of the tissues.
+that it takes. The tissue file keeps the names of the tissues, and the standard deviation that the source prints of Young's
+modulus: the page tells what [that makes of the force](truth.md#the-spread-of-the-stiffness).
 
 What the table does not know is *unknown*, and you must give it where it is needed. Poisson's ratio is the exception:
 where it is unknown, `fit` takes its default, since all of these tissues but the lung are nearly incompressible.

@@ -161,7 +161,7 @@ def test_cuts_one_after_the_other(cube):
     second = pp.Blade.swept([(-5, 31, 55), (55, 26, 55)], (0, 0, -1), 25)
     both, later = pp.cut(cube, [plane(23.0, 28.0), second]), pp.cut(pp.cut(cube, plane(23.0, 28.0)), second)
     assert np.array_equal(both.mesh.tets, later.mesh.tets)
-    for name in ("young", "poisson", "stiffening", "fixed"):
+    for name in ("young", "poisson", "stiffening", "young_spread", "fixed"):
         assert np.array_equal(getattr(both, name), getattr(later, name))
     assert np.array_equal(both.young, np.where(both.mesh.region == 1, 5.0, 9.0))
 

@@ -49,6 +49,10 @@ def fit_command(
     region_young: Annotated[
         list[str] | None, typer.Option(help="Another modulus for a region, by name or number: lump=20")
     ] = None,
+    young_spread: Annotated[
+        float | None, typer.Option(help="One standard deviation of --young, kPa. Default: the tissue's.")
+    ] = None,
+    region_young_spread: Annotated[list[str] | None, typer.Option(help="Another spread: lump=10")] = None,
     region_poisson: Annotated[list[str] | None, typer.Option(help="Another Poisson's ratio: lump=0.4")] = None,
     region_tissue: Annotated[list[str] | None, typer.Option(help="Another tissue: lump=liver-carcinoma")] = None,
     stiffness: Annotated[
@@ -113,6 +117,9 @@ def fit_command(
     palpate fit liver.vtu --tissue liver --region-tissue lump=liver-carcinoma -o tissue.vtu
     palpate fit liver.vtu --stiffness elastogram.nii.gz --quantity shear -o tissue.vtu
 
+    A lump of which the stiffness is known to some 30 kPa: the page tells what that makes of the force:
+    palpate fit breast.vtu --young 3 --region-young lump=90 --region-young-spread lump=30 -o tissue.vtu
+
     Half of the stiffness just after a push relaxes within a second:
     palpate fit liver.vtu --young 3 --relaxation 0.3@0.1,0.2@1 -o tissue.vtu
 
@@ -149,6 +156,7 @@ def fit_command(
     kinds = by_region(solid, "--region-tissue", str, tissue, region_tissue)
     nu = by_region(solid, "--region-poisson", float, poisson, region_poisson)
     E: Constant = by_region(solid, "--region-young", float, young, region_young, region_tissue)
+    spread = by_region(solid, "--region-young-spread", float, young_spread, region_young_spread)
     b = by_region(solid, "--region-stiffening", float, stiffening, region_stiffening)
     if stiffness is not None or quantity is not None:
         E = _from_map(solid, stiffness, quantity, E, nu, kinds)
@@ -168,6 +176,7 @@ def fit_command(
             relaxation=relaxing or None,
             inertia=swinging,
             stiffening=b,
+            young_spread=spread or None,
         ).replace(surface_friction=surface_friction)
     pp.write_tissue(output, fitted)
     with doing("trying models"):
@@ -177,6 +186,8 @@ def fit_command(
     typer.echo(f"palpate touch {shlex.quote(str(output))} begins with {begin.reason}")
     for line in material_lines(fitted):
         typer.echo(line)
+    if fitted.young_spread.any():
+        typer.echo(_spread_text(fitted))
     for line in _relaxation_lines(fitted):
         typer.echo(line)
     if swinging is not None:
@@ -219,6 +230,19 @@ def _relaxation_lines(tissue: "pp.Tissue") -> list[str]:
             f"factorizations; of what creeps at most {creep.error:.1%} is off"
         )
     return lines
+
+
+def _spread_text(tissue: "pp.Tissue") -> str:
+    """Where the stiffness is known to a spread alone."""
+    import numpy as np
+
+    known, names = [], tissue.mesh.names
+    for region in np.unique(tissue.mesh.region).tolist():
+        inside = tissue.mesh.region == region
+        young, spread = (float(np.median(values[inside])) for values in (tissue.young, tissue.young_spread))
+        if spread > 0:
+            known.append(f"{names.get(region, f'region {region}')} {young:g} ± {spread:g} kPa")
+    return f"stiffness, one standard deviation: {', '.join(known)}; the page tells what that makes of the force"
 
 
 def _stiffening_text(most: float) -> str:

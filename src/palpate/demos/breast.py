@@ -161,11 +161,7 @@ def _tissue(stages: Stages, labels: Labels, mesh_name: str, name: str, radius: f
     fine = {"lesion": radius / 2}
     options = {"label": "breast", "edge": EDGE, "inclusions": ["lesion"], "closed_at_border": True, "fine": fine}
     mesh = mesh_stage(stages, labels, mesh_name, **options)
-    young: dict[int | str, float] = {
-        "breast": tissue_properties("gland").required("young"),
-        "lesion": tissue_properties("breast-carcinoma").required("young"),
-    }
-    return fit_stage(stages, mesh, name, young, POISSON, fixed_nodes(mesh))
+    return fit_stage(stages, mesh, name, {"breast": "gland", "lesion": "breast-carcinoma"}, POISSON, fixed_nodes(mesh))
 
 
 def _scan_section(scan: Scan, lesion: Inclusion) -> Section:

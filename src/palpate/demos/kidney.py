@@ -26,7 +26,7 @@ def kidney(stages: Stages) -> Mapping[str, Tissue]:
     extent = float(mesh.nodes[:, 1].max() - mesh.nodes[:, 1].min())
     known = tissue_properties("kidney")
     fixed = resting_on(mesh, back, depth=KIDNEY_BED * extent)
-    tissue = fit_stage(stages, mesh, "tissue.vtu", known.required("young"), KIDNEY_POISSON, fixed)
+    tissue = fit_stage(stages, mesh, "tissue.vtu", "kidney", KIDNEY_POISSON, fixed)
     organ = labels.values == labels.value_of(KIDNEY_LABEL)
     middle = [int(i.mean()) for i in organ.nonzero()]
     outline = Labels(organ.astype(int), labels.grid)

@@ -1,6 +1,6 @@
 """From labels to a tissue that can be touched, with the report's sections on the way: what all demos share."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from palpate.report.html_report import Section
 from palpate.report.stages import Stages
 from palpate.tissue.io import read_tissue, write_tissue
 from palpate.tissue.lump_detectability import lump_map
+from palpate.tissue.named_tissues import Named
 from palpate.tissue.spring_fitting import fit
 from palpate.tissue.tissue import Tissue
 from palpate.volumes.volume import Labels
@@ -33,17 +34,17 @@ def fit_stage(
     stages: Stages,
     mesh: TetMesh,
     name: str,
-    young: float | Mapping[int | str, float],
+    tissue: Named,
     poisson: float,
     fixed: Int32,
 ) -> Tissue:
-    """The tissue in file `name`, its springs fitted to finite elements."""
-    return stages(
-        name,
-        lambda: fit(mesh, young, poisson, fixed, progress=lambda what, share: stages.progress(what, 0.99 * share)),
-        write_tissue,
-        read_tissue,
-    )
+    """The tissue in file `name`, with the stiffness of named tissues, its springs fitted to finite elements."""
+
+    def fitted() -> Tissue:
+        say = stages.progress
+        return fit(mesh, None, poisson, fixed, tissue=tissue, progress=lambda what, share: say(what, 0.99 * share))
+
+    return stages(name, fitted, write_tissue, read_tissue)
 
 
 def mesh_section(mesh: TetMesh, labels: Labels, text: Sequence[str]) -> Section:

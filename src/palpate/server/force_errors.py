@@ -1,4 +1,4 @@
-"""The estimated errors of the force, of the mesh and of linear strain, computed in a thread beside the loop."""
+"""The estimated errors of the force, of mesh, linear strain and stiffness, computed in a thread beside the loop."""
 
 import asyncio
 from dataclasses import dataclass
@@ -7,7 +7,13 @@ from typing import Any
 
 from palpate.errors import DataError
 from palpate.meshes.cutting.cut_mesh import CutMesh
-from palpate.simulation.fem_reference import DisplayedTick, linear_solution, linearisation_error, mesh_error
+from palpate.simulation.fem_reference import (
+    DisplayedTick,
+    force_spread,
+    linear_solution,
+    linearisation_error,
+    mesh_error,
+)
 from palpate.simulation.pointer import ContactState
 from palpate.simulation.session import Session
 from palpate.tissue.models.compliance import ComplianceModel
@@ -23,13 +29,15 @@ class ForceErrors:
     """Used on the event loop's thread only. The last estimates; NaN where there is none.
 
     time_share: largest fraction of the time spent on those of either kind. mesh, linearisation: relative to the force,
-    positive if it is too large. least_volume: of an element over its volume at rest, negative if one is turned over. The
-    model `compliance` alone has them: it answers by factors that are there already.
+    positive if it is too large. stiffness: standard deviation of the force that the spread of the stiffness makes,
+    relative to it. least_volume: of an element over its volume at rest, negative if one is turned over. The model
+    `compliance` alone has them: it answers by factors that are there already.
     """
 
     time_share: float = TIME_SHARE
     mesh: float = UNKNOWN
     linearisation: float = UNKNOWN
+    stiffness: float = UNKNOWN
     least_volume: float = UNKNOWN
     task: asyncio.Task[None] | None = None
     _due: float = 0.0  # by the monotonic clock
@@ -41,7 +49,7 @@ class ForceErrors:
         model = session.model
         if model is not self._model or ContactState.closed not in list(frame.contact):
             self._model, self.mesh = model, UNKNOWN
-            self.linearisation = self.least_volume = UNKNOWN
+            self.linearisation = self.least_volume = self.stiffness = UNKNOWN
         if (
             not isinstance(model, ComplianceModel)
             or isinstance(model.tissue.mesh, CutMesh)
@@ -61,12 +69,13 @@ class ForceErrors:
         try:
             solution = await asyncio.to_thread(linear_solution, model, tick, radius)
             linearisation, least = await asyncio.to_thread(linearisation_error, model, solution)
+            stiffness = await asyncio.to_thread(force_spread, model, solution)
         except DataError:  # contacts that no force can tell apart
             return
         finally:
             self._due = self._next(began)
         if model is self._model:
-            self.linearisation, self.least_volume = linearisation, least
+            self.linearisation, self.least_volume, self.stiffness = linearisation, least, stiffness
         if monotonic() < self._mesh_due:
             return
         began = monotonic()

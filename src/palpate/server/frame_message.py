@@ -124,6 +124,7 @@ def frame_bytes(
         chosen=chosen,
         mesh_error=errors.mesh,
         linearisation=errors.linearisation,
+        stiffness_spread=errors.stiffness,
         least_volume=errors.least_volume,
         solution_age=frame.solution_age,
         solution_error=frame.solution_error,

@@ -259,10 +259,11 @@ class Frame:
     the model that were not finite. model, chosen: indices in the scene's models of the one that answers and of the one that
     was chosen last, which may still be built. energy: N mm that the tools have put into the
     tissue, stored or dissipated there. mesh_error: estimated error of the force that the mesh makes, relative to the
-    force, positive if it is too large; NaN: not known. linearisation: that of linear strain, likewise. least_volume: of
-    an element over its volume at rest, at least and by linear elasticity; negative: turned over. solution_age,
-    solution_error: of a model at two rates, seconds since the contacts were those of its newest solution, and the
-    estimated relative error of that one's force. body: of the `Scene` that was shown: after a cut it is fetched again.
+    force, positive if it is too large; NaN: not known. linearisation: that of linear strain, likewise. stiffness_spread:
+    standard deviation of the force, relative to it, that follows from that of the stiffness. least_volume: of an element
+    over its volume at rest, at least and by linear elasticity; negative: turned over. solution_age, solution_error: of a
+    model at two rates, seconds since the contacts were those of its newest solution, and the estimated relative error of
+    that one's force. body: of the `Scene` that was shown: after a cut it is fetched again.
     Then (count, 3) 16-bit integers: the displacements of the first `count` shown nodes (0 or all) in units of `step` mm.
     """
 
@@ -282,6 +283,7 @@ class Frame:
     chosen: U8
     mesh_error: F32
     linearisation: F32
+    stiffness_spread: F32
     least_volume: F32
     solution_age: F32
     solution_error: F32

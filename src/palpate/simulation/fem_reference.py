@@ -74,6 +74,11 @@ def mesh_error(exact: ComplianceModel, solution: LinearSolution) -> float:
     return exact.discretization(u, found, force)
 
 
+def force_spread(exact: ComplianceModel, solution: LinearSolution) -> float:
+    """Standard deviation of the force that the spread of the stiffness makes, relative to the force."""
+    return exact.spread(solution[2])
+
+
 def linearisation_error(exact: ComplianceModel, solution: LinearSolution) -> tuple[float, float]:
     """Error of the force that linear strain makes, relative to it, and the least volume ratio of an element."""
     found, force, u = solution

@@ -28,7 +28,7 @@ class Stimulus:
     def tissue(self, organ: Tissue, level: float) -> Tissue:
         """The organ with E (1 + level) there."""
         young = np.where(self.stiffer, (1 + level) * organ.young, organ.young)
-        return organ.replace(young=young, springs=None, report=None, materials={})
+        return organ.replace(young=young, springs=None, report=None, materials={}, young_spread=0.0)
 
 
 def stimulus(experiment: ForcedChoice, organ: Tissue) -> Stimulus:

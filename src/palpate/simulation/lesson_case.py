@@ -82,6 +82,7 @@ def lesson_case(lesson: Lesson, organ: Tissue, seed: int) -> Tissue:
         springs=None,
         report=None,
         materials={},
+        young_spread=0.0,
     )
 
 

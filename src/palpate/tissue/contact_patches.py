@@ -14,6 +14,8 @@ from palpate.tissue.force_estimate import ForceEstimate
 from palpate.tissue.frictional_contact import contact_states, sliding_forces
 from palpate.tissue.tissue import Tissue
 
+ModelErrors = tuple[float, float | None, float]
+
 
 @dataclass(frozen=True, eq=False)
 class Answer:
@@ -23,7 +25,8 @@ class Answer:
     displacement of each patch. state: a contact's "stick" (always, if glued), "slide" or "open". error: certified bound
     on the distance to the exact solution of the model's own equations, in the energy norm, relative to that solution;
     the force's relative error along the push is at most about as large (of `neo-hookean` an estimate). warm: hand it
-    to the next push to start from here. model_errors: what `estimate` calls for the mesh's and the linearisation's part.
+    to the next push to start from here. model_errors: what `estimate` calls for the parts of mesh and linearisation, and
+    for what the stiffness' spread makes.
     """
 
     force: Float64
@@ -34,15 +37,15 @@ class Answer:
     surface_nodes: Int32
     sweeps: int = 0
     warm: Any = None
-    model_errors: Callable[[], tuple[float, float | None]] | None = None
+    model_errors: Callable[[], ModelErrors] | None = None
 
     @cached_property
     def estimate(self) -> ForceEstimate | None:
         """Errors of the force, estimated when first asked for; None of a model that is not linear elasticity."""
         if self.model_errors is None:
             return None
-        mesh, linearisation = self.model_errors()
-        return ForceEstimate(mesh, self.error, linearisation)
+        mesh, linearisation, spread = self.model_errors()
+        return ForceEstimate(mesh, self.error, linearisation, spread)
 
     @property
     def corrected_force(self) -> Float64 | None:
@@ -94,7 +97,7 @@ class Contacts:
         error: float,
         sweeps: int,
         warm: Any,
-        model_errors: Callable[[], tuple[float, float | None]] | None = None,
+        model_errors: Callable[[], ModelErrors] | None = None,
     ) -> Answer:
         """The answer in the shape in which the caller asked."""
         realised = np.stack([p.weights @ u[p.nodes] for p in self.patches])

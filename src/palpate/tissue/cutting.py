@@ -99,6 +99,7 @@ def before_cuts(tissue: Tissue) -> Tissue:
         young=tissue.young[first],
         poisson=tissue.poisson[first],
         stiffening=tissue.stiffening[first],
+        young_spread=tissue.young_spread[first],
         fixed=np.unique(mesh.origin[tissue.fixed]),
     )
 
@@ -116,6 +117,7 @@ def _tissue(before: Tissue, mesh: CutMesh) -> Tissue:
         young=copied(before.young),
         poisson=copied(before.poisson),
         stiffening=copied(before.stiffening),
+        young_spread=copied(before.young_spread),
         fixed=np.isin(mesh.origin, before.fixed) & mesh.real,
         springs=None,
         report=None,

@@ -17,6 +17,9 @@ class ForceEstimate:
     linearisation : float or None
         Difference of the force from that at finite strain, neo-Hookean or with the tissue's stiffening, direction included:
         positive if the force is too large. None if it is not known, NaN if no solution keeps every element.
+    stiffness : float, optional
+        Standard deviation of the force along the push, to first order, since the stiffness is known to
+        `Tissue.young_spread` alone. Not an error of the calculation, and not in `total`.
 
     Examples
     --------
@@ -28,6 +31,7 @@ class ForceEstimate:
     mesh: float
     solver: float
     linearisation: float | None = None
+    stiffness: float = 0.0
 
     @property
     def total(self) -> float:

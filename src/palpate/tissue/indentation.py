@@ -20,6 +20,7 @@ from palpate.tissue.tissue import Tissue
 # by 1/(2 E* a).
 PATCH = float(48**2 / np.pi * gamma(6) * gamma(0.5) / (2**6 * gamma(3.5) ** 2 * gamma(6.5)))
 EDGES = 1.5  # of the mesh: patches of a smaller radius are not resolved
+NORMAL_95 = 1.96  # half of a 95 % interval, in standard deviations
 NEAR = 2.0  # such radii about a point: the surface whose curvature counts
 STEPS = 7  # contact radii for which the tissue is asked
 
@@ -153,7 +154,7 @@ def fit_indentation(
     touched = float(tissue.young[_tet_at(tissue, point)])
     ends = (touched * max(fit.factor - fit.half, 0.0), touched * (fit.factor + fit.half))
     curves = (fit.onset, fit.offset, curve.depth, curve.force, fit.fitted)
-    found = stiffer(tissue, fit.factor)
+    found = stiffer(tissue, fit.factor).replace(young_spread=tissue.young * fit.half / NORMAL_95)
     return IndentationFit(touched * fit.factor, ends, found, *curves, pressed.mesh_error, pressed.resolved)
 
 

@@ -27,8 +27,9 @@ _TEXT = "palpate"  # field of bytes: JSON in UTF-8
 def write_tissue(path: str | Path, tissue: Tissue) -> None:
     """Write a tissue to a .vtu file, completely or not at all.
 
-    Tetrahedra carry region, young (kPa), poisson and, if the tissue has it, stiffening. Nodes carry fixed and, after a fit,
-    the error of the springs in mm. Tetrahedra of a cut tissue carry share, side, body and parent, its nodes origin and real.
+    Tetrahedra carry region, young (kPa), poisson and, if the tissue has them, stiffening and young_spread (kPa). Nodes
+    carry fixed and, after a fit, the error of the springs in mm. Tetrahedra of a cut tissue carry share, side, body and
+    parent, its nodes origin and real.
 
     Parameters
     ----------
@@ -66,6 +67,8 @@ def write_tissue(path: str | Path, tissue: Tissue) -> None:
     constants = {"young": tissue.young, "poisson": tissue.poisson}
     if tissue.stiffening.any():
         constants["stiffening"] = tissue.stiffening
+    if tissue.young_spread.any():
+        constants["young_spread"] = tissue.young_spread
     whole: dict[str, Any] = {}
     if isinstance(tissue.mesh, CutMesh):
         text["blades"], text["cuts"] = plain_blades(tissue.mesh), plain_figures(tissue.mesh)
@@ -140,6 +143,7 @@ def read_tissue(path: str | Path) -> Tissue:
             stiffening=fields.get("stiffening", 0.0),
             attachments=[Attachment(**one) for one in text.get("attachments", [])],
             surface_friction=float(text.get("surface_friction", 0.0)),
+            young_spread=fields.get("young_spread", 0.0),
         )
     except (MaterialError, DataError) as problem:
         raise type(problem)(f"{path}: {problem}") from None

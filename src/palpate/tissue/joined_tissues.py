@@ -89,6 +89,7 @@ def join_tissues(
         np.concatenate([nodes + first for nodes, first in zip(held, start, strict=True)]),
         element=tissues[0].element,
         stiffening=of_all("stiffening", 0.0),
+        young_spread=of_all("young_spread", 0.0),
         attachments=[*(one for tissue in tissues for one in tissue.attachments), *attachments],
         surface_friction=max(one.surface_friction for one in tissues) if surface_friction is None else surface_friction,
     )

@@ -147,7 +147,9 @@ def force_map(
         if isinstance(solver, FiniteElements):
             force[part] = depth * _stiffness_along(solver, x[part], inward[part], radius)
         else:
-            force[first] = -solver.push(x[first], depth * inward[first], radius, tolerance=CERTIFIED).force @ inward[first]
+            force[first] = (
+                -solver.push(x[first], depth * inward[first], radius, tolerance=CERTIFIED).force @ inward[first]
+            )
         if progress:
             progress(min(1.0, (first + batch) / len(x)))
     return force
@@ -211,11 +213,9 @@ def lump_map(
     others = order[CHECKED :: max(1, (len(order) - CHECKED) // CHECKED)][:CHECKED]
     checked = np.unique([*order[:CHECKED], *others, np.argmax(stiff / even)])
     normals = surface_normals(tissue, x)
-    pushes = -depth * normals[checked]
-    (model_stiff, mesh_stiff), (model_even, mesh_even) = (
-        _answers(solid, x[checked], pushes, radius, lambda share, done=done: say(done + 0.15 * share))
-        for solid, done in ((tissue, 0.7), (plain, 0.85))
-    )
+    asked = (x[checked], -depth * normals[checked], radius)
+    model_stiff, mesh_stiff = _answers(tissue, *asked, lambda share: say(0.7 + 0.15 * share))
+    model_even, mesh_even = _answers(plain, *asked, lambda share: say(0.85 + 0.15 * share))
     return LumpMap(x, normals, stiff, even, checked, model_stiff, model_even, mesh_stiff, mesh_even, depth, radius)
 
 

@@ -5,9 +5,10 @@ from difflib import get_close_matches
 
 import numpy as np
 
+from palpate.arrays import Float64
 from palpate.errors import MaterialError
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.tissue.tissue import Constant, Tissue
+from palpate.tissue.tissue import Constant, Tissue, constant_per_tet
 from palpate.tissue.tissue_properties import QUANTITIES, TissueProperties
 from palpate.tissue.tissue_table import TISSUES
 
@@ -67,6 +68,20 @@ def young_of(mesh: TetMesh, young: Constant | None, materials: Mapping[int, str]
 def poisson_of(mesh: TetMesh, poisson: Constant | None, materials: Mapping[int, str]) -> Constant:
     """Poisson's ratio: what is given, else that of the region's tissue, else 0.45."""
     return _completed("poisson", mesh, poisson, materials)
+
+
+def spread_of(mesh: TetMesh, young: Constant, materials: Mapping[int, str], given: Constant | None = None) -> Float64:
+    """(M,) kPa, one standard deviation: what is given, else that of the table where `young` is the table's, else 0."""
+    if given is not None and not isinstance(given, Mapping):
+        return constant_per_tet("young_spread", given, mesh)
+    modulus, spread = constant_per_tet("young", young, mesh), np.zeros(len(mesh.tets))
+    for region, name in materials.items():
+        known = TISSUES[name].young
+        if known is not None and known.spread is not None:
+            spread[(mesh.region == region) & (modulus == known.value)] = known.spread
+    for key, value in (given or {}).items():
+        spread[mesh.region == _region("young_spread", mesh, key)] = value
+    return spread
 
 
 def _completed(quantity: str, mesh: TetMesh, given: Constant | None, materials: Mapping[int, str]) -> Constant:

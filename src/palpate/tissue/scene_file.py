@@ -17,7 +17,7 @@ from palpate.tissue.attachment import Attachment
 from palpate.tissue.boundary_conditions import resting_on
 from palpate.tissue.io import read_tissue
 from palpate.tissue.joined_tissues import join_tissues
-from palpate.tissue.named_tissues import named_materials, poisson_of, young_of
+from palpate.tissue.named_tissues import named_materials, poisson_of, spread_of, young_of
 from palpate.tissue.tissue import MOST_FRICTION, Tissue
 from palpate.tissue.tissue_table import TISSUES
 from palpate.volumes.io import read_labels
@@ -197,9 +197,8 @@ def _tissue(folder: Path, labels: Labels | None, name: str, given: dict[str, Any
     way = towards.astype(float)
     extent = float(np.ptp(mesh.nodes @ way) / max(np.linalg.norm(way), 1e-12))
     fixed = resting_on(mesh, way, _number(name, given, "depth", DEPTH, 1.0) * extent)
-    return Tissue(
-        mesh, young_of(mesh, young, materials), poisson_of(mesh, poisson, materials), fixed, materials=materials
-    )
+    E, nu = young_of(mesh, young, materials), poisson_of(mesh, poisson, materials)
+    return Tissue(mesh, E, nu, fixed, materials=materials, young_spread=spread_of(mesh, E, materials))
 
 
 def _bone(labels: Labels | None, name: str, given: dict[str, Any]) -> TetMesh:

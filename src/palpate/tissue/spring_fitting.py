@@ -12,7 +12,7 @@ from palpate.meshes.cutting.cut_mesh import refuse_cut, touched_surface
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.tissue.contact_patches import Answer
 from palpate.tissue.models.mass_spring import SpringModel
-from palpate.tissue.named_tissues import Named, named_materials, poisson_of, young_of
+from palpate.tissue.named_tissues import Named, named_materials, poisson_of, spread_of, young_of
 from palpate.tissue.reference.linear_elasticity import FiniteElements
 from palpate.tissue.reference.solver import finite_elements
 from palpate.tissue.relaxation import Relaxation
@@ -41,6 +41,7 @@ def fit(
     relaxation: Relaxation | Mapping[int | str, Relaxation] | None = None,
     inertia: Inertia | None = None,
     stiffening: Constant = 0.0,
+    young_spread: Constant | None = None,
 ) -> Tissue:
     """Return a tissue whose springs are as close to finite elements as their law allows.
 
@@ -72,6 +73,9 @@ def fit(
         The mass, in sessions.
     stiffening : float, array_like (M,), or dict, optional
         Exponent of the shear energy at finite strain, as for `Tissue`. Springs are fitted to small strain.
+    young_spread : float, array_like (M,), or dict, optional
+        One standard deviation of the stiffness, kPa, as for `Tissue`. The default is that of the named tissues, where the
+        stiffness is theirs.
 
     Returns
     -------
@@ -103,7 +107,8 @@ def fit(
     say = progress or (lambda what, share: None)
     materials = named_materials(mesh, tissue)
     E, nu = young_of(mesh, young, materials), poisson_of(mesh, poisson, materials)
-    solid = Tissue(mesh, E, nu, fixed, element=element, materials=materials, stiffening=stiffening)
+    spread = spread_of(mesh, E, materials, young_spread)
+    solid = Tissue(mesh, E, nu, fixed, element=element, materials=materials, stiffening=stiffening, young_spread=spread)
     start = SpringLaw(law, {"exponential": -0.1}.get(law, 0.1), weights, rows)
     size = float(np.linalg.norm(np.ptp(mesh.nodes, axis=0)))
     r = 2 * solid.edge if radius is None else radius
@@ -134,6 +139,7 @@ def fit(
         relaxation=relaxation,
         inertia=inertia,
         stiffening=solid.stiffening,
+        young_spread=spread,
     )
 
 

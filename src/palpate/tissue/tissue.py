@@ -116,6 +116,10 @@ class Tissue:
     surface_friction : float, optional
         Coulomb's coefficient between surfaces that meet, no unit, 0 to 10: of organs beside each other, and of the lips of
         cuts. The default is 0: serous membranes are wet and smooth. In sessions, the model `compliance` alone knows of it.
+    young_spread : float, array_like (M,), or dict, optional
+        One standard deviation of `young`, kPa, as measured from person to person: one number, one for each tetrahedron, or
+        by region number or name. Estimates of the force's error carry it to the force. The default is 0: as if it were
+        known.
 
     Raises
     ------
@@ -143,6 +147,7 @@ class Tissue:
     stiffening: Float64
     attachments: tuple[Attachment, ...]
     surface_friction: float
+    young_spread: Float64
 
     def __init__(
         self,
@@ -160,10 +165,12 @@ class Tissue:
         stiffening: Constant = 0.0,
         attachments: Sequence[Attachment] = (),
         surface_friction: float = 0.0,
+        young_spread: Constant = 0.0,
     ) -> None:
         modulus = constant_per_tet("young", young, mesh)
         ratio = constant_per_tet("poisson", poisson, mesh)
         exponent = constant_per_tet("stiffening", stiffening, mesh)
+        spread = constant_per_tet("young_spread", young_spread, mesh)
         if (modulus <= 0).any():
             bad = int(np.argmin(modulus))
             raise MaterialError(
@@ -177,13 +184,24 @@ class Tissue:
             raise MaterialError(
                 f"stiffening: {exponent[bad]:g} at tet {bad}; give 0 (neo-Hookean) to {MOST_STIFFENING:g}, such as 5"
             )
+        if not (np.isfinite(spread) & (spread >= 0)).all():
+            bad = int(np.argmin(np.where(np.isfinite(spread), spread, -np.inf)))
+            raise MaterialError(
+                f"young_spread: {spread[bad]:g} kPa at tet {bad}; give a standard deviation of 0 or more"
+            )
         held = _node_indices(fixed, len(mesh.nodes))
         if len(held) == len(mesh.nodes):
             raise MaterialError(
                 "fixed: all nodes are held, so nothing can be pushed; hold those that rest on something"
             )
         _refuse_rigid_motions(mesh, held)
-        for name, value in (("young", modulus), ("poisson", ratio), ("stiffening", exponent), ("fixed", held)):
+        for name, value in (
+            ("young", modulus),
+            ("poisson", ratio),
+            ("stiffening", exponent),
+            ("fixed", held),
+            ("young_spread", spread),
+        ):
             value.flags.writeable = False
             object.__setattr__(self, name, value)
         for name, thing in (("mesh", mesh), ("element", element), ("springs", springs), ("report", report)):

@@ -104,7 +104,7 @@ export class LocalSession {
   }
 
   private message({ shown, ...state }: EngineFrame): ArrayBuffer {
-    const unknown = { mesh_error: NaN, linearisation: NaN, least_volume: NaN, solution_age: 0, solution_error: 0, body: this.cuts.bodies };
+    const unknown = { mesh_error: NaN, linearisation: NaN, stiffness_spread: NaN, least_volume: NaN, solution_age: 0, solution_error: 0, body: this.cuts.bodies };
     const { late, busy } = this.clock;
     const frame = { ...state, ...unknown, model: 0, chosen: 0, late, busy, seconds: this.ticks / RATE };
     return this.exam ? examFrameMessage({ ...frame, late: 0, busy: 0 }, shown) : frameMessage(frame, shown);

@@ -111,6 +111,7 @@ export interface Frame {
   chosen: number;
   mesh_error: number;
   linearisation: number;
+  stiffness_spread: number;
   least_volume: number;
   solution_age: number;
   solution_error: number;
@@ -118,7 +119,7 @@ export interface Frame {
   step: number;
   count: number;
 }
-export const FRAME_KIND = 2, FRAME_BYTES = 240;
+export const FRAME_KIND = 2, FRAME_BYTES = 244;
 export function encodeFrame(message: Frame): ArrayBuffer {
   const view = new DataView(new ArrayBuffer(FRAME_BYTES));
   view.setUint8(0, 2);
@@ -138,12 +139,13 @@ export function encodeFrame(message: Frame): ArrayBuffer {
   view.setUint8(206, message.chosen);
   view.setFloat32(207, message.mesh_error, true);
   view.setFloat32(211, message.linearisation, true);
-  view.setFloat32(215, message.least_volume, true);
-  view.setFloat32(219, message.solution_age, true);
-  view.setFloat32(223, message.solution_error, true);
-  view.setUint32(227, message.body, true);
-  view.setFloat32(231, message.step, true);
-  view.setUint32(235, message.count, true);
+  view.setFloat32(215, message.stiffness_spread, true);
+  view.setFloat32(219, message.least_volume, true);
+  view.setFloat32(223, message.solution_age, true);
+  view.setFloat32(227, message.solution_error, true);
+  view.setUint32(231, message.body, true);
+  view.setFloat32(235, message.step, true);
+  view.setUint32(239, message.count, true);
   return view.buffer;
 }
 export function decodeFrame(view: DataView): Frame {
@@ -165,12 +167,13 @@ export function decodeFrame(view: DataView): Frame {
     chosen: view.getUint8(206),
     mesh_error: view.getFloat32(207, true),
     linearisation: view.getFloat32(211, true),
-    least_volume: view.getFloat32(215, true),
-    solution_age: view.getFloat32(219, true),
-    solution_error: view.getFloat32(223, true),
-    body: view.getUint32(227, true),
-    step: view.getFloat32(231, true),
-    count: view.getUint32(235, true),
+    stiffness_spread: view.getFloat32(215, true),
+    least_volume: view.getFloat32(219, true),
+    solution_age: view.getFloat32(223, true),
+    solution_error: view.getFloat32(227, true),
+    body: view.getUint32(231, true),
+    step: view.getFloat32(235, true),
+    count: view.getUint32(239, true),
   };
 }
 

@@ -39,6 +39,11 @@ function meshError(force: number, relative: number): string {
   return `± ${(Math.max(Math.abs(relative), 0.01) * force).toFixed(2)} N`;
 }
 
+/** What the spread of the tissue's stiffness makes of the force, one standard deviation. */
+function spread(force: number, relative: number): string {
+  return Number.isNaN(relative) ? "–" : `± ${(relative * force).toFixed(2)} N`;
+}
+
 const MOST_LINEARISATION = 0.1; // of the force; beyond it, or where elements turn over, linear strain is not valid
 
 /** How old the solution is that the force of a model at two rates rests on, and how exact. */
@@ -87,7 +92,7 @@ export class ForceReadout {
   lose(limit: number): void {
     clearTimeout(this.last);
     write("force", "0.00");
-    for (const id of ["depth", "stiffness", "mesh-error"]) write(id, "–");
+    for (const id of ["depth", "stiffness", "mesh-error", "spread"]) write(id, "–");
     this.updateBar(0, limit);
   }
 
@@ -97,6 +102,8 @@ export class ForceReadout {
       this.numbersUpdated = performance.now();
       this.updateNumbers(here, kind);
       write("mesh-error", here ? meshError(here.force, frame.mesh_error) : "–");
+      write("spread", here ? spread(here.force, frame.stiffness_spread) : "–");
+      if (frame.stiffness_spread > 0) element("spread-row").hidden = false;
       const finiteStrain = scene.models[frame.model] === "neo-hookean";
       element("linearity-row").hidden = element("mesh-error-row").hidden = finiteStrain || isExported || scene.exam;
       element("solution-row").hidden = !finiteStrain;

@@ -12,6 +12,7 @@ from palpate.errors import DataError, MaterialError
 from palpate.meshes.cutting.cut_mesh import CutMesh
 from palpate.tissue.contact_patches import Answer, Contacts, contacts
 from palpate.tissue.discretization_error import DiscretizationError
+from palpate.tissue.stiffness_spread import StiffnessSpread
 from palpate.tissue.tissue import AT_NODES, Tissue
 
 
@@ -89,12 +90,17 @@ class TissueModel(ABC):
         force, error, done = self.solve(found, state, tolerance, most_sweeps)
         u: Float64 = state.u.copy()
         estimated = self.linear_elasticity and not isinstance(self.tissue.mesh, CutMesh)
-        errors = (lambda: self.model_errors(u, found, -force)) if estimated else None
+        errors = (lambda: (*self.model_errors(u, found, -force), self.spread(u))) if estimated else None
         return found.answer(self.tissue, force, u, error, done, state, errors)
 
     def model_errors(self, u: Float64, found: Contacts, force: Float64) -> tuple[float, float | None]:
         """What the mesh and linear strain (None: not known) make of the force (m, 3) N of the tools, relative to it."""
         return self.discretization(u, found, force), None
+
+    @cached_property
+    def spread(self) -> StiffnessSpread:
+        """What the spread of the stiffness makes of the force; of models of linear elasticity."""
+        return StiffnessSpread(self.tissue)
 
     @cached_property
     def discretization(self) -> DiscretizationError:
