@@ -102,18 +102,29 @@ def _carried(coarse: Any, fine: Any, values: Array) -> Array:
 
 
 def _located(mesh: Any, x: Array) -> tuple[NDArray[np.int64], Array]:
-    """The tet of each point x (3, n), which may lie on the surface up to rounding, and its barycentric coordinates (4, n)."""
-    middle = mesh.p[:, mesh.t].mean(axis=1)
-    near = cKDTree(middle.T).query(x.T, k=min(40, middle.shape[1]))[1].T  # (k, n)
+    """The tet of each point x (3, n), which may lie on the surface up to rounding, and its barycentric coordinates (4, n).
+
+    A large tet's middle may be further off than those of many small ones: what the nearest few do not hold is looked for
+    among more.
+    """
+    tree, count = cKDTree(mesh.p[:, mesh.t].mean(axis=1).T), mesh.t.shape[1]
+    tet, share = _within(mesh, x, tree.query(x.T, k=min(40, count))[1].T)
+    lost = share.min(axis=0) < -1e-6
+    if lost.any():
+        tet[lost], share[:, lost] = _within(mesh, x[:, lost], tree.query(x[:, lost].T, k=min(1000, count))[1].T)
+    assert (share > -1e-6).all()
+    return tet, share
+
+
+def _within(mesh: Any, x: Array, near: NDArray[np.int64]) -> tuple[NDArray[np.int64], Array]:
+    """Of the tets near (k, n) the one that holds each point, or comes closest to it, and the coordinates in it."""
     corner = mesh.p[:, mesh.t[:, near]]  # (3, 4, k, n)
     sides = np.moveaxis(corner[:, 1:] - corner[:, :1], (0, 1), (-2, -1))
     part = np.linalg.solve(sides, np.moveaxis(x[:, None] - corner[:, 0], 0, -1)[..., None])[..., 0]
     share = np.concatenate([1 - part.sum(axis=-1, keepdims=True), part], axis=-1)  # (k, n, 4)
     best = share.min(axis=-1).argmax(axis=0)
     each = np.arange(x.shape[1])
-    found = share[best, each]
-    assert (found > -1e-6).all()
-    return near[best, each], found.T
+    return near[best, each], share[best, each].T
 
 
 def _free(space: Any, held: NDArray[np.bool_]) -> NDArray[np.int64]:

@@ -45,14 +45,13 @@ def lump(rng: np.random.Generator) -> pp.Tissue:
 
 
 def contact(tissue: pp.Tissue, rng: np.random.Generator) -> tuple[np.ndarray, float, np.ndarray]:
-    """A place away from what is held, its radius, and a displacement of 1 mm."""
+    """A place two radii away from what is held, its radius, and a displacement of 1 mm."""
     mesh = tissue.mesh
     corners = mesh.nodes[mesh.surface]
     middle = corners.mean(axis=1)
     held = mesh.nodes[tissue.fixed]
-    radius = float(rng.uniform(1.5, 3)) * tissue.edge
-    for _ in range(1000):
-        t = int(rng.integers(len(middle)))
+    while True:
+        t, radius = int(rng.integers(len(middle))), float(rng.uniform(1.5, 3)) * tissue.edge
         if np.linalg.norm(held - middle[t], axis=1).min() > 2 * radius:
             break
     point = rng.dirichlet([1, 1, 1]) @ corners[t]
