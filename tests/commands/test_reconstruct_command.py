@@ -81,6 +81,23 @@ def test_a_resolution_sets_the_strength_and_says_so(folder, whole):
         assert said in refused.stderr
 
 
+def test_a_smooth_object_is_told_and_said(folder, whole):
+    done = run(folder, "--smooth", output="smooth.nii.gz")
+    assert done.returncode == 0, done.stderr
+    assert re.search(r"prior lange, strength [\d.]+ 1/mm, edge [\d.e-]+ 1/mm: for a smooth object", done.stdout)
+    options = {"levels": 2, "iterations": 25, "tolerance": 0}
+    again = pp.reconstruct(pp.read_scan(folder / "scan.h5"), whole.grid, prior=pp.Prior(smooth=True), **options)
+    np.testing.assert_array_equal(pp.read_volume(folder / "smooth.nii.gz").values, again.values)
+    for more, said in (
+        (["--resolution", "1.5mm"], "not both"),
+        (["--strength", "3"], "not both"),
+        (["--method", "sart"], "sart"),
+    ):
+        refused = run(folder, "--smooth", *more, output="refused.nii.gz")
+        assert refused.returncode == 2, refused.stderr
+        assert said in refused.stderr
+
+
 def test_other_likelihoods_priors_and_a_hardening_beam_are_taken(folder, whole):
     """And change the volume, but not what is in it; an unhardened polynomial changes nothing."""
     few = ["--iterations", "8"]

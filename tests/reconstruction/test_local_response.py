@@ -203,4 +203,6 @@ def test_a_prior_says_by_what_each_number_was_decided():
     assert all(said in words for said in ("0.0712 1/mm", "0.6 mm", "every dose"))
     words = explain_prior(pp.Prior(), pp.Prior(strength=0.3, edge=0.001))
     assert all(said in words for said in ("dose", "object", "faint"))
+    words = explain_prior(pp.Prior(smooth=True), pp.Prior(strength=0.3, edge=0.001))
+    assert all(said in words for said in ("0.3 1/mm", "edge 0.001", "smooth object", "small or faint is lost"))
     assert explain_prior(chosen, chosen) == "prior quadratic, strength 0.0712 1/mm"

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from reconstruction.test_coordinate_descent import GEOMETRIES, problem
 from scipy.ndimage import maximum_filter, minimum_filter
+from scipy.stats import norm
 
 import palpate as pp
 from palpate import _core
+from palpate.errors import DataError
 from palpate.reconstruction.models.likelihood import Transmission
 from palpate.reconstruction.optimizers.coordinate_descent import data_curvature
 from palpate.reconstruction.prior_parameters import box_lengths, choose_prior_parameters, median_curvature
@@ -106,3 +108,59 @@ def test_the_edge_is_a_twentieth_of_a_body_that_fills_the_grid(attenuation):
     middle = GRID.points(np.subtract(GRID.shape, 1) / 2).ravel()
     filled = pp.simulate_scan(Phantom([(Box(middle, sides), attenuation)]), VIEWS, incident=1e6)
     assert tuned(filled)[0].edge == pytest.approx(attenuation / 20, rel=0.02)
+
+
+def test_of_a_smooth_object_the_neighbours_pull_harder_than_any_noise():
+    """The data's slopes at the truth, as above: none of thousands is beyond the pull, and of half of it as many as a normal
+    variable has."""
+    truth = pp.Projector(VIEWS, GRID)(BODY.volume(GRID).values)
+    mean = 5000 * np.exp(-truth.astype(np.float64))
+    scans = [pp.Scan(np.random.default_rng(k).poisson(mean), 5000, VIEWS) for k in range(8)]
+    A = pp.Projector(VIEWS, GRID)
+    slopes = np.stack([A.T(Transmission.of(s).slope(truth)) for s in scans])
+    known = _core.icd.diagonal(A.geometry, mean.astype(np.float32))
+    usual = np.abs(known / np.median(known[known > 0]) - 1) < 0.15
+    prior, beta = tuned(scans[0], prior=pp.Prior(smooth=True))
+    f = np.zeros(GRID.shape, np.float32)
+    f[7, 14, 17] = prior.edge
+    pull = beta * prior.surrogate(f, GRID)[0][7, 14, 17] / 2  # where half of them differ
+    deviations = np.sqrt(2 * np.log(np.count_nonzero(known > 0)))
+    assert not (np.abs(slopes[:, usual]) > pull).any()
+    beyond = np.mean(np.abs(slopes[:, usual]) > pull / 2)
+    assert beyond == pytest.approx(2 * norm.sf(deviations / 2), rel=0.4)
+
+
+@pytest.mark.parametrize("incident", [1e4, 1e5])
+def test_of_a_smooth_object_noise_makes_a_fraction_and_a_large_insert_stands_out_more(incident):
+    body = Phantom([BODY.parts[0], (Box((9, 0, 24), (14, 14, 10)), 0.006)])
+    insert, even = (
+        Phantom([(Box(at, size), 1.0)]).volume(GRID).values > 0.99
+        for at, size in (((9, 0, 24), (10, 10, 6)), ((-10, 0, 24), (14, 20, 6)))
+    )
+
+    def made(prior, seed):
+        scan = pp.simulate_scan(body, VIEWS, incident=incident, seed=seed)
+        return pp.reconstruct(scan, GRID, prior=prior, levels=2).values
+
+    noise, contrast = {}, {}
+    for prior in (pp.Prior(), pp.Prior(smooth=True)):
+        without, noisy = made(prior, None), [made(prior, seed) for seed in range(3)]
+        noise[prior.smooth] = np.mean([(one - without)[even].std() for one in noisy])
+        contrast[prior.smooth] = np.mean([(one[insert].mean() - one[even].mean()) / one[even].std() for one in noisy])
+    assert noise[True] < 0.35 * noise[False]
+    assert contrast[True] > 1.1 * contrast[False]
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"potential": "quadratic"}, "keeps no edges"),
+        ({"strength": 1.0}, "strength or smooth"),
+        ({"resolution": 2.0}, "resolution, which keeps what is small, or smooth"),
+    ],
+)
+def test_what_contradicts_a_smooth_object_is_refused(given, words):
+    with pytest.raises(DataError, match=words):
+        pp.Prior(smooth=True, **given)
+    with pytest.raises(DataError, match="method 'sirt' has no prior"):
+        pp.reconstruct(scan(2e3), GRID, prior=pp.Prior(smooth=True), method="sirt")

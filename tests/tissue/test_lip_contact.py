@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 from support.brick_meshes import brick
 from support.cut_stiffness import stiffness
 from support.example_organs import organ
@@ -143,6 +144,25 @@ def test_lips_apart_by_2_mm_have_gaps_of_2_mm(slot):
     gap = np.abs(lip_gaps(mesh).N.T @ moved.ravel())
     assert gap.max() == pytest.approx(2, rel=1e-9)
     assert (gap > 1.999).sum() > len(gap) / 2
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_where_the_blade_turns_each_gap_has_the_normal_of_one_side(seed):
+    """However the body lies: a cut that turns by 70 degrees. A mean over both sides would be 35 degrees off."""
+    turned = Rotation.random(random_state=seed)
+    mesh = brick((6, 6, 6), warp=0.2)
+    there = np.array([(22, -5, 55), (22, 24, 55), (22 + 31 * np.tan(np.radians(70)), 55, 55)])
+    blade = pp.Blade.swept(turned.apply(there), turned.apply((0, 0, -1)), 40)
+    cut = cut_mesh(pp.TetMesh(mesh.nodes @ turned.as_matrix().T, mesh.tets, mesh.region), [blade])
+    N, moved = lip_gaps(cut).N, np.zeros(len(cut.nodes))
+    moved[np.setdiff1d(*(np.unique(cut.tets[cut.side == side]) for side in (1, -1)))] = 1
+    normals = turned.inv().apply(np.stack([N.T @ np.outer(moved, axis).ravel() for axis in np.eye(3)], axis=1))
+    size = np.linalg.norm(normals, axis=1)  # less than 1 at the blade's tip, of which a part does not part
+    ways = np.array([(1.0, 0, 0), (np.cos(np.radians(70)), -np.sin(np.radians(70)), 0)])
+    along = np.abs(normals[size > 0.1] / size[size > 0.1, None] @ ways.T)
+    assert (along.argmax(axis=1) == 0).sum() > 10
+    assert (along.argmax(axis=1) == 1).sum() > 10
+    assert along.max(axis=1).min() > 0.99
 
 
 @pytest.mark.parametrize("tilt", [0.0, 0.3, -0.7])

@@ -120,6 +120,10 @@ def reconstruct_command(
         str | None,
         typer.Option(help="Width that a point shall have in the slice: 0.6mm. Sets the quadratic prior's strength."),
     ] = None,
+    smooth: Annotated[
+        bool,
+        typer.Option("--smooth", help="For an object that is even but for large structures: noise alone makes none."),
+    ] = False,
     strength: Annotated[
         float | None, typer.Option(help="Of the prior, 1/mm, or of tv. Default: from the data.")
     ] = None,
@@ -169,6 +173,9 @@ def reconstruct_command(
 
     For what is small and faint, with a chosen resolution:
     palpate reconstruct breast.h5 -o breast.nii.gz --thickness 51.2 --resolution 0.6mm
+
+    For a body that is even but for large structures, at a low dose:
+    palpate reconstruct slab.h5 -o slab.nii.gz --thickness 48 --smooth
 
     With --samples 30 breast-std.nii.gz tells how uncertain each voxel is.
 
@@ -229,8 +236,8 @@ def reconstruct_command(
     here = ("prior", "resolution", "optimizer", "optimiser", "iterations", "support", "resume")
     options: dict[str, Any] = {name: ctx.params[name] for name in OPTIONS if name in ctx.params and name not in here}
     width = None if resolution is None else _millimetres("--resolution", resolution)
-    kind = prior or (PriorName.lange if width is None and not samples else PriorName.quadratic)
-    chosen = pp.Prior(kind.value, strength, edge, neighbours, exponent, width)
+    kind = prior or (PriorName.lange if smooth or (width is None and not samples) else PriorName.quadratic)
+    chosen = pp.Prior(kind.value, strength, edge, neighbours, exponent, width, smooth)
     if samples:
         check_blur(measured, likelihood.value if hardening is None else "hardened")
         quadratic_prior(chosen, width, method.value)

@@ -112,4 +112,4 @@ def _words(value: Any) -> str:
     if isinstance(value, Labels | Volume):
         return hashlib.sha256(value.values.tobytes()).hexdigest()[:16]
     text = str(value).replace("'generalized'", "'generalised'")  # as version 0.1 wrote it
-    return text.replace(", resolution=None", "")  # which it did not know
+    return text.replace(", resolution=None", "").replace(", smooth=False", "")  # which it did not know

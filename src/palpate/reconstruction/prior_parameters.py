@@ -15,6 +15,7 @@ from palpate.volumes.grid import Grid
 
 RAYS = 10_000  # for each view; ten times as many change the mean by 0.03 %
 SHARE = 0.05  # edge over the object's mean attenuation: half the difference between fat and muscle
+SMOOTH_SHARE = 0.001  # the same of a smooth object: the penalty is nearly a total variation over all neighbours
 
 
 def choose_prior_parameters(
@@ -23,27 +24,37 @@ def choose_prior_parameters(
     """The prior with its missing parameters chosen from the scan and the grid.
 
     edge: a twentieth of the object's mean attenuation: the mean of line integral / length in the box over the measured
-    rays, weighted by the line integral, so that air does not count. strength: the prior's gradient at a voxel that differs
-    from all its neighbours by one edge is √d, the standard deviation of the likelihood's gradient; d is the median of the
-    Fisher information over the voxels that some ray meets. Smaller differences are mostly noise, larger ones mostly the
-    object. β grows as the square root of the dose, so that a scan of more photons is smoothed less. A quadratic prior
-    uses the edge only to choose the strength. With a resolution β is `local` times the data's curvature in the object;
-    both the curvature and β are proportional to the dose. curvature: see `data_curvature`. local: what
-    `strength_for_resolution` gives, needed with a resolution alone.
+    rays, weighted by the line integral, so that air does not count. strength: the prior's gradient at a voxel that
+    differs from all its neighbours by one edge is √d, the standard deviation of the likelihood's gradient; d is the
+    median of the Fisher information over the voxels that some ray meets. Smaller differences are mostly noise, larger
+    ones mostly the object. β grows as the square root of the dose, so that a scan of more photons is smoothed less. A
+    quadratic prior uses the edge only to choose the strength. Of a smooth object the edge is 0.1 % of the mean
+    attenuation, and a voxel that differs by one edge from half of its neighbours, as at the face of a structure, is
+    pulled by √(2 log n) √d, with the n voxels that some ray meets. The largest of n standard normal numbers is hardly
+    ever larger, so that noise alone makes no structure (Donoho & Johnstone's universal threshold). With a resolution β is
+    `local` times the data's curvature in the object; both the curvature and β are proportional to the dose. curvature:
+    see `data_curvature`. local: what `strength_for_resolution` gives, needed with a resolution alone.
     """
     if prior.resolution is not None:
         assert local is not None
         share = object_curvature(A, likelihood, curvature) / median_curvature(curvature)
         return replace(prior, strength=local * share, resolution=None)
-    edge = prior.edge if prior.edge is not None else SHARE * mean_attenuation(A, likelihood)
-    prior = replace(prior, edge=edge)
+    share = SMOOTH_SHARE if prior.smooth else SHARE
+    edge = prior.edge if prior.edge is not None else share * mean_attenuation(A, likelihood)
+    pulls = 2 * universal_threshold(curvature) if prior.smooth else 1.0
+    prior = replace(prior, edge=edge, smooth=False)
     if prior.strength is None:
         one = np.zeros((3, 3, 3), np.float32)
         one[1, 1, 1] = edge
         pull = prior.surrogate(one, Grid(one.shape, A.grid.spacing, (0, 0, 0)))[0][1, 1, 1]
         known = median_curvature(curvature)
-        prior = replace(prior, strength=float(math.sqrt(known) / (pull * known)))
+        prior = replace(prior, strength=float(pulls * math.sqrt(known) / (pull * known)))
     return prior
+
+
+def universal_threshold(curvature: Float32) -> float:
+    """√(2 log n), with the n voxels that some ray meets."""
+    return math.sqrt(2 * math.log(max(int(np.count_nonzero(curvature > 0)), 2)))
 
 
 def mean_attenuation(A: Projector, likelihood: Likelihood) -> float:
@@ -90,6 +101,12 @@ def explain_prior(given: Prior, chosen: Prior) -> str:
     if given.resolution is not None:
         return f"{said}: a point becomes {given.resolution:g} mm wide in the slice, at every dose"
     reasons = []
+    if given.smooth:
+        edge = f", edge {chosen.edge:.3g} 1/mm" if given.edge is None else ""
+        return (
+            f"{said}{edge}: for a smooth object: neighbours that differ pull several times as hard as the noise, so that it "
+            f"makes no structure; what is small or faint is lost, which --resolution keeps"
+        )
     if given.strength is None:
         reasons.append("the strength by the dose: at one edge neighbours pull as hard as the noise")
     if name != "quadratic":

@@ -100,7 +100,8 @@ def iterates(
     method : str, optional
         "map"; "ml", which has no prior; or a baseline on the finest level: "tv", "sirt", "sart", "fbp", "backprojection".
     prior : Prior, optional
-        By default `Prior()`, for smooth objects. The data choose what it leaves open. "tv" uses its strength only.
+        By default `Prior()`, a middle way. The data choose what it leaves open. `Prior(smooth=True)` is for objects that are
+        even but for large structures. "tv" uses its strength only.
     resolution : float, optional
         Of "map", mm: short for `prior=Prior("quadratic", resolution=...)`, which keeps what is small and faint.
     likelihood : str or callable, optional
@@ -399,6 +400,8 @@ def _resolved(prior: Prior | None, resolution: float | None, method: str) -> Pri
     prior = prior if prior is not None else Prior()
     if prior.resolution is not None and method != "map":
         raise DataError(f'resolution: the method {method!r} has no quadratic prior that sets it; take "map"')
+    if prior.smooth and method != "map":
+        raise DataError(f'prior smooth: the method {method!r} has no prior that it sets; take "map"')
     return prior
 
 

@@ -153,6 +153,24 @@ TEST_CASE("after a tick without tables the force returns to the exact one in sma
     CHECK(distance(force, exact.data()) < 1e-4 * distance(exact.data(), none));
 }
 
+TEST_CASE("while tables are missing, observed patches stay where they were") {
+    const Organ organ(50, 1 << 24);
+    auto state = organ.model.make_state();
+    const ContactPatch one = patch({12, 40}, {0.5, 0.5}), other = patch({17, 33}, {0.2, 0.8});
+    const ContactPatch before[3] = {patch({3, 8, 21}, {0.5, 0.3, 0.2}), one, other},
+                       after[3] = {patch({5, 30, 31}, {0.3, 0.3, 0.4}), one, other}; // the last two are observed
+    double force[9], d[9] = {0.2, 0.5, -1};
+    REQUIRE(organ.model.relax(*state, before, 1, 2, d, 1, force));
+    const std::vector<double> moved(d, d + 9);
+    CHECK(std::abs(moved[3] - moved[6]) > 1e-6);
+    state->tables = TablePolicy::unavailable;
+    for (int tick = 0; tick < 3; tick++) {
+        REQUIRE(organ.model.relax(*state, after, 1, 2, d, 1, force));
+        REQUIRE(state->stale);
+        for (int k = 0; k < 9; k++) CHECK(d[k] == moved[k]);
+    }
+}
+
 TEST_CASE("in real time the precomputed tables give the exact force") {
     const Organ organ(50, 1 << 24);
     auto state = organ.model.make_state();

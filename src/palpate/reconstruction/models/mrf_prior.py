@@ -37,6 +37,10 @@ class Prior:
     resolution : float, optional
         Of "quadratic", instead of a strength: the full width at half maximum that a small point shall have in the slice,
         mm. The strength follows from geometry and grid, so that the width is the same at every dose.
+    smooth : bool, optional
+        Whether the object is even but for large structures. Then the data choose a far smaller edge, and a strength at which
+        noise alone makes no structure: by the universal threshold, √(2 log n) times the noise of one of n voxels. What is
+        small or faint is lost. Not of "quadratic", which keeps no edges.
 
     Raises
     ------
@@ -46,7 +50,7 @@ class Prior:
     References
     ----------
     Lange, IEEE TMI 9:439, 1990. Thibault et al., Med. Phys. 34:4526, 2007. Fessler & Rogers, IEEE Trans. Image
-    Process. 5:1346, 1996.
+    Process. 5:1346, 1996. Donoho & Johnstone, Biometrika 81:425, 1994 (the universal threshold).
 
     Examples
     --------
@@ -64,6 +68,7 @@ class Prior:
     neighbours: int = 26
     exponent: float = 1.2
     resolution: float | None = None
+    smooth: bool = False
 
     def __post_init__(self) -> None:
         if self.potential == "generalised":
@@ -87,6 +92,10 @@ class Prior:
             raise DataError(f"prior neighbours: expected 6, 18 or 26, got {self.neighbours!r}")
         if not 1 <= self.exponent <= 2:
             raise DataError(f"prior exponent: expected 1 (keeps edges) to 2 (quadratic), got {self.exponent!r}")
+        if self.smooth and self.resolution is not None:
+            raise DataError(
+                "prior: give the resolution, which keeps what is small, or smooth, which removes it; not both"
+            )
         if self.resolution is not None:
             if not 0 < self.resolution < float("inf"):
                 raise DataError(f"prior resolution: expected a width above 0 in mm, got {self.resolution!r}")
@@ -97,6 +106,11 @@ class Prior:
                 )
             if self.strength is not None:
                 raise DataError("prior: give the resolution or the strength, which it sets; not both")
+        if self.smooth:
+            if self.potential == "quadratic":
+                raise DataError("prior smooth: a quadratic potential keeps no edges; take another, such as lange")
+            if self.strength is not None:
+                raise DataError("prior: give the strength or smooth, which sets it; not both")
         _ = self._table  # raises DataError for an invalid potential before any work
 
     def value(self, values: Float32, grid: Grid) -> float:
