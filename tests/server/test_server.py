@@ -20,7 +20,7 @@ from websockets.sync.client import connect
 
 import palpate as pp
 from palpate.server import messages
-from palpate.server.frame_message import frame_bytes
+from palpate.server.frame_message import PLACES, frame_bytes
 from palpate.server.loopback_server import loopback_socket
 from palpate.server.touch import serving
 from palpate.server.touch_routes import MOST_PAGES
@@ -265,7 +265,7 @@ def test_wire_displacements_are_within_half_a_step():
 
     data = frame_bytes(Frame, Frame.shown)
     size = struct.calcsize(messages.code(messages.Frame))
-    body, step = struct.unpack_from("<If", data, 227)
+    body, step = (struct.unpack_from(kind, data, PLACES[name][0])[0] for name, kind in (("body", "<I"), ("step", "<f")))
     assert body == 7
     assert size % 4 == 0
     moved = step * np.frombuffer(data, "<i2", offset=size).reshape(-1, 3)

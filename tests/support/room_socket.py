@@ -10,6 +10,7 @@ from websockets.sync.client import connect
 
 import palpate as pp
 from palpate.server import messages
+from palpate.server.frame_message import PLACES
 from palpate.server.live_session import LiveSession
 from palpate.server.loopback_server import loopback_socket
 from palpate.server.touch import running_session
@@ -76,7 +77,7 @@ class Somebody:
                 self.hands = np.frombuffer(data, "<f4", 13 * count, 8).reshape(count, 13)
             elif data[0] == 2:
                 values = FRAME.unpack_from(data)
-                self.length, (step, count) = len(data), struct.unpack_from("<fI", data, 231)
+                self.length, (step, count) = len(data), struct.unpack_from("<fI", data, PLACES["step"][0])
                 self.displaced = step, count
                 three = [np.array(values[13 + 12 * k : 25 + 12 * k]).reshape(4, 3) for k in range(3)]
                 return values[5], values[9:13], three[1], three[2]
