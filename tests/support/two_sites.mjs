@@ -6,7 +6,7 @@ import { readFileSync } from "node:fs";
 import vm from "node:vm";
 
 const options = JSON.parse(readFileSync(process.argv[2], "utf8"));
-const { decodeFrame, encodeFrame } = await import(options.messages);
+const { FRAME_BYTES, decodeFrame, encodeFrame } = await import(options.messages);
 const { TouchEngine } = await import(options.touchEngine);
 const module = readFileSync(options.engine), solid = readFileSync(options.solid);
 const rest = new Float32Array(options.rest);
@@ -135,7 +135,7 @@ const up = hands.map(() => new Way()), down = hands.map(() => new Way()), obeyed
 
 function frameFor(i) {
   const state = room.frame(), three = (all, slot) => all.slice(3 * slot, 3 * slot + 3), none = [0, 0, 0, 0, 0, 0, 0, 0, 0];
-  const own = { model: 0, tick: state.tick, late: 0, faults: 0, serial: obeyed[i], seconds: 0, busy: 0, energy: 0, chosen: 0, mesh_error: 0, linearisation: 0, least_volume: 0, solution_age: 0, solution_error: 0, body: 0, step: 1, count: 0 };
+  const own = { model: 0, tick: state.tick, late: 0, faults: 0, serial: obeyed[i], seconds: 0, busy: 0, energy: 0, chosen: 0, mesh_error: 0, linearisation: 0, stiffness_spread: 0, least_volume: 0, solution_age: 0, solution_error: 0, body: 0, step: 1, count: 0 };
   const frame = encodeFrame({
     ...own, contact: [state.contact[i], 0, 0, 0], point: [...three(state.point, i), ...none], displacement: [...three(state.displacement, i), ...none],
     force: [...three(state.force, i), ...none], insertion: [0, 0, 0, 0],
@@ -155,7 +155,7 @@ function shownAt(i) {
   if (!sites.length) return newest[i];
   const { data } = sites[i].newest, { step, count } = decodeFrame(new DataView(data));
   const out = new Float32Array(rest.length);
-  if (count) new Int16Array(data, 240, 3 * count).forEach((x, k) => (out[k] = step * x));
+  if (count) new Int16Array(data, FRAME_BYTES, 3 * count).forEach((x, k) => (out[k] = step * x));
   return out;
 }
 const largestDistance = (a, b) => {

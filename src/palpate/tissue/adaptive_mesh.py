@@ -44,7 +44,7 @@ class AdaptiveMesh:
 
     @property
     def reached(self) -> bool:
-        """Whether 1.5 times the estimate is at most `within` at 95 % of the places, and nowhere above 1.5 times it."""
+        """Whether 1.15 times the estimate is at most `within` at 95 % of the places, and nowhere above 1.5 times it."""
         return _excess(self.error, self.within) <= 1
 
     def text(self) -> str:
@@ -94,7 +94,7 @@ def adaptive_mesh(
 ) -> AdaptiveMesh:
     """Fill a label with tetrahedra that are small enough for a wanted accuracy of the contact force.
 
-    The first mesh has one edge length. Each further one is finer about the places where 1.5 times the estimated error
+    The first mesh has one edge length. Each further one is finer about the places where 1.15 times the estimated error
     (`force_error_map`) exceeds what is allowed, h ∝ √(allowed/error) there, growing with the distance beyond a radius. Each
     mesh is judged at new places. The sizes of an octree are powers of two times the coarsest, which is chosen for the
     fewest tetrahedra.
