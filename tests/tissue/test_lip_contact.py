@@ -165,6 +165,23 @@ def test_where_the_blade_turns_each_gap_has_the_normal_of_one_side(seed):
     assert along.max(axis=1).min() > 0.99
 
 
+def test_a_blade_that_hardly_turns_has_as_many_gaps_as_a_plane_one():
+    """A node of the cut has one gap, where two normals are 6 degrees apart."""
+    mesh = brick((6, 6, 6), warp=0.2)
+
+    def gaps(turn):
+        there = [(22, -5, 55), (22, 24, 55), (22 + 31 * np.tan(np.radians(turn)), 55, 55)]
+        cut = cut_mesh(mesh, [pp.Blade.swept(there, (0, 0, -1), 40)])
+        copied = np.bincount(cut.origin) > 1
+        return lip_gaps(cut).N.shape[1], copied.sum()
+
+    for turn in (0, 6):
+        found, nodes = gaps(turn)
+        assert found == nodes > 40
+    found, nodes = gaps(70)
+    assert found > nodes
+
+
 @pytest.mark.parametrize("tilt", [0.0, 0.3, -0.7])
 def test_a_half_that_slides_slips_as_far_in_every_gap(tilt):
     """Of a cut all the way through, moved along it as a rigid body: the gaps stay closed, and all slips are its way."""

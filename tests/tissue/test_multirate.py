@@ -273,3 +273,13 @@ def test_what_cannot_be_is_refused():
         pp.model(TISSUE, "neo-hookean", interval=-1)
     with pytest.raises(ValueError, match="3 numbers a contact"):
         local(1.0, np.zeros(4), np.zeros(4), np.eye(4))
+
+
+@pytest.mark.parametrize(
+    ("interval", "stride", "words"),
+    [(0, 1.0, "interval"), (20, 0.0, "stride"), (20, -1.0, "stride"), (20, np.nan, "stride")],
+)
+def test_rates_that_cannot_be_are_refused_by_the_core(interval, stride, words):
+    model = pp.model(TISSUE, "neo-hookean")
+    with pytest.raises(ValueError, match=words):
+        _core.multirate.MultirateModel(model.linear.native, model.equilibrium, interval, stride)
