@@ -39,7 +39,7 @@ TESTS = {  # of a folder of cpp/ or a package of src/palpate; other packages hav
     **dict.fromkeys(
         ("linalg", "relaxation", "multigrid", "compliance", "hyperelastic", "multirate", "elements"), ELASTIC
     ),
-    "cutting": ["tests/meshes/test_cutting.py", *ELASTIC],
+    "cutting": ["tests/meshes/test_cutting.py", "tests/simulation/test_session_cuts.py", *ELASTIC],
     "scatter": ["tests/scans", "tests/reconstruction"],
     "standalone": ["tests/page/test_exported_page.py"],
     **{folder: ["tests/simulation", "tests/haptics", "tests/tissue"] for folder in ("realtime", "net", "bindings")},

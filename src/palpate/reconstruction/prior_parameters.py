@@ -15,7 +15,7 @@ from palpate.volumes.grid import Grid
 
 RAYS = 10_000  # for each view; ten times as many change the mean by 0.03 %
 SHARE = 0.05  # edge over the object's mean attenuation: half the difference between fat and muscle
-SMOOTH_SHARE = 0.001  # the same of a smooth object: the penalty is nearly a total variation over all neighbours
+SMOOTH_SHARE = 0.0005  # the same of a smooth object: the penalty is nearly a total variation over all neighbours
 
 
 def choose_prior_parameters(
@@ -28,7 +28,7 @@ def choose_prior_parameters(
     differs from all its neighbours by one edge is √d, the standard deviation of the likelihood's gradient; d is the
     median of the Fisher information over the voxels that some ray meets. Smaller differences are mostly noise, larger
     ones mostly the object. β grows as the square root of the dose, so that a scan of more photons is smoothed less. A
-    quadratic prior uses the edge only to choose the strength. Of a smooth object the edge is 0.1 % of the mean
+    quadratic prior uses the edge only to choose the strength. Of a smooth object the edge is 0.05 % of the mean
     attenuation, and a voxel that differs by one edge from half of its neighbours, as at the face of a structure, is
     pulled by √(2 log n) √d, with the n voxels that some ray meets. The largest of n standard normal numbers is hardly
     ever larger, so that noise alone makes no structure (Donoho & Johnstone's universal threshold). With a resolution β is
