@@ -74,6 +74,7 @@ def test_an_exam_offers_what_its_lesson_allows(sat, album, viewport, scheme):
         "#model-and-mesh",
         "#stiffness-row",
         "#mesh-error-row",
+        "#spread-row",
         "#linearity-row",
     ):
         assert not touched.page.locator(hidden).is_visible(), hidden

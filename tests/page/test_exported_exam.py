@@ -58,6 +58,7 @@ def test_it_is_taken_offline_as_a_served_exam(taken, folder, album, tmp_path):
         "#translucent",
         "#stiffness-row",
         "#mesh-error-row",
+        "#spread-row",
         "#linearity-row",
         "#slices-toggle",
         "#model-and-mesh",

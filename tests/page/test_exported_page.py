@@ -227,7 +227,7 @@ class Quiet(SimpleHTTPRequestHandler):
 def test_what_needs_a_server_is_not_offered(opened):
     colors = opened.see("[...document.querySelectorAll('#color-mode button')].map((button) => button.textContent)")
     assert colors == ["Plain", "Moved", "Strain", "Stiff"]
-    for name in ("slices-toggle", "model-and-mesh", "mesh-error-row", "linearity-row"):
+    for name in ("slices-toggle", "model-and-mesh", "mesh-error-row", "spread-row", "linearity-row"):
         assert opened.see(f"document.getElementById('{name}').hidden"), name
 
 

@@ -36,7 +36,8 @@ class LumpMap:
     points, normals: (P, 3) mm and outward unit. stiff, plain: (P,) N along the inward normal by finite elements, with
     the region and with its surroundings in its place. checked: (Q,) indices of the points that the model was asked
     for too. model_stiff, model_plain: (Q,) N by the model `blocks`. mesh_stiff, mesh_plain: (Q,) its estimates of the
-    mesh's error (`Answer.estimate`), relative to the force. depth, radius: mm of every push.
+    mesh's error (`Answer.estimate`), relative to the force, where the region adds most; NaN elsewhere. depth, radius:
+    mm of every push.
     """
 
     points: Float64
@@ -58,7 +59,8 @@ class LumpMap:
 
     @property
     def corrected_difference(self) -> Float64:
-        """(Q,) the same at the points `checked`, with the mesh's estimated error taken out of both forces."""
+        """(Q,) the same at the points `checked`, with the mesh's estimated error taken out of both forces, where it is
+        known; NaN elsewhere."""
         stiff, plain = self.stiff[self.checked], self.plain[self.checked]
         return np.asarray(stiff / (1 + self.mesh_stiff) / (plain / (1 + self.mesh_plain)) - 1)
 
@@ -70,8 +72,9 @@ class LumpMap:
 
     def text(self) -> str:
         """What the map says, and whether a hand could feel it."""
-        k = int(self.checked[np.argmax(self.corrected_difference)])
-        most = 100 * float(self.corrected_difference.max())
+        corrected = self.corrected_difference
+        k = int(self.checked[np.nanargmax(corrected)])
+        most = 100 * float(np.nanmax(corrected))
         below = [f"{percent} % ({what})" for percent, what in THRESHOLDS if percent <= most]
         above = [f"{percent} % ({what})" for percent, what in THRESHOLDS if percent > most]
         if not below:
@@ -167,7 +170,7 @@ def lump_map(
     """Compare the force of equal pushes with a stiff region and without it.
 
     "Without" gives the region the mean constants of the rest. The model `blocks` answers at the points where the region
-    adds most, and at four others, and estimates the mesh's error there.
+    adds most, where it estimates the mesh's error, too, and at four others.
 
     Parameters
     ----------
@@ -211,23 +214,25 @@ def lump_map(
     even = force_map(plain, depth, radius, x, progress=lambda share: say(0.35 + 0.35 * share))
     order = np.argsort(-np.abs(stiff - even))
     others = order[CHECKED :: max(1, (len(order) - CHECKED) // CHECKED)][:CHECKED]
-    checked = np.unique([*order[:CHECKED], *others, np.argmax(stiff / even)])
+    strongest = [*order[:CHECKED], np.argmax(stiff / even)]
+    checked = np.unique([*strongest, *others])
     normals = surface_normals(tissue, x)
-    asked = (x[checked], -depth * normals[checked], radius)
+    asked = (x[checked], -depth * normals[checked], radius, np.isin(checked, strongest))
     model_stiff, mesh_stiff = _answers(tissue, *asked, lambda share: say(0.7 + 0.15 * share))
     model_even, mesh_even = _answers(plain, *asked, lambda share: say(0.85 + 0.15 * share))
     return LumpMap(x, normals, stiff, even, checked, model_stiff, model_even, mesh_stiff, mesh_even, depth, radius)
 
 
 def _answers(
-    tissue: Tissue, points: Float64, pushes: Float64, radius: float, say: Callable[[float], None]
+    tissue: Tissue, points: Float64, pushes: Float64, radius: float, estimated: Bool, say: Callable[[float], None]
 ) -> tuple[Float64, Float64]:
-    """Of each push the force along it, N, by the model `blocks`, and its estimate of the mesh's relative error."""
-    model, force, mesh = BlockModel(tissue), np.empty(len(points)), np.empty(len(points))
+    """Of each push the force along it, N, by the model `blocks`, and the mesh's relative error where `estimated`, or NaN."""
+    model, force, mesh = BlockModel(tissue), np.empty(len(points)), np.full(len(points), np.nan)
     for k, (point, push) in enumerate(zip(points, pushes, strict=True)):
         answer = model.push(point, push, radius, tolerance=CERTIFIED)
         force[k] = -answer.force @ push / np.linalg.norm(push)
-        mesh[k] = answer.estimate.mesh if answer.estimate else 0.0
+        if estimated[k] and answer.estimate:
+            mesh[k] = answer.estimate.mesh
         say((k + 1) / len(points))
     return force, mesh
 
