@@ -123,7 +123,7 @@ def test_of_a_smooth_object_the_neighbours_pull_harder_than_any_noise():
     prior, beta = tuned(scans[0], prior=pp.Prior(smooth=True))
     f = np.zeros(GRID.shape, np.float32)
     f[7, 14, 17] = prior.edge
-    pull = beta * prior.surrogate(f, GRID)[0][7, 14, 17] / 2  # where half of them differ
+    pull = beta * prior.surrogate(f, GRID)[0][7, 14, 17]
     deviations = np.sqrt(2 * np.log(np.count_nonzero(known > 0)))
     assert not (np.abs(slopes[:, usual]) > pull).any()
     beyond = np.mean(np.abs(slopes[:, usual]) > pull / 2)

@@ -23,17 +23,17 @@ def choose_prior_parameters(
 ) -> Prior:
     """The prior with its missing parameters chosen from the scan and the grid.
 
-    edge: a twentieth of the object's mean attenuation: the mean of line integral / length in the box over the measured
-    rays, weighted by the line integral, so that air does not count. strength: the prior's gradient at a voxel that
-    differs from all its neighbours by one edge is √d, the standard deviation of the likelihood's gradient; d is the
-    median of the Fisher information over the voxels that some ray meets. Smaller differences are mostly noise, larger
-    ones mostly the object. β grows as the square root of the dose, so that a scan of more photons is smoothed less. A
-    quadratic prior uses the edge only to choose the strength. Of a smooth object the edge is 0.05 % of the mean
-    attenuation, and a voxel that differs by one edge from half of its neighbours, as at the face of a structure, is
-    pulled by √(2 log n) √d, with the n voxels that some ray meets. The largest of n standard normal numbers is hardly
-    ever larger, so that noise alone makes no structure (Donoho & Johnstone's universal threshold). With a resolution β is
-    `local` times the data's curvature in the object; both the curvature and β are proportional to the dose. curvature:
-    see `data_curvature`. local: what `strength_for_resolution` gives, needed with a resolution alone.
+    edge: a twentieth of the object's mean attenuation: the mean of line integral / length in the box over the
+    measured rays, weighted by the line integral, so that air does not count. strength: the prior's gradient at a
+    voxel that differs from all its neighbours by one edge is √d, the standard deviation of the likelihood's gradient;
+    d is the median of the Fisher information over the voxels that some ray meets. Smaller differences are mostly
+    noise, larger ones mostly the object. β grows as the square root of the dose, so that a scan of more photons is
+    smoothed less. A quadratic prior uses the edge only to choose the strength. Of a smooth object the edge is 0.05 %
+    of the mean attenuation, and the prior's gradient is √(2 log n) √d, with the n voxels that some ray meets. The
+    largest of n standard normal numbers is hardly ever larger, so that noise alone makes no structure (Donoho &
+    Johnstone's universal threshold). With a resolution β is `local` times the data's curvature in the object; both
+    the curvature and β are proportional to the dose. curvature: see `data_curvature`. local: what
+    `strength_for_resolution` gives, needed with a resolution alone.
     """
     if prior.resolution is not None:
         assert local is not None
@@ -41,7 +41,7 @@ def choose_prior_parameters(
         return replace(prior, strength=local * share, resolution=None)
     share = SMOOTH_SHARE if prior.smooth else SHARE
     edge = prior.edge if prior.edge is not None else share * mean_attenuation(A, likelihood)
-    pulls = 2 * universal_threshold(curvature) if prior.smooth else 1.0
+    pulls = universal_threshold(curvature) if prior.smooth else 1.0
     prior = replace(prior, edge=edge, smooth=False)
     if prior.strength is None:
         one = np.zeros((3, 3, 3), np.float32)
@@ -105,7 +105,7 @@ def explain_prior(given: Prior, chosen: Prior) -> str:
         edge = f", edge {chosen.edge:.3g} 1/mm" if given.edge is None else ""
         return (
             f"{said}{edge}: for a smooth object: neighbours that differ pull several times as hard as the noise, so that it "
-            f"makes no structure; what is small or faint is lost, which --resolution keeps"
+            f"makes no structure; what is small or faint is lost, and the level is too low: for seeing, not for measuring"
         )
     if given.strength is None:
         reasons.append("the strength by the dose: at one edge neighbours pull as hard as the noise")

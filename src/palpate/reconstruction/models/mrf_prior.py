@@ -40,7 +40,7 @@ class Prior:
     smooth : bool, optional
         Whether the object is even but for large structures. Then the data choose a far smaller edge, and a strength at which
         noise alone makes no structure: by the universal threshold, √(2 log n) times the noise of one of n voxels. What is
-        small or faint is lost. Not of "quadratic", which keeps no edges.
+        small or faint is lost, and the level of the rest is too low. Not of "quadratic", which keeps no edges.
 
     Raises
     ------
