@@ -76,7 +76,7 @@ def mesh_error(exact: ComplianceModel, solution: LinearSolution) -> float:
 
 def force_spread(exact: ComplianceModel, solution: LinearSolution) -> float:
     """Standard deviation of the force that the spread of the stiffness makes, relative to the force."""
-    return exact.spread(solution[2])
+    return exact.stiffness_spread(solution[2])
 
 
 def linearisation_error(exact: ComplianceModel, solution: LinearSolution) -> tuple[float, float]:

@@ -90,7 +90,7 @@ class TissueModel(ABC):
         force, error, done = self.solve(found, state, tolerance, most_sweeps)
         u: Float64 = state.u.copy()
         estimated = self.linear_elasticity and not isinstance(self.tissue.mesh, CutMesh)
-        errors = (lambda: (*self.model_errors(u, found, -force), self.spread(u))) if estimated else None
+        errors = (lambda: (*self.model_errors(u, found, -force), self.stiffness_spread(u))) if estimated else None
         return found.answer(self.tissue, force, u, error, done, state, errors)
 
     def model_errors(self, u: Float64, found: Contacts, force: Float64) -> tuple[float, float | None]:
@@ -98,7 +98,7 @@ class TissueModel(ABC):
         return self.discretization(u, found, force), None
 
     @cached_property
-    def spread(self) -> StiffnessSpread:
+    def stiffness_spread(self) -> StiffnessSpread:
         """What the spread of the stiffness makes of the force; of models of linear elasticity."""
         return StiffnessSpread(self.tissue)
 
