@@ -36,7 +36,7 @@ def test_the_aim_is_reached_at_fresh_places(made):
     assert made.reached
     fresh = off(made.mesh)
     assert fresh.cautious <= WITHIN
-    assert 1.5 * fresh.share(1) <= 1.5 * WITHIN
+    assert 1.15 * fresh.share(1) <= 1.5 * WITHIN
     assert made.rounds > 1
     assert "reached: 1.15 times" in made.text()
     assert "lump 10 times stiffer" in made.text()

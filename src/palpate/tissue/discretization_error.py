@@ -11,9 +11,8 @@ from palpate.tissue.reference.surface_loads import composite_rule, patch_alignme
 from palpate.tissue.smoothed_elements import smoothing_cells
 from palpate.tissue.tissue import Tissue
 
-SATURATION = (
-    1.3  # error over what quadratic functions of the same mesh find of it, the median of benchmarks.force_estimate
-)
+SATURATION = 1.3
+"""The error over what quadratic functions of the same mesh find of it: the median of `benchmarks.force_estimate --seed 3`."""
 ROUNDS, ITERATIONS = 2, 4  # changes of p, and steps of conjugate gradients for each: more of them change little
 SIDES = ((0, 1), (1, 2), (2, 0))  # of a surface triangle
 

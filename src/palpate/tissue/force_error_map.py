@@ -15,7 +15,7 @@ from palpate.tissue.spring_fitting import scattered_points, surface_normals
 from palpate.tissue.tissue import AT_NODES, Tissue
 
 MARGIN = 1.15
-"""Estimates count so many times: on coarse meshes they are lower than the error (benchmarks/mesh_within.py)."""
+"""Estimates count so many times: on the coarsest meshes they are lower than the error (benchmarks/force_estimate.py)."""
 FEWEST, MOST = 24, 64  # places, if the caller gives none
 CANDIDATES = 20  # random points for each place that is chosen
 BATCH = 16  # places that are solved for together

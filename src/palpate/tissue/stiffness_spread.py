@@ -27,15 +27,13 @@ class StiffnessSpread:
         self.certain = not tissue.young_spread.any()
         if self.certain:
             return
-        mesh, (lam, mu) = tissue.mesh, lame(tissue.young, tissue.poisson)
-        if tissue.element == "P1":
-            self._edge = self._node = np.arange(len(mesh.tets), dtype=np.int32)[:, None]
+        lam, mu = lame(tissue.young, tissue.poisson)
+        cells = smoothing_cells(tissue.mesh, lam, mu)
+        self._volumes, self._slopes = cells.volumes, cells.slopes
+        self._edge, self._node, self._mu, self._lam = cells.edge, cells.node, cells.mu, cells.lam
+        if tissue.element == "P1":  # each tetrahedron is a cell of its own
+            self._edge = self._node = np.arange(len(lam), dtype=np.int32)[:, None]
             self._mu, self._lam = mu, lam
-        else:
-            cells = smoothing_cells(mesh, lam, mu)
-            self._edge, self._node, self._mu, self._lam = cells.edge, cells.node, cells.mu, cells.lam
-        corners = mesh.nodes[mesh.tets]
-        self._slopes = np.linalg.inv(corners[:, 1:] - corners[:, :1])  # of the displacements of corners 1 to 3
         part, relative = _parts(tissue), tissue.young_spread / tissue.young
         self._of_edge, self._of_node = _of_cells(self._edge, part), _of_cells(self._node, part)
         self._edge_spread, self._node_spread = self._mean(self._edge, relative), self._mean(self._node, relative)
@@ -44,8 +42,7 @@ class StiffnessSpread:
         """Return the relative standard deviation of the force with which the displacement u, (N, 3) mm, is held."""
         if self.certain:
             return 0.0
-        corners = u[self.tissue.mesh.tets]
-        slope = self._slopes @ (corners[:, 1:] - corners[:, :1])
+        slope = self._slopes.transpose(0, 2, 1) @ u[self.tissue.mesh.tets]
         strain = (slope + slope.transpose(0, 2, 1)) / 2
         squares = sum(self._mean(self._edge, strain[:, i, j]) ** 2 for i, j in SHEARS)
         shear = 2 * self._mu * self._sizes(self._edge) * squares
@@ -66,7 +63,7 @@ class StiffnessSpread:
         return np.asarray(self._sums(cell, values) / self._sizes(cell))
 
     def _sums(self, cell: Int32, values: Float64) -> Float64:
-        shared = self.tissue.mesh.volumes / cell.shape[1] * values
+        shared = self._volumes / cell.shape[1] * values
         return np.asarray(np.bincount(cell.ravel(), np.repeat(shared, cell.shape[1])), dtype=np.float64)
 
 

@@ -103,8 +103,8 @@ export class ForceReadout {
       this.updateNumbers(here, kind);
       write("mesh-error", here ? meshError(here.force, frame.mesh_error) : "–");
       write("spread", here ? spread(here.force, frame.stiffness_spread) : "–");
-      if (frame.stiffness_spread > 0) element("spread-row").hidden = false;
       const finiteStrain = scene.models[frame.model] === "neo-hookean";
+      if (frame.stiffness_spread > 0 || finiteStrain) element("spread-row").hidden = finiteStrain; // else as it was: no row jumps
       element("linearity-row").hidden = element("mesh-error-row").hidden = finiteStrain || isExported || scene.exam;
       element("solution-row").hidden = !finiteStrain;
       write("solution", solution(frame));

@@ -68,10 +68,10 @@ class Setting:
             return hypocycloid_views(panel, radius=RADIUS, height=HEIGHT, count=VIEWS)
         return linear_views(panel, length=2 * RADIUS, height=HEIGHT, count=VIEWS)
 
-    def passed(self, motion: str) -> Float64:
-        """(views, rows, columns) share of the photons that pass the phantom, in closed form along each ray."""
+    def passed(self, motion: str, body: Phantom | None = None) -> Float64:
+        """(views, rows, columns) share of the photons that pass the phantom, or another body, along each ray."""
         return np.asarray(
-            simulate_scan(phantom(), self.views(motion), 1.0, None, subrays=self.subrays).counts, np.float64
+            simulate_scan(body or phantom(), self.views(motion), 1.0, None, subrays=self.subrays).counts, np.float64
         )
 
     def scan(self, passed: Float64, motion: str, dose: int, seed: int) -> Scan:

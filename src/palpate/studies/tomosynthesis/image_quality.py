@@ -1,6 +1,6 @@
 """How good a volume is: every figure of merit of the study, from the truth that was scanned."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -21,19 +21,20 @@ BALL = 5  # part of the phantom with nothing above or below it: for the spread i
 
 @dataclass(frozen=True)
 class ImageQuality:
-    """The truth and the regions, on the setting's grid."""
+    """The truth and the regions, on the setting's grid. body: what was scanned, its first part the slab."""
 
     setting: Setting
+    body: Phantom = field(default_factory=phantom)
 
     @cached_property
     def truth(self) -> Volume:
         """Attenuation, each voxel the mean over its volume."""
-        return phantom().volume(self.setting.grid, 4)
+        return self.body.volume(self.setting.grid, 4)
 
     @cached_property
     def slab(self) -> Bool:
         """Inside the slab, off its walls."""
-        (low, high), grid = phantom().parts[0][0].bounds(), self.setting.grid
+        (low, high), grid = self.body.parts[0][0].bounds(), self.setting.grid
         margins = (MARGIN, MARGIN, DEPTH_MARGIN)
         x, y, z = (
             (grid.axis(n) > low[i] + margins[i]) & (grid.axis(n) < high[i] - margins[i]) for i, n in enumerate("xyz")
@@ -44,7 +45,7 @@ class ImageQuality:
     @cached_property
     def inserts(self) -> list[Bool]:
         """Voxels that lie mostly inside each insert."""
-        return [Phantom([(solid, 1.0)]).volume(self.setting.grid, 3).values > 0.6 for solid, _ in phantom().parts[1:]]
+        return [Phantom([(solid, 1.0)]).volume(self.setting.grid, 3).values > 0.6 for solid, _ in self.body.parts[1:]]
 
     @cached_property
     def surroundings(self) -> list[Bool]:
@@ -89,7 +90,7 @@ class ImageQuality:
         """(slices of the slab) artefact spread function of the ball, which has nothing above or below it."""
         spacing = self.setting.grid.spacing[1:]
         taken = np.any([insert.any(axis=0) for insert in self.inserts], axis=0)
-        at = int(np.argmin(np.abs(self.setting.grid.axis("z") - phantom().parts[BALL][0].bounds()[:, 2].mean())))
+        at = int(np.argmin(np.abs(self.setting.grid.axis("z") - self.body.parts[BALL][0].bounds()[:, 2].mean())))
         inside = self.inserts[BALL - 1][at]
         free = ndimage.distance_transform_edt(~taken, sampling=spacing) > APART
         near = ndimage.distance_transform_edt(~inside, sampling=spacing) < AROUND
@@ -101,16 +102,24 @@ class ImageQuality:
         inside = np.flatnonzero(self.slab.any(axis=(1, 2)))
         return slice(int(inside[0]), int(inside[-1]) + 1)
 
+    def similarity(self, values: AnyArray) -> float:
+        """SSIM inside the slab."""
+        return structural_similarity(values, self.truth.values, self.slab)
+
+    def contrast(self, values: AnyArray) -> float:
+        """Contrast to noise of the inserts, each against the plain slab around it, in the mean."""
+        pairs = zip(self.inserts, self.surroundings, strict=True)
+        return float(np.mean([abs(contrast_to_noise(values, a, b)) for a, b in pairs]))
+
     def quality(self, values: AnyArray) -> dict[str, float]:
         """Every figure of merit by name."""
         full = nmse(values, self.truth.values)
         region = nmse(values, self.truth.values, self.region, scaled=True)
-        pairs = zip(self.inserts, self.surroundings, strict=True)
         return {
             "nmse": full,
             "nmse_region": region,
-            "ssim": structural_similarity(values, self.truth.values, self.slab),
-            "cnr": float(np.mean([abs(contrast_to_noise(values, a, b)) for a, b in pairs])),
+            "ssim": self.similarity(values),
+            "cnr": self.contrast(values),
             "depth_mm": width_at_half(self.spread(values), self.setting.grid.spacing[0]),
         }
 
